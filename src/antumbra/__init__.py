@@ -43,6 +43,7 @@ if typing.TYPE_CHECKING:
     from .query.gbuffer import GBuffer
     from .query.receivers import Receivers
     from .rendering.frame import Frame
+    from .rendering.options import RenderOptions
     from .rendering.renderer import Renderer, render
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
@@ -87,6 +88,7 @@ __all__ = [
     "QuadLight",
     "Raster",
     "Receivers",
+    "RenderOptions",
     "Renderer",
     "Scene",
     "Sensors",
@@ -140,6 +142,7 @@ _HOMES = {
     "engine.visibility": ["Visibility"],
     "query.gbuffer": ["GBuffer"],
     "rendering.frame": ["Frame"],
+    "rendering.options": ["RenderOptions"],
     "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.cityjson.model": ["CityModel"],

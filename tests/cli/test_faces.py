@@ -45,6 +45,7 @@ OF_FUNCTIONS = {
     "lights": "--light, once for each", "cameras": "--camera, once for each", "place": "--latitude and its company",
     "normals": "columns of files", "target_normals": "columns of files",
     "faces": "columns of files", "target_faces": "columns of files",
+    "options": "each is an option of its own",
     "layers": "EXR files have them", "progress": "shown on terminals", "keep": "--shard and --ray",
     "folder": "--output", "path": "--output", "chunk": "for tests", "browser": "--no-browser",
     "scenes": "SCENE...",

@@ -15,6 +15,7 @@ from .options import (
     Json,
     MaxMemoryOption,
     Quiet,
+    SamplerOption,
     SppOption,
     Threads,
     TimeOption,
@@ -22,7 +23,7 @@ from .options import (
     takes,
 )
 from .outputs import writes, writes_folder
-from .pictureoptions import AoOption, PictureLightOption, SamplerOption
+from .pictureoptions import AoOption, PictureLightOption
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
 from .sharing import MergeOption, RayOption, ShardOption, engine_for, parse_shard

@@ -22,6 +22,7 @@ from ..scene.lights import check_lights
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .moments import Moment, Picture, build_for, picture_of
+from .options import RenderOptions
 from .render_jobs import warm_up, warm_up_bounce
 from .windows import WINDOW, trace_windows
 
@@ -128,7 +129,7 @@ def explained_plans(plans) -> list[Plan]:
 
 def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_of(scene, moment, spp, threads) for moment in moments], []
+    pictures, told = [picture_of(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)

@@ -21,7 +21,7 @@ def frame_memory(request: Request) -> FrameMemory:
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
     bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
-    bytes_ += _EDGE_BYTES * request.smooths_edges
+    bytes_ += _EDGE_BYTES * request.options.smooths_edges
     cells = sum(CELL_BYTES * ray_sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:

@@ -66,11 +66,11 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
     ground = None if catcher is None else catcher.picture(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = layers_of(state, surfaces, seen, traced, shares, indirect) if request.layers else None
+    layers = layers_of(state, surfaces, seen, traced, shares, indirect) if request.options.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
-    if request.smooths_edges:
+    if request.options.smooths_edges:
         coverage = antialias(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
@@ -97,7 +97,7 @@ def evaluate(state: FrameState) -> None:
     source = state.source
     source.begin(frame_memory(state.request))
     state.accelerator.begin(*rays_of(state.request))
-    state.triangles, state.whole = source.moment(state.request.time)
+    state.triangles, state.whole = source.moment(state.request.options.time)
     state.clock.lap("evaluate")
     if by_rays and state.whole is None:
         state.whole = state.accelerator.of_all(state.triangles)
@@ -239,14 +239,14 @@ def behind(
 ) -> np.ndarray | None:
     """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
-    if not state.request.background or _seen_skies(state) or (coverage == 1.0).all():
+    if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
     shown = backdrop(state.view, coverage, state.source.scene.up)
     return shown if ground is None else shown * ground.share
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:
-    return skies_of(state.request.lights) if state.request.background else []
+    return skies_of(state.request.lights) if state.request.options.background else []
 
 
 class Shown(NamedTuple):

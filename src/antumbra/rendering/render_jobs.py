@@ -1,5 +1,7 @@
 """The jobs of rendering: frames by a plan, and the extra kernels of filter, refinement and bounced light."""
 
+from dataclasses import replace
+
 from ..bvh.srdh_rays import SrdhRays
 from ..engine.choosing import accelerator_of
 from ..engine.in_memory import InMemory
@@ -7,12 +9,16 @@ from ..engine.precompile import record_of, recorded, trace_all_ways, wide_lights
 from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
 from ..engine.trees import Trees
 from ..plan import Plan
-from ..query.diffuse import diffuse_passes
-from ..query.refine import finer_samples
-from ..query.sampling import light_samples
 from ..scene.camera import Camera
+from .options import RenderOptions
 from .passes import draw
-from .request import Request
+from .request import request_of
+
+PLAIN = RenderOptions(spp=1, sampler="hammersley", filter=False, antialias=False)
+"""Options of pictures that call no kernel without need."""
+
+QUALITY = replace(PLAIN, filter=True, adaptive=2)
+"""... of the kernels of the filter and of refinement too."""
 
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
@@ -63,35 +69,37 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
     def work():
         if plan.tracer.chooses:
             trace_all_ways(counters)
-        _render_small(plan, gbuffer, counters=counters)
+        _render_small(plan, gbuffer, replace(PLAIN, counters=counters))
 
     return Job(record_of(plan, gbuffer, counters), work, recorded(plan, gbuffer, counters))
 
 
 def quality_job() -> Job:
     """The job of the filter and of adaptive sampling."""
-    return fixed_job("filter and refinement", lambda: _render_small(Plan(), "raster", quality=True))
+    return fixed_job("filter and refinement", lambda: _render_small(Plan(), options=QUALITY))
 
 
 def antialias_job() -> Job:
     """The job of anti-aliasing."""
-    return fixed_job("anti-aliasing", lambda: _render_small(Plan(), "raster", antialias=True))
+    return fixed_job("anti-aliasing", lambda: _render_small(Plan(), options=replace(PLAIN, antialias=True)))
 
 
 def bounce_job() -> Job:
     """The job of the diffuse rays that a builder is shown."""
     plan = Plan(build="srdh", trace="single", sample=SrdhRays(bounce=True))
-    return fixed_job("a diffuse bounce", lambda: _render_small(plan, "raster"))
+    return fixed_job("a diffuse bounce", lambda: _render_small(plan))
 
 
 def dressed_job() -> Job:
     """The job of textures and smooth normals."""
-    return fixed_job("textures and normals", lambda: _render_small(Plan(), "raster", dressed=True))
+    return fixed_job("textures and normals", lambda: _render_small(Plan(), dressed=True))
 
 
 def indirect_job(gbuffer: str = "raster") -> Job:
     """The job of bounced light."""
-    return fixed_job(f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, passes=1))
+    return fixed_job(
+        f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, replace(PLAIN, bounce=1))
+    )
 
 
 def listed_job() -> Job:
@@ -100,34 +108,24 @@ def listed_job() -> Job:
     def work():
         camera, lights = small_view(True)
         above = Camera(camera.position, camera.target, width=8, height=8, projection="orthographic", extent=3.0)
-        _render_small(Plan(), "raster", view=(above, lights))
+        _render_small(Plan(), view=(above, lights))
 
     return fixed_job("orthographic and panoramic cameras", work)
 
 
 def ground_job() -> Job:
     """The job of a ground that catches shadows, with lights that are partly below it."""
-    return fixed_job("a ground", lambda: _render_small(Plan(), "raster", quality=True, ground=1.95))
+    return fixed_job("a ground", lambda: _render_small(Plan(), options=replace(QUALITY, ground=1.95)))
 
 
 def _render_small(
-    plan: Plan, gbuffer: str, quality=False, passes=0, counters=False, view=None, spp=1, dressed=False,
-    ground=None, antialias=False,
-):  # fmt: skip
-    """Render a frame of the small scene; `passes`: number of diffuse rays, `view`: (camera, lights)."""
+    plan: Plan, gbuffer: str = "raster", options: RenderOptions = PLAIN, *,
+    view: tuple[Camera, list] | None = None, dressed: bool = False,
+) -> None:  # fmt: skip
+    """Render a frame of the small scene; `view`: camera and lights, `dressed`: with textures and smooth normals."""
     scene, accelerator = small_scene(dressed), accelerator_of(plan, 2)
-    camera, lights = view or small_view(quality, sky=not passes)
-    request = Request(
-        camera,
-        lights,
-        [light_samples(light, spp) for light in lights],
-        counters=counters,
-        smooth=quality,
-        finer=finer_samples(lights, 2, "hammersley") if quality else None,
-        passes=diffuse_passes(lights, passes, "hammersley") if passes else None,
-        ground=ground,
-        antialias=antialias,
-    )
+    camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
+    request = request_of(camera, lights, options, None if options.ground is False else options.ground)
     if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         accelerator.build(scene.triangles(0.0, 2))
     draw(InMemory(scene, accelerator, Trees(scene), gbuffer), accelerator, request)

@@ -20,6 +20,7 @@ from ...errors import InputError
 from ...query.diffuse import diffuse_passes
 from ...query.sampling import light_samples
 from ...rendering.memory import PASS_BYTES, frame_memory
+from ...rendering.options import RenderOptions
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
 from ...rendering.request import Request
@@ -116,7 +117,7 @@ def _request(place: WalkPlace, camera: Camera) -> Request:
     """A frame with the rays of the benchmark."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, SAMPLER), light_samples(lights[1], SPP)]
-    return Request(camera, lights, samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
+    return Request(camera, lights, RenderOptions(), samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
 
 
 def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:

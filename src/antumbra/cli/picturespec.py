@@ -1,9 +1,12 @@
-"""The checked options of ``antumbra render``: everything that determines its pictures, except the time."""
+"""The parsed arguments of ``antumbra render``: everything that determines its pictures, except the time."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..rendering.keywords import deciding, values
+from ..rendering.options import EngineOptions, RenderOptions
 from . import arguments, report
 from .arguments import CameraSpec, SceneSpec
 from .ground import ground_of
@@ -22,8 +25,8 @@ if TYPE_CHECKING:
     from ..scene.lights import Light
 
 
-class RenderOptions(NamedTuple):
-    """The options of ``antumbra render``."""
+class PictureSpec(NamedTuple):
+    """The picture that ``antumbra render`` or ``compare`` was asked for."""
 
     source: str  # the scene as it was written
     spec: SceneSpec
@@ -32,29 +35,17 @@ class RenderOptions(NamedTuple):
     camera: int | CameraSpec | None
     lights: list  # lights, and indices of the scene's own
     sky: "str | Path | np.ndarray | None"  # from `parse_sky`
-    background: "str | np.ndarray | None"  # from `parse_background`; None: the sky
+    behind: "str | np.ndarray | None"  # background from `parse_background`; None: the sky
     ambient: list  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
-    bounce: int | None  # diffuse rays per pixel
-    spp: int
-    sampler: str
-    filter: bool
-    adaptive: int | None
-    plan: str | None  # None: the default for the kind of scene
+    ground: str | float  # from `parse_ground`
+    picture: RenderOptions  # `options` completes them
+    engine: EngineOptions  # plan None: the default for the kind of scene
     srdh_rays: "SrdhRays | None"  # rays that the plan's builder is shown
-    gbuffer: str
-    cull_faces: str | None  # the side of triangles that blocks no shadow ray
-    threads: int | None
-    max_memory: int | None  # bytes, for a scene in a store
     exposure: float | None  # None: automatic
-    counters: bool
     json: bool
     quiet: bool
-    textures: bool = True
-    smooth_normals: bool = True  # whether the normals of vertices shade
-    antialias: bool = True  # whether edges are smoothed without another ray
-    moving: bool = False  # whether the pictures are the frames of an animation
-    ground: str | float = "off"  # from `parse_ground`
+    moving: bool  # whether the pictures are the frames of an animation
 
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
@@ -63,25 +54,28 @@ class RenderOptions(NamedTuple):
         """
         from ..image.save import checked_exposure
         from ..plan import DEFAULT_PLAN, parse_plan, with_sample
-        from ..query.sampling import sample_sets
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
-        if self.srdh_rays is not None or self.plan is not None:  # plans of a comparison are parsed already
-            with_sample([parse_plan(plan) for plan in plans or [self.plan or DEFAULT_PLAN]], self.srdh_rays)
-        sample_sets(self.spp, self.sampler)
+        plan = self.engine.plan
+        if self.srdh_rays is not None or plan is not None:  # plans of a comparison are parsed already
+            with_sample([parse_plan(each) for each in plans or [plan or DEFAULT_PLAN]], self.srdh_rays)
 
-    def about(self, scene: "AnyScene") -> "RenderOptions":
-        """These options, with the default plan for the kind of scene if none was named."""
-        return self if self.plan is not None else self._replace(plan=scene.engine.source.default_plan)
+    def about(self, scene: "AnyScene") -> "PictureSpec":
+        """This, with the default plan for the kind of scene if none was named."""
+        if self.engine.plan is not None:
+            return self
+        return self._replace(engine=replace(self.engine, plan=scene.engine.source.default_plan))
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
-        from ..plan import parse_plan, with_sample
+        from ..plan import DEFAULT_PLAN, parse_plan, with_sample
 
-        limit_memory(scene, self.max_memory)
-        (plan,) = [self.plan] if self.srdh_rays is None else with_sample([parse_plan(self.plan or "")], self.srdh_rays)
-        return Renderer(scene, plan, self.threads, self.gbuffer)
+        limit_memory(scene, self.engine.max_memory)
+        asked = values(self.engine)
+        if self.srdh_rays is not None:
+            (asked["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
+        return Renderer(scene, **asked)
 
     @property
     def _no_sky(self) -> bool:
@@ -108,24 +102,28 @@ class RenderOptions(NamedTuple):
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:
-            sources = [lights[0], *skies_of(lights[1:])]
-            lights += [virtual_point_lights(scene, s, self.vpl, time=time, threads=self.threads) for s in sources]
+            sources, threads = [lights[0], *skies_of(lights[1:])], self.engine.threads
+            lights += [virtual_point_lights(scene, s, self.vpl, time=time, threads=threads) for s in sources]
         return lights
 
-    def quality(self) -> dict:
-        """The arguments of `Renderer.render` that say how many rays are traced, and what is made of their bits."""
-        return {name: getattr(self, name) for name in ("spp", "sampler", "filter", "adaptive", "bounce", "cull_faces")}
+    def options(self, scene: "AnyScene", time: float, layers: bool = False) -> RenderOptions:
+        """The options of the picture of a time; `layers`: it keeps its image light by light, for an EXR file."""
+        ground = self.ground_height(scene, time)
+        return replace(
+            self.picture,
+            time=scene.clamped(time),
+            ground=False if ground is None else ground,
+            background=self.behind is None and not self._no_sky,
+            layers=layers,
+        )
 
     def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress, layers: bool = False) -> "Shot":
-        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries.
-
-        layers : whether the frame keeps its image light by light, for an EXR file
-        """
-        camera, lights, asked = self._asked(scene, time, layers)
-        pictures = (1 if self.adaptive is None else 3) * (1 if asked["ground"] is False else 2)
-        runs = len(lights) * (pictures + (self.bounce or 0)) + renderer.source.looks
-        frame = renderer.render(camera, lights, progress=progress("tracing shadow rays", runs), **asked)
-        return Shot(scene.clamped(time), camera, lights, frame)
+        """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
+        camera, lights, options = self._asked(scene, time, layers)
+        pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
+        runs = len(lights) * (pictures + (options.bounce or 0)) + renderer.source.looks
+        frame = renderer.render(camera, lights, options=options, progress=progress("tracing shadow rays", runs))
+        return Shot(camera, lights, options, frame)
 
     def shot_in_bands(
         self, scene: "AnyScene", time: float, engine: "Engine", digest: str, layers: bool = False
@@ -133,32 +131,22 @@ class RenderOptions(NamedTuple):
         """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
         from ..jobs.bands import render_bands
 
-        camera, lights, asked = self._asked(scene, time, layers)
+        camera, lights, options = self._asked(scene, time, layers)
         settings = self.settings(scene, digest, time)
-        frame = render_bands(self.renderer(scene), camera, lights, engine, digest, settings, **asked)
-        return None if frame is None else Shot(scene.clamped(time), camera, lights, frame)
+        frame = render_bands(self.renderer(scene), camera, lights, options, engine, digest, settings)
+        return None if frame is None else Shot(camera, lights, options, frame)
 
-    def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], dict]":
-        """The arguments of `Renderer.render`."""
-        ground = self.ground_height(scene, time)
-        more = {
-            "time": time, "counters": self.counters, "background": self.background is None and not self._no_sky,
-            "layers": layers, "textures": self.textures, "smooth_normals": self.smooth_normals,
-            "ground": False if ground is None else ground, "antialias": self.antialias,
-        }  # fmt: skip
-        return self.view(scene, time), self.all_lights(scene, time), {**more, **self.quality()}
+    def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
+        return self.view(scene, time), self.all_lights(scene, time), self.options(scene, time, layers)
 
-    def options(self) -> dict:
-        """Names and values, for ``--json``."""
-        rays = None if self.srdh_rays is None else report.srdh_rays_fields(self.srdh_rays)
-        more = {
-            name: getattr(self, name)
-            for name in ("plan", "gbuffer", "threads", "textures", "smooth_normals", "antialias")
-        }
-        return {**self.quality(), **more, "srdh_rays": rays}
+    def record(self, options: RenderOptions) -> dict:
+        """Names and values of the options of a picture and of its engine, for ``--json``."""
+        rays = self.srdh_rays
+        own = {"srdh_rays": None if rays is None else report.srdh_rays_fields(rays)}
+        return {**values(options), **values(self.engine), **own}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
-        """The settings that decide the bits of the picture of a time, in the types of JSON.
+        """The settings that decide the picture of a time, in the types of JSON.
 
         An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
         exposure.
@@ -166,29 +154,17 @@ class RenderOptions(NamedTuple):
         from ..plan import parse_plan
         from ..version import VERSION as __version__
 
-        plan = None if self.plan is None else parse_plan(self.plan)
-        ground = self.ground_height(scene, time)
+        plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
         return report.plain(
             {
                 "version": __version__,
                 "scene": digest,
                 "up": scene.up,
-                "time": scene.clamped(time),
                 "camera": report.camera_fields(self.view(scene, time)),
                 "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
-                "bounce": self.bounce,
-                "spp": self.spp,
-                "sampler": self.sampler,
-                "filter": self.filter,
-                "adaptive": self.adaptive,
-                "cull_faces": self.cull_faces,
-                "textures": self.textures,
-                "smooth_normals": self.smooth_normals,
-                "antialias": self.antialias and self.adaptive is None,
-                **({} if self.background is None else {"background": self.background}),
-                **({"sky": "none"} if self._no_sky else {}),
-                **({} if ground is None else {"ground": ground}),
+                **deciding(self.options(scene, time)),
+                "behind": self.behind,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )
@@ -197,10 +173,15 @@ class RenderOptions(NamedTuple):
 class Shot(NamedTuple):
     """A frame and its inputs."""
 
-    time: float  # seconds, clamped to the animation
     camera: "Camera"
     lights: "list[Light]"
+    options: RenderOptions
     frame: "Frame"
+
+    @property
+    def time(self) -> float:
+        """Seconds, clamped to the animation."""
+        return self.options.time
 
 
 def scene_digest(spec: SceneSpec) -> str:
