@@ -37,6 +37,9 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
     """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
+    if n == 0:
+        rest = flat.reshape(-1, 3)
+        return rest.min(0), rest.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
     run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
     rest = flat[n * _BLOCK :].reshape(-1, 3)

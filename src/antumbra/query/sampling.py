@@ -9,6 +9,7 @@ hemisphere each set is rotated around the normal by its own angle; on other doma
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -176,8 +177,12 @@ def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer
     return sets
 
 
+@lru_cache(64)
 def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
-    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`."""
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`.
+
+    Equal arguments get the same array: do not write to it.
+    """
     square = sample_sets(n, sampler)
     if domain == "hemisphere" and sampler in ROTATIONS:
         return _rotated_halton(n, ROTATIONS[sampler])

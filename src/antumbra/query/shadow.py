@@ -15,6 +15,8 @@ from ..scene.lights import AMBIENT, LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 
+_FEW_WORDS = 4096  # for fewer, a kernel costs more than it saves
+
 CULL_FACES = {None: 0, "front": -1, "back": 1}
 """Name -> sign of d . n of the triangles that do not block; d: the ray's direction, n: the triangle's normal."""
 
@@ -204,6 +206,8 @@ def _fraction_kernel(ticket, bits, spp, out):
 
 def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(...) float32: the share of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
+    if bits.size <= _FEW_WORDS:
+        return (1.0 - np.bitwise_count(bits).sum(-1) / spp).astype(np.float32)
     out = np.empty(bits.shape[:-1], np.float32)
     ticket = new_ticket(out.size, 1 << 16)
     run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))
