@@ -6,11 +6,8 @@ thread waits for a slower one. A worker is a kernel of this shape::
 
     @kernel
     def worker(ticket, values):
-        first = take(ticket)
-        while first >= 0:
-            for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-                values[i] *= 2
-            first = take(ticket)
+        for i in items(ticket):
+            values[i] *= 2
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
 
@@ -28,7 +25,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..errors import InputError
-from .jit import kernel
+from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
 __all__ = ["CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
@@ -71,6 +68,10 @@ def thread_count(threads: int | None) -> int:
 def new_ticket(n_items: int, chunk: int) -> Ticket:
     """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time. A ticket serves one run."""
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
+
+
+items = Intrinsic("antumbra.kernels.tickets", "items")
+shares = Intrinsic("antumbra.kernels.tickets", "shares")
 
 
 @kernel
