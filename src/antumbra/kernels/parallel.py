@@ -2,7 +2,7 @@
 
 A kernel is compiled to run without the GIL, so plain Python threads use every core. Work is handed out
 while it runs. Each thread takes the next `chunk` items from a ticket when its last ones are done, so no
-thread waits for a slower one. A worker is a kernel of this shape::
+thread waits for a slower one. A worker is a kernel that loops over `items` or `shares`::
 
     @kernel
     def worker(ticket, values):
@@ -10,6 +10,9 @@ thread waits for a slower one. A worker is a kernel of this shape::
             values[i] *= 2
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
+
+Leaving the loop leaves the items of the thread's share that are not done; set `STOP` to stop all threads. What is not
+compiled calls `take`.
 
 Kernels allocate no memory but their stack. `run` calls `own` in each thread to make other scratch memory.
 """
@@ -20,7 +23,7 @@ import queue
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -28,7 +31,10 @@ from ..errors import InputError
 from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
-__all__ = ["CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
+__all__ = [
+    "CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "items", "new_ticket", "run", "shares", "take",
+    "thread_count",
+]  # fmt: skip
 
 Ticket: TypeAlias = np.ndarray
 """(5,) int64: the fields below."""
@@ -70,8 +76,14 @@ def new_ticket(n_items: int, chunk: int) -> Ticket:
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
 
 
-items = Intrinsic("antumbra.kernels.tickets", "items")
-shares = Intrinsic("antumbra.kernels.tickets", "shares")
+items: Any = Intrinsic("antumbra.kernels.tickets", "items")
+"""In kernels, ``for i in items(ticket):`` is a loop over the items that this thread takes."""
+
+shares: Any = Intrinsic("antumbra.kernels.tickets", "shares")
+"""In kernels, ``for first, last in shares(ticket):`` is a loop over what this thread takes at a time: first to last - 1.
+
+It is for workers that begin or end something with each share, such as a row of sums of its own.
+"""
 
 
 @kernel

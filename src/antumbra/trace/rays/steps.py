@@ -42,7 +42,7 @@ class Steps(NamedTuple):
 
 
 @kernel
-def _nboxes(bvh, order, inner, depths):
+def _count_boxes(bvh, order, inner, depths):
     """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
     for node in order:
         for side in range(2):
@@ -50,15 +50,15 @@ def _nboxes(bvh, order, inner, depths):
             if link >= 0:
                 inner[link] = depth
             else:
-                first, n = bvh_leaf(np.int64(link))
-                for slot in range(first, min(first + n, len(depths))):
+                leaf = bvh_leaf(np.int64(link))
+                for slot in range(leaf.first, min(leaf.first + leaf.count, len(depths))):
                     depths[slot] = depth
 
 
 def leaf_depths(bvh: Bvh) -> np.ndarray:
     """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, with the leaf's own."""
     depths = np.zeros(len(bvh.prim_ids), np.int32)
-    _nboxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
+    _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
     return depths
 
 
@@ -96,7 +96,7 @@ def _walk_rows(ticket, bvh, order, query, depths, steps):
                 _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
 
 
-def nsteps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
+def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
     """Walk all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
     planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
