@@ -80,9 +80,9 @@ items: Any = Intrinsic("antumbra.kernels.tickets", "items")
 """In kernels, ``for i in items(ticket):`` is a loop over the items that this thread takes."""
 
 shares: Any = Intrinsic("antumbra.kernels.tickets", "shares")
-"""In kernels, ``for first, last in shares(ticket):`` is a loop over what this thread takes at a time: first to last - 1.
+"""In kernels, ``for first, last in shares(ticket):`` is a loop over the items that this thread takes at a time.
 
-It is for workers that begin or end something with each share, such as a row of sums of its own.
+A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with each share, such as a row of sums of its own.
 """
 
 
