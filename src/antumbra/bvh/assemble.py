@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import load8, load16, minimum, ptr, store
 from .nodes import Bvh, aligned_empty
 from .top import UpperLevels
@@ -69,15 +69,13 @@ def join_boxes(children, roots, boxes):
 def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
     """Worker: copy the nodes of each subtree to their place, and shift their links."""
     source, target = ptr(subtrees.nodes), ptr(nodes)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
         for i in range(count):
             store(target, (at + i) * 16, load16(source, (first + i) * 16))
             for word in (12, 13):
                 if links[at + i, word] >= 0:
                     links[at + i, word] += at - 1
-        s = take(ticket)
 
 
 def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:

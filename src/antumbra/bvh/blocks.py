@@ -11,7 +11,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first, slots_below
 from .order import sooner_for_bundles, triangle_area
@@ -136,25 +136,22 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
     # In: source_links, corners, of the `Bvh`; roots, (b,) link of each block
     # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64, zeros on entry
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
-    b = take(ticket)
-    while b >= 0:
-        for at in range(b, min(b + ticket[CHUNK], ticket[N])):
-            n = slots_below(roots[at], links, found)
-            _bound_block(values, found, n, bounds, at)
-            for i in range(n):
-                areas[at] += triangle_area(values, np.int64(get(found, i)))
-            for lane in range(16):
-                there = lane < n
-                slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
-                put(ptr(slots), at * 16 + lane, get(found, lane) if there else np.int32(-1))
-                for k in range(3):
-                    v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
-                    v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
-                    v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
-                    put(rows, (at * ROWS + k) * 16 + lane, v0)
-                    put(rows, (at * ROWS + 3 + k) * 16 + lane, v1 - v0)
-                    put(rows, (at * ROWS + 6 + k) * 16 + lane, v2 - v0)
-        b = take(ticket)
+    for at in items(ticket):
+        n = slots_below(roots[at], links, found)
+        _bound_block(values, found, n, bounds, at)
+        for i in range(n):
+            areas[at] += triangle_area(values, np.int64(get(found, i)))
+        for lane in range(16):
+            there = lane < n
+            slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
+            put(ptr(slots), at * 16 + lane, get(found, lane) if there else np.int32(-1))
+            for k in range(3):
+                v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
+                v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
+                v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
+                put(rows, (at * ROWS + k) * 16 + lane, v0)
+                put(rows, (at * ROWS + 3 + k) * 16 + lane, v1 - v0)
+                put(rows, (at * ROWS + 6 + k) * 16 + lane, v2 - v0)
 
 
 def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:

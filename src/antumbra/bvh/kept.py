@@ -9,7 +9,7 @@ Nodes stay in their order, and so do slots. So their new numbers are running sum
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, load16, put, store
 from . import binned_sah
 from .nodes import MAX_LEAF, Bvh, aligned_empty, tree_of
@@ -27,11 +27,9 @@ def _is_empty(nodes, node, side):
 @kernel
 def _find_branches(ticket, bvh, branches):
     """Worker: mark the nodes both of whose children have triangles that are kept."""
-    tree, first = tree_of(bvh), take(ticket)
-    while first >= 0:
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
-            branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
-        first = take(ticket)
+    tree = tree_of(bvh)
+    for node in items(ticket):
+        branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
 
 
 @inlined
@@ -51,19 +49,16 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
     """Worker: write the marked nodes to their new places, with new links."""
     # In: bvh, of `boxes_of_kept`; branches, bool; node_at, slot_at, int32: new number of each node and slot
     tree, out = tree_of(bvh), tree_of(new)
-    first = take(ticket)
-    while first >= 0:
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
-            if branches[node]:
-                at = np.int64(node_at[node]) * 16
-                store(out.nodes, at, load16(tree.nodes, node * 16))
-                for word in (12, 13):
-                    put(
-                        out.links,
-                        at + word,
-                        _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at),
-                    )
-        first = take(ticket)
+    for node in items(ticket):
+        if branches[node]:
+            at = np.int64(node_at[node]) * 16
+            store(out.nodes, at, load16(tree.nodes, node * 16))
+            for word in (12, 13):
+                put(
+                    out.links,
+                    at + word,
+                    _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at),
+                )
 
 
 def _numbers(chosen: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     get,
     highest_bit,
@@ -129,8 +129,7 @@ def _count_nodes(ticket, source, max_leaf, forest):
     """Worker: count the nodes of each subtree. A node has more than `max_leaf` triangles."""
     codes = ptr(source.codes)
     levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, last = forest.ranges[s]
         height, count = 0, 0
         for i in range(last - 1, first - 1, -1):
@@ -144,7 +143,6 @@ def _count_nodes(ticket, source, max_leaf, forest):
             put(ends, height, end)
             height += 1
         forest.counts[s] = count
-        s = take(ticket)
 
 
 @inlined
@@ -193,8 +191,7 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
 def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
     """Worker: build the nodes and corners of each subtree."""
     out = tree_of(bvh)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, last = forest.ranges[s]
         box, link, height = _build_subtree(
             ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
@@ -202,7 +199,6 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
         )  # fmt: skip
         store(forest.roots, s * 8, box)
         forest.links[s], forest.heights[s] = link, height
-        s = take(ticket)
 
 
 @kernel

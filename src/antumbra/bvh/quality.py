@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import ptr, stack_array
 from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
 
@@ -201,17 +201,15 @@ def _half_area(words, a, b):
 def _areas(ticket, bvh, sums):
     """Worker: per chunk of nodes, sum half their areas, and half their leaves' areas times the triangles."""
     words = ptr(bvh.nodes)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         nodes, leaves = 0.0, 0.0
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for node in range(first, last):
             nodes += _half_area(words, node * 16, node * 16 + 1)
             for side in range(2):
                 link = np.int64(bvh.links[node, 12 + side])
                 if link < 0 and link != EMPTY:
                     leaves += _half_area(words, node * 16 + side, node * 16 + side) * ((~link & 7) + 1)
         sums[first // ticket[CHUNK], 0], sums[first // ticket[CHUNK], 1] = nodes, leaves
-        first = take(ticket)
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:

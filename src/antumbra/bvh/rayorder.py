@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     atomic_add,
     bits,
@@ -120,13 +120,10 @@ def _weigh_rays(ticket, bvh, rays, found, gains, met):
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
     )  # fmt: skip
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for k in range(found.first[i], found.first[i + 1]):
-                met[found.prims[k]] = i
-            _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
-        first = take(ticket)
+    for i in items(ticket):
+        for k in range(found.first[i], found.first[i + 1]):
+            met[found.prims[k]] = i
+        _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
 
 
 @kernel

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
 from .assemble import join_boxes, top_lines
 from .bounds import triangle_box, write_boxes
@@ -88,15 +88,13 @@ def _refit_part(vertices, old, first, last, out, kept):
 def _refit_parts(ticket, vertices, bvh, parts, new, kept, boxes):
     """Worker: refit the nodes and corners of each part, and store its box; `kept` as in `_refitted`."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root, end, _ = parts[p]
         if root >= 0:
             box = _refit_part(v, old, root, end, out, kept)
         else:
             box = _leaf_box(v, root, old, out, kept)
         store(boxes, p * 8, box)
-        p = take(ticket)
 
 
 def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     bits,
     get,
@@ -191,14 +191,11 @@ def _find_places(ticket, loose, gains, places, visits):
     """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
     tree = _tree_of(loose)
     waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
-    first = take(ticket)
-    while first >= 0:
-        for item in range(first, min(first + ticket[CHUNK], ticket[N])):
-            found = Found(np.float32(0.0), np.int64(-1), np.int64(0))
-            if item > 0 and get(tree.parents, item) > 0:
-                found = _find(tree, item, waiting, scratch)
-            gains[item], places[item], visits[item] = found
-        first = take(ticket)
+    for item in items(ticket):
+        found = Found(np.float32(0.0), np.int64(-1), np.int64(0))
+        if item > 0 and get(tree.parents, item) > 0:
+            found = _find(tree, item, waiting, scratch)
+        gains[item], places[item], visits[item] = found
 
 
 @kernel

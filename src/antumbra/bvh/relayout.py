@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, load8, load16, prefetch, put, splat4, stack_array, store
 from .assemble import place
 from .cut import Cut, children_of_top
@@ -84,14 +84,12 @@ def _price(tree, root, max_leaf, is_leaf):
 def _price_parts(ticket, bvh, parts, max_leaf, choice):
     """Worker: choose the leaves of each part, and store its (nodes, triangles)."""
     tree = tree_of(bvh)
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root = parts[p, 0]
         if root < 0:
             choice.sizes[p, 0], choice.sizes[p, 1] = 0, (~root & 7) + 1
         else:
             choice.sizes[p, 0], choice.sizes[p, 1] = _price(tree, root, max_leaf, choice.is_leaf)
-        p = take(ticket)
 
 
 @inlined
@@ -177,11 +175,9 @@ def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
     # Out: new, `Bvh`; links, (s,) int64 link to each part
     # Scratch: queue, the thread's own int32, as many as a part has triangles
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         _fetch_part(source, parts[p, 0], queue)
         links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
-        p = take(ticket)
 
 
 def _slots_before(children, triangles):

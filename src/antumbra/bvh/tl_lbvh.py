@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_array, stack_f32, stack_i32
 from . import cut as cutting
 from . import lbvh
@@ -170,15 +170,13 @@ def _restructure_parts(ticket, work, parts, rules):
     """Worker: treat the nodes of each part. They are in depth-first order."""
     numbers = stack_array(np.int32, 4, PART)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root, end, depth = parts[p]
         if root >= 0:
             part = _part_of(work, numbers, root)
             for node in range(end - 1, root - 1, -1):  # children have higher numbers than their parents
                 _measure(part, node, rules)
             _rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
-        p = take(ticket)
 
 
 @kernel

@@ -7,7 +7,7 @@ triangles, costs one.
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, stack_array
 from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first, sides, slots_below
 from .order import soonest_last, triangle_area
@@ -125,22 +125,19 @@ def _collapse(bvh, costs, counts, words, links, slots):
 def _fill_groups(ticket, corners, slots, groups, areas):
     """Worker: write the triangles of each group, lane by lane, and their total area."""
     values = ptr(corners)
-    first = take(ticket)
-    while first >= 0:
-        for group in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for lane in range(WIDTH):
-                slot, largest = slots[group, lane], np.float32(0.0)
-                for k in range(9):
-                    x = np.float32(0.0)
-                    if slot >= 0:
-                        x = corners[slot, k] if k < 3 else corners[slot, k] - corners[slot, k % 3]
-                    groups[group, k * WIDTH + lane] = x
-                    if k >= 3 and abs(x) > largest:
-                        largest = abs(x)
-                groups[group, 9 * WIDTH + lane] = largest
+    for group in items(ticket):
+        for lane in range(WIDTH):
+            slot, largest = slots[group, lane], np.float32(0.0)
+            for k in range(9):
+                x = np.float32(0.0)
                 if slot >= 0:
-                    areas[group] += triangle_area(values, np.int64(slot))
-        first = take(ticket)
+                    x = corners[slot, k] if k < 3 else corners[slot, k] - corners[slot, k % 3]
+                groups[group, k * WIDTH + lane] = x
+                if k >= 3 and abs(x) > largest:
+                    largest = abs(x)
+            groups[group, 9 * WIDTH + lane] = largest
+            if slot >= 0:
+                areas[group] += triangle_area(values, np.int64(slot))
 
 
 def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:

@@ -15,7 +15,7 @@ import numpy as np
 from ..bvh.blocks import ROWS as BLOCK_ROWS
 from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.exact import ray_along, segment
 from ..kernels.predicate.filters import is_nearer, meets
 from ..kernels.predicate.hits import rounded_t
@@ -208,11 +208,9 @@ def _trace(ticket, arrays, picture, rays, cells):
     for lane in range(16):
         _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
-    forest, first = forest_pointers(arrays), take(ticket)
-    while first >= 0:
-        for region in range(first, min(first + ticket[CHUNK], ticket[N])):
-            _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
-        first = take(ticket)
+    forest = forest_pointers(arrays)
+    for region in items(ticket):
+        _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
 
 
 def trace_nearest(forest, picture: Picture, rays: PassRays, cells, threads) -> None:

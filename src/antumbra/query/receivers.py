@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import plane, side_of, widest
 from ..kernels.simd import get, ptr, put
 from ..scene.recentre import settled
@@ -71,10 +71,9 @@ def _moved_off(p, n, side, known, corners, face):
 def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
     positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
     corners, origins, zero = ptr(corners), ptr(origins), np.float64(0.0)
-    first = take(ticket)
-    while first >= 0:
+    for first, end in shares(ticket):
         last, known = np.int64(-1), _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, end):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
                 face = np.int64(get(faces, i))
@@ -90,7 +89,6 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
             put(origins, 3 * i, x)
             put(origins, 3 * i + 1, y)
             put(origins, 3 * i + 2, z)
-        first = take(ticket)
 
 
 def surface_receivers(positions, normals, faces, sides, corners, threads=None) -> np.ndarray:

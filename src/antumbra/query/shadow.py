@@ -7,7 +7,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.exact import exact_plane_side
 from ..kernels.predicate.filters import plane, widest
 from ..kernels.simd import get, popcount, ptr, put
@@ -192,14 +192,11 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
 def _fraction_kernel(ticket, bits, spp, out):
     """Worker: for each row of words, the share of the spp samples whose bit is not set."""
     p, words = ptr(bits), bits.shape[1]
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            occluded = 0
-            for k in range(words):
-                occluded += popcount(get(p, i * words + k))
-            out[i] = np.float32(1.0 - np.float64(occluded) / spp)
-        first = take(ticket)
+    for i in items(ticket):
+        occluded = 0
+        for k in range(words):
+            occluded += popcount(get(p, i * words + k))
+        out[i] = np.float32(1.0 - np.float64(occluded) / spp)
 
 
 def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:

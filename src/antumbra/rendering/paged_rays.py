@@ -7,7 +7,7 @@ import numpy as np
 
 from ..chcrt.trace import ray_hits
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.hits import single_weights
 from ..query.diffuse import RayPass
@@ -80,14 +80,11 @@ def _lengthened(rays: RayPass) -> tuple[RayPass, np.ndarray]:
 @kernel
 def _write_weights(ticket, rays, faces, corners, u, v):
     """Worker: write the weights of the second and the third corner at each hit."""
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            if faces[i] >= 0:
-                o, d = rays.origins[i], rays.directions[i]
-                ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
-                u[i], v[i] = single_weights(ray, corners, np.int64(faces[i]))
-        first = take(ticket)
+    for i in items(ticket):
+        if faces[i] >= 0:
+            o, d = rays.origins[i], rays.directions[i]
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+            u[i], v[i] = single_weights(ray, corners, np.int64(faces[i]))
 
 
 def weights(batch: Batch, threads: int) -> tuple[np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ import numpy as np
 
 from ...bvh.blocks import block_pointers
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import bits, get, lowest_bit, ptr, splat16, stack_f32, stack_i32, stack_i64
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
 from ...trace.deferred import DEFERRED
@@ -133,18 +133,16 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            frusta = make_frusta(chunk, samples, job, rays, own)
-            save(scratch.at, root(open_frusta(rays)))
-            while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, mine):
-                if np.int64(get(scratch.deferred, 0)) > DEFERRED:
-                    settle(tree, chunk, rays, scratch, mine)
-            settle(tree, chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        frusta = make_frusta(chunk, samples, job, rays, own)
+        save(scratch.at, root(open_frusta(rays)))
+        while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, mine):
+            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+                settle(tree, chunk, rays, scratch, mine)
+        settle(tree, chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...bvh.blocks import block_pointers
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import (
     bits,
     get,
@@ -158,18 +158,16 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
-            _prepare(rays, alive, packets, ways)
-            save(scratch.at, root(alive))
-            while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
-                settle(tree, chunk, rays, scratch, mine)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
+        _prepare(rays, alive, packets, ways)
+        save(scratch.at, root(alive))
+        while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
             settle(tree, chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+        settle(tree, chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ...bvh.blocks import BlockTree, block_pointers, block_tree
 from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.filters import is_nearer, meets
 from ...kernels.simd import (
     absolute,
@@ -166,20 +166,18 @@ def _trace_packets(ticket, arrays, rays, face, t, counters):
     """Worker: trace packets."""
     tree, mine, across = block_pointers(arrays), cleared(stack_i64(N_COUNTERS)), (rays.width + 3) // 4
     memory, ts, faces = stack_f32(_FLOATS), stack_f64(16), stack_i32(16)
-    waiting, first = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS)), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            packet = Packet(memory, ts, faces, n % across * 4, n // across * 4)
-            alive = _load(rays, packet)
-            _trace_packet(tree, alive, rays, packet, waiting, mine)
-            while alive != 0:
-                lane = lowest_bit(alive)
-                alive &= alive - 1
-                x, y = _pixel(packet, lane)
-                count(mine, RAYS, 1)
-                put(ptr(face), y * rays.width + x, get(faces, lane))
-                put(ptr(t), y * rays.width + x, get(ts, lane))
-        first = take(ticket)
+    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    for n in items(ticket):
+        packet = Packet(memory, ts, faces, n % across * 4, n // across * 4)
+        alive = _load(rays, packet)
+        _trace_packet(tree, alive, rays, packet, waiting, mine)
+        while alive != 0:
+            lane = lowest_bit(alive)
+            alive &= alive - 1
+            x, y = _pixel(packet, lane)
+            count(mine, RAYS, 1)
+            put(ptr(face), y * rays.width + x, get(faces, lane))
+            put(ptr(t), y * rays.width + x, get(ts, lane))
     add_counters(counters, mine)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from ...bvh.blocks import BlockTree
 from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ...kernels.jit import inlined, kernel, overload
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..deferred import DEFERRED, defer
@@ -201,27 +201,25 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: trace tiles, packet by packet."""
     scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
     mine = cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
-            if nothing_for(trees, y, x):
-                continue
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            put(scratch.at, TREE, 0)
-            left_rows = rays.rows
-            while left_rows != 0:
-                r = lowest_bit(left_rows)
-                left_rows &= left_rows - 1
-                i, end = trees_for(trees, y, x, r)
-                save(scratch.at, nowhere())
-                while i < end:
-                    i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
-                    if i < end:
-                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
-            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+        if nothing_for(trees, y, x):
+            continue
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        put(scratch.at, TREE, 0)
+        left_rows = rays.rows
+        while left_rows != 0:
+            r = lowest_bit(left_rows)
+            left_rows &= left_rows - 1
+            i, end = trees_for(trees, y, x, r)
+            save(scratch.at, nowhere())
+            while i < end:
+                i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
+                if i < end:
+                    settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

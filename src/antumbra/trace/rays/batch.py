@@ -6,7 +6,7 @@ import numpy as np
 
 from ...bvh.wide import wide_tree_of
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.predicate.expansion import two_diff
 from ...kernels.simd import (
     absolute,
@@ -240,38 +240,35 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
     frame = (rays.frame[0], rays.frame[1], rays.frame[2])
-    begin = take(ticket)
-    while begin >= 0:
-        for b in range(begin, min(begin + ticket[CHUNK], ticket[N])):
-            first = b * _RAYS
-            n = min(_RAYS, rays.n - first)
-            count(mine, RAYS, n)
-            n_blocks = (n + LANES - 1) // LANES
-            alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
-            for j in range(n_blocks):
-                own = block_of(block, j)
-                good, moving = _load(args, frame, first + j * LANES, rays.n - 1, own)
-                if not good:
-                    faults[0], ticket[STOP] = True, 1
-                    break
-                alive &= moving << (j * LANES) | ~rays_of_block(j)
-                prepare(own.rows, tree.reach)
-                start(hits_of(found, j), own)
-            if faults[0]:
+    for b in items(ticket):
+        first = b * _RAYS
+        n = min(_RAYS, rays.n - first)
+        count(mine, RAYS, n)
+        n_blocks = (n + LANES - 1) // LANES
+        alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
+        for j in range(n_blocks):
+            own = block_of(block, j)
+            good, moving = _load(args, frame, first + j * LANES, rays.n - 1, own)
+            if not good:
+                faults[0], ticket[STOP] = True, 1
                 break
-            blocked = _trace(tree, block, alive, query, found, mine)
+            alive &= moving << (j * LANES) | ~rays_of_block(j)
+            prepare(own.rows, tree.reach)
+            start(hits_of(found, j), own)
+        if faults[0]:
+            break
+        blocked = _trace(tree, block, alive, query, found, mine)
+        for j in range(n_blocks):
+            hits = hits_of(found, j)
+            if get(hits.deferred, 0) > 0:
+                settle_block(tree, block_of(block, j), query, hits, mine)
+            blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
+        if any_hit:
+            _write_blocked(blocked, n, out.blocked, first)
+        else:
             for j in range(n_blocks):
-                hits = hits_of(found, j)
-                if get(hits.deferred, 0) > 0:
-                    settle_block(tree, block_of(block, j), query, hits, mine)
-                blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
-            if any_hit:
-                _write_blocked(blocked, n, out.blocked, first)
-            else:
-                for j in range(n_blocks):
-                    at, left = j * LANES, min(LANES, n - j * LANES)
-                    write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
-        begin = take(ticket)
+                at, left = j * LANES, min(LANES, n - j * LANES)
+                write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
     add_counters(counters, mine)
 
 

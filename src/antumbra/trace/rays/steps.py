@@ -16,7 +16,7 @@ import numpy as np
 
 from ...bvh.nodes import Bvh, parents_first, tree_of
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import segment
 from ...kernels.simd import atomic_add, get, stack_array
 from ...kernels.vec import scalars
@@ -89,12 +89,10 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
 @kernel
 def _walk_rows(ticket, bvh, order, query, depths, steps):
     counters, chunk = stack_array(np.int64, N_COUNTERS), query_pointers(query)
-    y = take(ticket)
-    while y >= 0:
+    for y in items(ticket):
         for x in range(chunk.w):
             if get(chunk.sides, y * chunk.w + x) != NOTHING:
                 _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
-        y = take(ticket)
 
 
 def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
