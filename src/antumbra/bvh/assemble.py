@@ -7,6 +7,7 @@ import numpy as np
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import load8, load16, minimum, ptr, store
+from .links import CHILDREN, LINK, ORDER, line_at
 from .nodes import Bvh, aligned_empty
 from .top import UpperLevels
 
@@ -72,10 +73,10 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
     for s in items(ticket):
         first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
         for i in range(count):
-            store(target, (at + i) * 16, load16(source, (first + i) * 16))
-            for word in (12, 13):
-                if links[at + i, word] >= 0:
-                    links[at + i, word] += at - 1
+            store(target, line_at(at + i), load16(source, line_at(first + i)))
+            for side in range(2):
+                if links[at + i, LINK + side] >= 0:
+                    links[at + i, LINK + side] += at - 1
 
 
 def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
@@ -88,9 +89,9 @@ def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
     links = np.empty((t, 2), np.int64)
     links[is_node] = node_at[top.children[is_node]]
     links[~is_node] = subtree_links[~top.children[~is_node]]
-    lines.view(np.int32)[:, 12:14] = links
+    lines.view(np.int32)[:, CHILDREN] = links
     if top.orders is not None:
-        lines.view(np.int32)[:, 14] = top.orders
+        lines.view(np.int32)[:, ORDER] = top.orders
     return lines
 
 

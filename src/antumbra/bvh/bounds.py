@@ -29,6 +29,7 @@ from ..kernels.simd import (
     store,
     swap_halves,
 )
+from .links import line_at
 
 INF = np.float32(np.inf)
 _ZERO = np.float32(0.0)
@@ -85,7 +86,7 @@ def write_boxes(nodes, node, left, right):
     """Write the boxes of both children to a node. Words 12 to 15 become 0."""
     line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
     line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
-    store(nodes, node * 16, select(mask_from_bits16(0x0FFF), line, _ZERO))
+    store(nodes, line_at(node), select(mask_from_bits16(0x0FFF), line, _ZERO))
 
 
 @kernel

@@ -12,6 +12,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, load16, put, store
 from . import binned_sah
+from .links import box_at, bvh_leaf, bvh_link, line_at, link_at
 from .nodes import MAX_LEAF, Bvh, aligned_empty, tree_of
 from .refit import boxes_of_kept
 
@@ -21,7 +22,7 @@ _NODES = 4096  # nodes that a thread writes at a time
 @inlined
 def _is_empty(nodes, node, side):
     """Whether the box of a child is the empty one."""
-    return get(nodes, node * 16 + side) == np.float32(np.inf)
+    return get(nodes, box_at(node, side)) == np.float32(np.inf)
 
 
 @kernel
@@ -36,12 +37,12 @@ def _find_branches(ticket, bvh, branches):
 def _new_link(tree, link, node_at, slot_at):
     """The link to the first node with two children, or to the leaf, that `link` leads to."""
     while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
-        link = np.int64(get(tree.links, link * 16 + (13 if _is_empty(tree.nodes, link, 0) else 12)))
+        link = np.int64(get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0)))
     if link >= 0:
         return np.int64(node_at[link])
-    first = np.int64(~link >> 3)
-    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + (~link & 7) + 1])
-    return ~(start * 8 + end - start - 1)
+    first, count = bvh_leaf(link)
+    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + count])
+    return bvh_link(start, end - start)
 
 
 @kernel
@@ -51,14 +52,11 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
     tree, out = tree_of(bvh), tree_of(new)
     for node in items(ticket):
         if branches[node]:
-            at = np.int64(node_at[node]) * 16
-            store(out.nodes, at, load16(tree.nodes, node * 16))
-            for word in (12, 13):
-                put(
-                    out.links,
-                    at + word,
-                    _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at),
-                )
+            new_node = np.int64(node_at[node])
+            store(out.nodes, line_at(new_node), load16(tree.nodes, line_at(node)))
+            for side in range(2):
+                link = _new_link(tree, np.int64(get(tree.links, link_at(node, side))), node_at, slot_at)
+                put(out.links, link_at(new_node, side), link)
 
 
 def _numbers(chosen: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from ..kernels.simd import (
 )
 from .assemble import join_boxes, place, top_lines
 from .bounds import triangle_box, write_boxes
+from .links import bvh_link, link_at
 from .morton import grid_of, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import CHUNK, checked, scene_bounds, tiny
@@ -164,7 +165,7 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
         level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
         id_ = np.int64(get(ids, i))
         _copy_triangle(vertices, id_, out.corners, i)
-        box, link, deep, end = triangle_box(vertices, id_), ~(i * 8), np.int64(0), i + 1
+        box, link, deep, end = triangle_box(vertices, id_), bvh_link(i, 1), np.int64(0), i + 1
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
             other = load8(boxes, height * 8)
@@ -172,11 +173,11 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
             if end - i > max_leaf:
                 node -= 1
                 write_boxes(out.nodes, node, box, other)
-                put(out.links, node * 16 + 12, link)
-                put(out.links, node * 16 + 13, get(waiting, height * 4 + 1))
+                put(out.links, link_at(node, 0), link)
+                put(out.links, link_at(node, 1), get(waiting, height * 4 + 1))
                 link, deep = node, max(deep, get(waiting, height * 4 + 2)) + 1
             else:
-                link = ~(i * 8 + end - i - 1)
+                link = bvh_link(i, end - i)
             box = minimum(box, other)
         put(levels, height, level)
         put(waiting, height * 4, end)

@@ -34,6 +34,7 @@ from ..kernels.simd import (
 )
 from .bounds import half_area, write_boxes
 from .cut import cut
+from .links import CHILDREN, LINK, bvh_leaf, is_leaf, line_at, link_at
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .prepare import scale_of
 from .quality import sah_cost
@@ -116,10 +117,10 @@ def _loosen(bvh, loose):
     """Fill a loose tree from a BVH whose nodes are in depth-first order."""
     nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
-        line = shuffle(load16(nodes, node * 16), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
+        line = shuffle(load16(nodes, line_at(node)), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
         store(pair, 0, select(mask_from_bits16(0xF0F0), -line, line))
         for side in range(2):
-            item = np.int64(bvh.links[node, 12 + side])
+            item = np.int64(bvh.links[node, LINK + side])
             if item < 0:
                 loose.links[leaves] = item
                 item = n + leaves
@@ -277,8 +278,8 @@ def _write(loose, bvh):
             continue
         left, right = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
         write_boxes(nodes, n, load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-        waiting[height, 0], waiting[height, 1] = right, n * 16 + 13
-        waiting[height + 1, 0], waiting[height + 1, 1] = left, n * 16 + 12
+        waiting[height, 0], waiting[height, 1] = right, link_at(n, 1)
+        waiting[height + 1, 0], waiting[height + 1, 1] = left, link_at(n, 0)
         height, n = height + 2, n + 1
 
 
@@ -293,8 +294,8 @@ def _loose(bvh: Bvh) -> Loose:
 
 
 def _largest_leaf(links) -> int:
-    ends = links[:, 12:14]
-    return int((~ends[ends < 0] & 7).max()) + 1
+    ends = links[:, CHILDREN]
+    return int(bvh_leaf(ends[is_leaf(ends)]).count.max())
 
 
 def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:

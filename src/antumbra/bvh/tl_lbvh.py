@@ -20,6 +20,7 @@ from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack
 from . import cut as cutting
 from . import lbvh
 from .cut import PART, cut
+from .links import box_at, link_at
 from .nodes import MAX_DEPTH, Bvh, sides
 from .prepare import checked, scale_of
 from .relayout import Choice, relayout
@@ -51,7 +52,7 @@ _WAITING = 2 * MAX_DEPTH + 2
 @inlined
 def _area_of_node(nodes, node, scale):
     """Half the area of the box around both children."""
-    x, y, z = sides(nodes, node * 16, node * 16 + 1)
+    x, y, z = sides(nodes, box_at(node, 0), box_at(node, 1))
     x, y, z = x * scale, y * scale, z * scale
     return x * (y + z) + y * z
 
@@ -62,7 +63,7 @@ def _measure(part, node, rules):
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
     count, cost, kept, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
     for side in range(2):
-        link = np.int64(get(part.links, node * 16 + 12 + side))
+        link = np.int64(get(part.links, link_at(node, side)))
         if link < 0:
             count += 1
             cost += extract(areas, side)
@@ -99,7 +100,7 @@ def _schedule(part, first, room, least, queue, waiting):
         height -= 1
         node, pending = np.int64(get(waiting, height)), 0
         for side in range(2):
-            child = np.int64(get(part.links, node * 16 + 12 + side))
+            child = np.int64(get(part.links, link_at(node, side)))
             if child >= 0 and get(part.facts, child * 4 + COUNT) >= least:
                 put(part.parents, child, node)
                 put(part.rooms, child, get(part.rooms, node) - 1)

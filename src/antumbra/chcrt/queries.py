@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bvh.links import box_at
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -81,8 +82,8 @@ class Asked(NamedTuple):
 @inlined
 def _entered(lines, row, slabs, far):
     """(bits of the lanes that may enter a child's box of a row before `far`, where each enters)."""
-    left, a = entry(lines, row * 16, slabs, far)
-    right, b = entry(lines, row * 16 + 1, slabs, far)
+    left, a = entry(lines, box_at(row, 0), slabs, far)
+    right, b = entry(lines, box_at(row, 1), slabs, far)
     return left | right, minimum(a, b)
 
 

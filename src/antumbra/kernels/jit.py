@@ -2,6 +2,7 @@
 
 - `kernel` marks a function that Python or other kernels call.
 - `inlined` marks a function that LLVM must inline into its callers.
+- `formula` marks an inlined function that Python may call too.
 - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
 
 A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that this
@@ -52,6 +53,13 @@ class inlined:
 
     def __call__(self, *arguments):
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
+
+
+class formula(inlined):
+    """Decorator of inlined functions of plain arithmetic. Python may call them too, on numbers and on arrays."""
+
+    def __call__(self, *arguments):
+        return self.py_func(*arguments)
 
 
 class kernel(inlined):

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
 from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..chcrt.queries import Pairs, ask
 from ..chcrt.raysets import Segments, segments_of
@@ -65,7 +66,7 @@ def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], id
     sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
     firsts = m + np.cumsum(sizes)
     nodes = aligned_empty((max(int(firsts[-1]), 1), 16), "f4")
-    links, slots = nodes.view(np.int32)[:, 12:14], 0
+    links, slots = nodes.view(np.int32)[:, CHILDREN], 0
     if not chunks:
         nodes[0], links[0] = 0.0, EMPTY
         nodes[0, 0:12:4] = nodes[0, 1:12:4] = np.inf
@@ -76,12 +77,13 @@ def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], id
         root_of[wanted] = firsts[:-1]
         nodes[:m] = top
         leaf = (links[:m] < 0) & (links[:m] != EMPTY)
-        links[:m][leaf] = root_of[~links[:m][leaf] >> 3]
+        links[:m][leaf] = root_of[bvh_leaf(links[:m][leaf]).first]
     for first, end, chunk in zip(firsts[:-1], firsts[1:], chunks):
         nodes[first:end] = chunk.bvh.nodes
         own = links[first:end]
-        leaf = (own < 0) & (own != EMPTY)
-        own[...] = np.where(leaf, ~(~own + 8 * slots), np.where(own >= 0, own + int(first), own))
+        is_full, leaf = (own < 0) & (own != EMPTY), bvh_leaf(own)
+        moved = bvh_link(leaf.first + slots, leaf.count)
+        own[...] = np.where(is_full, moved, np.where(own >= 0, own + int(first), own))
         slots += len(chunk.bvh.prim_ids)
     prim_ids = np.searchsorted(ids, np.concatenate([chunk.bvh.prim_ids for chunk in chunks])).astype(np.int32)
     corners = np.concatenate([chunk.bvh.corners for chunk in chunks])

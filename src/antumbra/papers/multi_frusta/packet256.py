@@ -8,6 +8,7 @@ child that more rays enter first comes first. The tree, corner culling and the r
 import numpy as np
 
 from ...bvh.blocks import block_pointers
+from ...bvh.links import box_at
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items
 from ...kernels.simd import (
@@ -121,8 +122,8 @@ def _packets_in(tree, at, rays, packets, ways, counters):
         waiting &= waiting - 1
         count(counters, BOX_TESTS, 2)
         packet, way, alive = ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS), open_rays(rays, r)
-        a, near_a = _entry(tree.nodes, at.link * 16, packet, way)
-        b, near_b = _entry(tree.nodes, at.link * 16 + 1, packet, way)
+        a, near_a = _entry(tree.nodes, box_at(at.link, 0), packet, way)
+        b, near_b = _entry(tree.nodes, box_at(at.link, 1), packet, way)
         if a & alive != 0:
             in_left |= np.int64(1) << r
         if b & alive != 0:
@@ -144,7 +145,7 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 save(scratch.at, at)
                 return True
-            leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
+            leaf = trace_block(tree, at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
             at = left(at)
         at = popped(tree.links, at, scratch.stack, alive)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree
+from ...bvh.links import bvh_leaf
 from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
@@ -69,7 +70,7 @@ def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
     """In kernels: trace a row through trees i .. end. Return (the tree to go on with, bits of the rays left)."""
 
 
-def trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
+def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
     """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the rays that it blocks."""
 
 
@@ -119,13 +120,13 @@ def _chosen(argument, kind, one, other):
 
 
 @overload(trace_leaf)
-def _trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
+def _trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
     if tree.instance_class is Tree:
-        return lambda tree, rays, r, code, mask, facing, deferred, counters: _trace_triangles(
-            tree, rays, r, code, mask, facing, deferred, counters
+        return lambda tree, rays, r, link, mask, facing, deferred, counters: _trace_triangles(
+            tree, rays, r, link, mask, facing, deferred, counters
         )
-    return lambda tree, rays, r, code, mask, facing, deferred, counters: trace_block(
-        tree, rays, r, code, mask, facing, deferred, counters
+    return lambda tree, rays, r, link, mask, facing, deferred, counters: trace_block(
+        tree, rays, r, link, mask, facing, deferred, counters
     )
 
 
@@ -138,14 +139,14 @@ def _own(tree, rays, r, slot):
 
 
 @kernel
-def _trace_triangles(tree, rays, r, code, mask, facing, deferred, counters):
+def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
     """`trace_leaf` for a `Tree`, triangle by triangle."""
     hits = np.int64(0)
-    if ~code == EMPTY:
+    if link == EMPTY:
         return hits
     o, d = origins_of(rays, r), directions_of(rays, r)
-    span, first = length1(d), code >> 3
-    for slot in range(first, first + (code & 7) + 1):
+    span, leaf = length1(d), bvh_leaf(link)
+    for slot in range(leaf.first, leaf.first + leaf.count):
         count(counters, TRIANGLES, 1)
         tested = mask & ~hits & ~_own(tree, rays, r, slot)
         if tested == 0:
@@ -172,7 +173,7 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
-        alive &= ~trace_leaf(tree, row.rays, row.number, ~at.link, at.mask, row.facing, scratch.deferred, counters)
+        alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else nowhere(), alive
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree, block_tree
+from ...bvh.links import box_at
 from ...bvh.nodes import boxes_of
 from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
@@ -73,7 +74,7 @@ def _walk(forest, k, alive, picture, tile, scratch, counters):
     while True:
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
         if last.mask != 0:
-            seen = trace_block(tile.frame, tree, ~last.link, last.mask, pixels, scratch.work, counters)
+            seen = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
                 settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
@@ -111,7 +112,7 @@ def _trace_tile(forest, begin, end, picture, tile, scratch, counters):
     pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
         k = item(forest, i)
-        met = entry(forest.heads, k * 16, tile.slabs, load16(pixels.far, 0))[0] & tile.alive
+        met = entry(forest.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
             _walk(forest, k, met, picture, tile, scratch, counters)
             new |= keep(pixels, k)

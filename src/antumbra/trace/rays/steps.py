@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import LINK, bvh_leaf
 from ...bvh.nodes import Bvh, parents_first, tree_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -45,12 +46,12 @@ def _count_boxes(bvh, order, inner, depths):
     """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
     for node in order:
         for side in range(2):
-            link, depth = bvh.links[node, 12 + side], inner[node] + 1
+            link, depth = bvh.links[node, LINK + side], inner[node] + 1
             if link >= 0:
                 inner[link] = depth
             else:
-                first = ~np.int64(link) >> 3
-                for slot in range(first, min(first + (~link & 7) + 1, len(depths))):
+                leaf = bvh_leaf(np.int64(link))
+                for slot in range(leaf.first, min(leaf.first + leaf.count, len(depths))):
                     depths[slot] = depth
 
 
