@@ -82,8 +82,8 @@ items: Any = Intrinsic("antumbra.kernels.tickets", "items")
 shares: Any = Intrinsic("antumbra.kernels.tickets", "shares")
 """In kernels, ``for first, last in shares(ticket):`` is a loop over the items that this thread takes at a time.
 
-A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with
-each share, such as a row of sums of its own.
+A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with each share,
+such as a row of sums of its own.
 """
 
 
