@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from antumbra import loading as module
+from antumbra.engine import opening as module
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
 from scene.gltf_files import single

@@ -206,9 +206,9 @@ class Engine:
         with self._lock:
             make, source = self.accelerator, self.source
             self._warm_up()
-            needs = [points_memory(len(receivers), *each) for each in zip(lights, samples)]
+            needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
             source.begin(FrameMemory(*map(sum, zip(*needs))))
-            make.begin(len(receivers) * sum(each.shape[1] for each in samples), later)
+            make.begin(receivers.n * sum(each.shape[1] for each in samples), later)
             triangles, ready = source.for_points(self._moment(time))
             queries = self._queries(triangles, receivers, lights, samples, facing)
             if ready is None:  # the tree depends on the queries

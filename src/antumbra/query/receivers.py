@@ -174,7 +174,8 @@ class Receivers(NamedTuple):
         origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, False).reshape(points.shape)
         return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
 
-    def __len__(self) -> int:
+    @property
+    def n(self) -> int:
         """The number of receivers, with those that are missing."""
         return self.sides.size
 

@@ -189,7 +189,7 @@ def _named(given, scene: AnyScene, threads: int):
 
 def _grid(rows: Receivers, columns: Receivers, square: bool) -> _Grid:
     row_order, column_order = (np.argsort(morton_codes(ends.origins[0]), kind="stable") for ends in (rows, columns))
-    high, wide = (-(-len(ends) // STRIP) for ends in (rows, columns))
+    high, wide = (-(-ends.n // STRIP) for ends in (rows, columns))
     tiles = [(i, j) for i in range(high) for j in range(i if square else 0, wide)]
     return _Grid(rows.take(row_order), columns.take(column_order), row_order, column_order, tiles, square)
 
@@ -205,7 +205,7 @@ def _tile(tracing: Tracing, grid: _Grid, k: int) -> np.ndarray:
     rows, columns = grid.rows.take(_strip(i)), grid.columns.take(_strip(j))
     bits = tracing.visible(rows, columns)
     if grid.square and i == j:
-        own = np.arange(len(rows))
+        own = np.arange(rows.n)
         bits[own, own // 64] &= ~(np.uint64(1) << (own % 64).astype(np.uint64))
     return bits
 

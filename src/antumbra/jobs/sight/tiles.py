@@ -29,15 +29,15 @@ class Tracing:
 
     def visible(self, rows: Receivers, columns: Receivers) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
-        blocked = np.empty((len(rows), words_of(len(columns))), np.uint64)
+        blocked = np.empty((rows.n, words_of(columns.n)), np.uint64)
         for first, light in self._lists(columns):
             ((_, bits),) = self._engine.shadows(
                 rows, [light], [_samples(light)], time=self._time, later=self._sightlines
             )
             blocked[:, first : first + bits.shape[2]] = bits[0]
         if columns.normals.size:
-            blocked |= transposed(self._below(columns, rows), len(rows))
-        return ~blocked & ones(len(columns))
+            blocked |= transposed(self._below(columns, rows), rows.n)
+        return ~blocked & ones(columns.n)
 
     def _below(self, ends: Receivers, others: Receivers) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where the surface of end i hides point j."""
@@ -49,7 +49,7 @@ class Tracing:
 
     def _lists(self, ends: Receivers):
         """Yield (first word, lights) of lists of at most MAX_SPP of the ends."""
-        for first in range(0, len(ends), MAX_SPP):
+        for first in range(0, ends.n, MAX_SPP):
             yield words_of(first), _Recentred(ends.origins[0, first : first + MAX_SPP])
 
 
