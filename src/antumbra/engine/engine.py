@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import byte_count
+from ..checks import byte_count, choice, instance
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..kernels.progress import in_turn
+from ..kernels.progress import in_turn, shown
 from ..plan import Plan, parse_plan
 from ..query.bounds import reach_of
 from ..query.gbuffer import GBuffer
@@ -22,13 +22,13 @@ from ..scene.camera import Camera
 from ..scene.data import SceneData
 from ..scene.hit import Hit, HitFaces
 from ..scene.light_list import in_full
-from ..scene.lights import Light
+from ..scene.lights import Light, check_lights
 from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
 from .choosing import accelerator_of
 from .in_memory import InMemory
-from .looking import AUTO, compiled_for
+from .looking import AUTO, METHODS, compiled_for
 from .memory import FrameMemory, points_memory
 from .opening import data_of
 from .precompile import warm_up
@@ -42,7 +42,8 @@ _KEPT = 8  # engines of other plans that an engine remembers
 class Engine:
     """Answers questions about one scene by one plan, and keeps what it builds and learns.
 
-    Threads of Python may share an engine. Questions of rays in memory run side by side; others take turns.
+    Threads of Python may share an engine. Questions of rays in memory run side by side; others take turns, and hold
+    `lock` meanwhile.
 
     Parameters
     ----------
@@ -71,6 +72,7 @@ class Engine:
         max_memory: int | None = None, *, gbuffer: str = AUTO,
     ):  # fmt: skip
         data = data_of(scene)
+        choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
         trees = Trees(data) if isinstance(data, MemoryData) else None
         self._start(data, trees, plan, threads, limit, gbuffer)
@@ -78,7 +80,7 @@ class Engine:
     def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
         default = InMemory.default_plan if trees is not None else _paged().default_plan
         self.data, self.plan, self.threads = data, parse_plan(default if plan is None else plan), thread_count(threads)
-        self.max_memory, self._trees, self._lock = max_memory, trees, threading.RLock()
+        self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
@@ -108,7 +110,7 @@ class Engine:
         )
         if wanted == own:
             return self
-        with self._lock:
+        with self.lock:
             found = self._others.pop(wanted, None)
             if found is None:
                 found = Engine.__new__(Engine)
@@ -146,7 +148,7 @@ class Engine:
         if not self.source.in_store:
             return self.source.trace_rays(rays, any_hit, moment, threads)
         engine = self if threads == self.threads else self.with_options(None, threads, None)
-        with engine._lock:
+        with engine.lock:
             engine.source.warm_up()
             return engine.source.trace_rays(rays, any_hit, moment)
 
@@ -155,7 +157,8 @@ class Engine:
 
     def surfaces(self, camera: Camera, time: float = 0.0) -> GBuffer:
         """The G-buffer of a camera at a time in seconds: the surfaces that its pixels see."""
-        with self._lock:
+        instance(camera, Camera, "camera")
+        with self.lock:
             self._warm_up()
             self.source.begin(FrameMemory(0, 0, 0))
             triangles, whole = self.source.moment(self._moment(time))
@@ -165,17 +168,22 @@ class Engine:
             return surfaces.gbuffer._replace(face=surfaces.ids)
 
     def visibility(
-        self, receivers: Receivers, lights: Sequence[Light], *, spp: int = 16,
+        self, receivers: Receivers, lights: Light | Sequence[Light], *, spp: int = 16,
         sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, time: float = 0.0,
-        progress: Progress | None = None,
+        progress: Progress | bool | None = None,
     ) -> Visibility:  # fmt: skip
         """Which samples of lights a list of n receivers sees: a `Visibility` of shape (n, lights).
 
         `antumbra.visibility` documents the parameters. Receivers are made by `Receivers.on_surface` and `in_space`.
         """
-        lights = [in_full(light) for light in lights]
+        instance(receivers, Receivers, "receivers")
+        lights = [in_full(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
-        found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=progress)
+        for light in lights:
+            if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
+                raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
+        with shown("tracing shadow rays", progress) as heard:
+            found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=heard)
         return visibility_of([bits for _, bits in found], [each.shape[1] for each in samples])
 
     def shadows(
@@ -203,7 +211,7 @@ class Engine:
         InputError
             If points or lights are too far from the scene, or memory is too small.
         """
-        with self._lock:
+        with self.lock:
             make, source = self.accelerator, self.source
             self._warm_up()
             needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
@@ -221,7 +229,7 @@ class Engine:
         time: float = 0.0,
     ) -> list[ShadowQuery]:  # fmt: skip
         """The queries of `shadows`, without their bits."""
-        with self._lock:
+        with self.lock:
             return self._queries(self.source.moment(self._moment(time))[0], receivers, lights, samples, facing)
 
     def accelerated(self, time: float = 0.0) -> Accelerated:

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 from numpy.typing import ArrayLike
 
 from ..checks import as_array
-from ..errors import InputError
-from ..kernels.progress import hushed, shown
+from ..kernels.progress import hushed
 from ..plan import Plan
 from ..query.receivers import Receivers
-from ..scene.lights import Light, check_lights
+from ..scene.lights import Light
 from .loading import SceneLike, scene_of
 from .source import Progress
 from .visibility import Visibility
@@ -62,17 +61,10 @@ def visibility(
     scene = scene_of(scene)
     engine = scene.engine.with_options(plan, threads, max_memory)
     points = as_array(points, "points")
-    if points.ndim < 1 or points.shape[-1] != 3:
-        raise InputError(f"points must have shape (..., 3), not {points.shape}")
     alone = isinstance(light, Light)
-    lights = check_lights(light, scene.up)
-    for each in lights:
-        if normals is None and each.domain == "hemisphere":
-            raise InputError(f"{type(each).__name__} is seen around a normal; give the points' normals")
     frame = scene.origin
     receivers = Receivers.in_space(points, frame) if normals is None else Receivers.on_surface(points, normals, frame)
-    with shown("tracing shadow rays", progress) as heard:
-        found = engine.visibility(
-            receivers, lights, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=heard
-        )
+    found = engine.visibility(
+        receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
+    )
     return found.reshaped(points.shape[:-1], alone)

@@ -47,7 +47,7 @@ def inside(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> n
         If the scene is in a store.
     """
     begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin)
-    return _left_by(scene, begin, _rays(scene.up, _LOWEST, 1.0), False, threads)
+    return _left_by(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
 
 
 def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads: int | None = None) -> np.ndarray:
@@ -65,13 +65,14 @@ def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads:
         at[:, up] = np.maximum(points[:, up] - depth, floor + LOW)
         high = np.flatnonzero((points[:, up] > floor + LOW) & ~found)
         if len(high):
-            found[high] = _left_by(scene, Receivers.in_space(at[high], scene.origin), rays, True, threads)
+            found[high] = _left_by(scene, Receivers.in_space(at[high], scene.origin).origins[0], rays, True, threads)
     return found
 
 
-def _left_by(scene: AnyScene, begin: Receivers, rays: np.ndarray, walls: bool, threads: int | None) -> np.ndarray:
+def _left_by(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: bool, threads: int | None) -> np.ndarray:
     """(n,) bool: whether most rays from points leave a solid.
 
+    begin : (n, 3) float32, recentred
     rays : (_RAYS, 3) float64, unit vectors
     walls : whether only steep faces count
     """
@@ -87,7 +88,7 @@ def _left_by(scene: AnyScene, begin: Receivers, rays: np.ndarray, walls: bool, t
     reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
     found = np.zeros(len(begin), bool)
     for first in range(0, len(begin), _AT_A_TIME):
-        some = begin.origins[0, first : first + _AT_A_TIME]
+        some = begin[first : first + _AT_A_TIME]
         origins = np.repeat(some, _RAYS, 0)
         ends = (origins + np.tile(reach * rays, (len(some), 1))).astype(np.float32)
         met = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)

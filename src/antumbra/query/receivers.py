@@ -142,7 +142,7 @@ class Receivers(NamedTuple):
         InputError
             If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
         """
-        origins = settled(_single(_local(points, frame)))[None]
+        origins = settled(_single(_local(_points(points), frame)))[None]
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod
@@ -160,6 +160,7 @@ class Receivers(NamedTuple):
         InputError
             As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
         """
+        points = _points(points)
         local = _local(points, frame)
         _single(local)
         unit = _unit_normals(normals, points.shape)
@@ -180,7 +181,7 @@ class Receivers(NamedTuple):
         return self.sides.size
 
     def take(self, places) -> "Receivers":
-        """Some receivers of a list: a slice, or (m,) indices."""
+        """Some receivers of a list: a slice, or (m,) indices or flags."""
         normals = self.normals[:, places] if self.normals.size else self.normals
         return Receivers(np.ascontiguousarray(self.origins[:, places]), self.sides[:, places], normals)
 
@@ -192,9 +193,20 @@ class Receivers(NamedTuple):
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
+def _points(given) -> np.ndarray:
+    points = as_array(given, "points")
+    if points.ndim < 1 or points.shape[-1] != 3:
+        raise InputError(f"points must have shape (..., 3), not {points.shape}")
+    return points
+
+
 def _local(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """(n, 3) float64 in the scene's frame."""
-    local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
+    frame = as_array(frame, "frame")
+    if frame.shape != (3,):
+        raise InputError(f"frame must have shape (3,), not {frame.shape}; Scene.origin is that of a scene")
+    with np.errstate(invalid="ignore", over="ignore"):
+        local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
     if not np.isfinite(local).all():
         raise InputError("points hold NaN or infinity")
     return local

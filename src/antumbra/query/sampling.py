@@ -171,6 +171,7 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
+    choice(sampler, "sampler", SAMPLERS)  # before it is looked up among kept sets
     sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
     if isinstance(light, LightList):  # (a, b, c) is the world position of a near light, and points to a distant one
         return np.ascontiguousarray(light.points[light.sets])

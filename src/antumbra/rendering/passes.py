@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.accelerate import Accelerator
-from ..engine.source import RenderSource
+from ..engine.engine import Engine
 from ..engine.srdh_rays import bounced_queries
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
@@ -46,12 +45,17 @@ from .state import (
 )
 
 
-def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None) -> Frame:
+def draw(engine: Engine, request: Request, kept: KeptRows | None = None) -> Frame:
     """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
 
     kept : what the rays of this frame found, if they were traced before; no tree is built then
     """
-    state = FrameState(source, accelerator, request, kept)
+    with engine.lock:
+        return _draw(FrameState(engine, request, kept))
+
+
+def _draw(state: FrameState) -> Frame:
+    request = state.request
     evaluate(state)
     surfaces, traced = look_and_trace(state)
     surfaces = dressed(state, surfaces)
@@ -77,7 +81,7 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     ran, choices, scheduled = _ran(state)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
-        scheduled, source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
+        scheduled, state.source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
         behind(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
 

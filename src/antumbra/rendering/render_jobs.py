@@ -3,11 +3,9 @@
 from dataclasses import replace
 
 from ..bvh.srdh_rays import SrdhRays
-from ..engine.choosing import accelerator_of
-from ..engine.in_memory import InMemory
+from ..engine.engine import Engine
 from ..engine.precompile import record_of, recorded, trace_all_ways, wide_lights_job
 from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
-from ..engine.trees import Trees
 from ..plan import Plan
 from ..scene.camera import Camera
 from .options import RenderOptions
@@ -123,9 +121,10 @@ def _render_small(
     view: tuple[Camera, list] | None = None, dressed: bool = False,
 ) -> None:  # fmt: skip
     """Render a frame of the small scene; `view`: camera and lights, `dressed`: with textures and smooth normals."""
-    scene, accelerator = small_scene(dressed), accelerator_of(plan, 2)
+    scene = small_scene(dressed)
+    engine = Engine(scene, plan, 2, gbuffer=gbuffer)
     camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
     request = request_of(camera, lights, options, None if options.ground is False else options.ground)
-    if accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
-        accelerator.build(scene.triangles(0.0, 2))
-    draw(InMemory(scene, accelerator, Trees(scene), gbuffer), accelerator, request)
+    if engine.accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
+        engine.accelerator.build(scene.triangles(0.0, 2))
+    draw(engine, request)

@@ -139,15 +139,15 @@ class Renderer:
         """
         request = self.request(camera, lights, options_of(options, keywords))
         with shown("tracing", progress) as heard:
-            return draw(self.source, self.accelerator, request._replace(progress=heard))
+            return draw(self.engine, request._replace(progress=heard))
 
     def rows(self, request: Request) -> Rows:
         """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
-        return Rows(self.source, self.accelerator, request)
+        return Rows(self.engine, request)
 
     def from_rows(self, request: Request, kept: KeptRows) -> Frame:
         """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
-        frame = draw(self.source, self.accelerator, request, kept)
+        frame = draw(self.engine, request, kept)
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:

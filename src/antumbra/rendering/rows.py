@@ -6,8 +6,8 @@ existed. docs/design/shards.md compares this with bands that hold finished pixel
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated, Accelerator
-from ..engine.source import RenderSource
+from ..engine.accelerate import Accelerated
+from ..engine.engine import Engine
 from ..image.fraction import as_needed, finer_query
 from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
@@ -45,8 +45,8 @@ class Rows:
     A store has no such picture of surfaces: it reads only what a band's rays meet.
     """
 
-    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request):
-        self._state = FrameState(source, accelerator, request)
+    def __init__(self, engine: Engine, request: Request):
+        self._state = FrameState(engine, request)
         evaluate(self._state)
         self._seen: Surfaces | None = None  # by the whole picture
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated, Accelerator
-from ..engine.source import RenderSource
+from ..engine.accelerate import Accelerated
+from ..engine.engine import Engine
 from ..engine.srdh_rays import Shown
 from ..image.albedo import albedo, eye_of
 from ..image.corners import places_of
@@ -46,6 +46,7 @@ class FrameState:
     """The state of one frame during rendering.
 
     source : RenderSource
+        That of the engine, like the next.
     accelerator : Accelerator
     request : Request
     clock : Clock
@@ -72,9 +73,9 @@ class FrameState:
     view: CameraRays | ListedRays
     ready: Accelerated
 
-    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None):
-        self.source, self.accelerator, self.request = source, accelerator, request
-        self.clock, self.threads, self.rays = Clock(), accelerator.threads, 0
+    def __init__(self, engine: Engine, request: Request, kept: KeptRows | None = None):
+        self.source, self.accelerator, self.request = engine.source, engine.accelerator, request
+        self.clock, self.threads, self.rays = Clock(), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
         self.whole: Accelerated | None = None
         self.shown: Shown | None = None
