@@ -218,7 +218,7 @@ def _strips(grid: _Grid, parts: Parts):
     """Yield (numbers of rows, their bits), in pieces of a few hundred rows; columns in the order of the caller."""
     back = np.argsort(grid.column_order)
     at = {tile: k for k, tile in enumerate(grid.tiles)}
-    n, m = len(grid.rows), len(grid.columns)
+    n, m = grid.rows.n, grid.columns.n
     for i in range(-(-n // STRIP)):
         numbers = grid.row_order[_strip(i)]
         tiles = []
