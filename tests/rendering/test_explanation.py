@@ -163,5 +163,5 @@ def test_plans_that_differ_are_reported(scene, moment, monkeypatch):
 
 
 def test_rays_for_builders_that_want_none(scene, moment):
-    with pytest.raises(at.InputError, match=r"nothing in bsah\+single, lbvh\+wide wants rays"):
+    with pytest.raises(at.InputError, match=r"nothing in bsah\+single wants rays"):
         at.Plan(trace="single", sample=at.SrdhRays())

@@ -74,8 +74,14 @@ class Engine:
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
-        trees = Trees(data) if isinstance(data, MemoryData) else None
-        self._start(data, trees, plan, threads, limit, gbuffer)
+        self._start(data, _trees_of(data), plan, threads, limit, gbuffer)
+
+    def __getstate__(self) -> tuple:
+        """A pickle has what an engine is made of, and makes everything else again."""
+        return self.data, self.plan, self.threads, self.max_memory, self.source.gbuffer
+
+    def __setstate__(self, state: tuple) -> None:
+        self._start(state[0], _trees_of(state[0]), *state[1:])
 
     def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
         default = InMemory.default_plan if trees is not None else _paged().default_plan
@@ -263,6 +269,10 @@ class Engine:
             warm_up(self.plan, compiled_for(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
+
+
+def _trees_of(data: SceneData) -> Trees | None:
+    return Trees(data) if isinstance(data, MemoryData) else None
 
 
 def _paged():

@@ -5,12 +5,12 @@ from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
 from ..checks import choice, instance
-from ..engine.accelerate import Accelerated
+from ..engine.accelerate import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.loading import SceneLike, scene_of
 from ..engine.looking import AUTO, METHODS, compiled_for
 from ..engine.see import see
-from ..engine.source import Progress
+from ..engine.source import Progress, RenderSource
 from ..errors import InputError
 from ..kernels.progress import hushed, shown
 from ..plan import Plan
@@ -109,7 +109,16 @@ class Renderer:
         choice(gbuffer, "gbuffer", METHODS)
         self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
         self.plan, self.threads = self.engine.plan, self.engine.threads
-        self.accelerator, self.source = self.engine.accelerator, self.engine.source
+
+    @property
+    def accelerator(self) -> Accelerator:
+        """That of the engine."""
+        return self.engine.accelerator
+
+    @property
+    def source(self) -> RenderSource:
+        """That of the engine."""
+        return self.engine.source
 
     @_method(RenderOptions)
     @hushed
