@@ -31,6 +31,7 @@ import numpy as np
 
 import antumbra
 from antumbra.auto.rates import best_pays
+from antumbra.engine.ray_lists import PLANS
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
@@ -38,7 +39,6 @@ from antumbra.papers.peers.ray_sets import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.raster import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
-from antumbra.rendering.ray_trees import PLAN, forget, plan_at
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine
 from peers import open3d_rays
@@ -120,7 +120,7 @@ def settle(name: str, scene, rays) -> None:
     if not best_pays(np.inf, scene.n_triangles):
         return
     start, asked = time.perf_counter(), 0
-    while str(plan_at(scene, 0.0)) == PLAN:
+    while str(scene.engine.source.ray_lists.plan) != PLANS[1]:
         scene.occluded(*rays, tmax=1.0)
         asked += len(rays[0])
     scene.occluded(*(side[:1] for side in rays))
@@ -130,7 +130,7 @@ def settle(name: str, scene, rays) -> None:
 def ask(scene, origins, directions, threads: int, fresh: bool) -> np.ndarray:
     """Our call. fresh: the scene forgets what its rays have cost before."""
     if fresh:
-        forget(scene)
+        scene.engine.source.ray_lists.spent = 0.0
     return scene.occluded(origins, directions, tmax=1.0, threads=threads)
 
 

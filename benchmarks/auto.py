@@ -113,9 +113,14 @@ def run_case(case: Case, view, plan: str, threads: int) -> tuple[float, list[np.
     light, scene = light_of(case.light, view, rng), view.scene
     if case.job in ("points", "surface", "grid", "shuffled"):
         points, normals = points_of(case, scene, rng)
-        scene.__dict__.pop("_accelerated", None)
+        engine = at.Engine(scene, plan, threads)
         start = perf_counter()
-        seen = at.visibility(scene, points, light, normals, spp=case.spp, plan=plan, threads=threads)
+        receivers = (
+            at.Receivers.in_space(points, scene.origin)
+            if normals is None
+            else at.Receivers.on_surface(points, normals, scene.origin)
+        )
+        seen = engine.visibility(receivers, [light], spp=case.spp)
         return perf_counter() - start, [seen.bits]
     renderer, seconds = Renderer(scene, plan, threads), 0.0
     for k in range(1 if case.job in ("picture", "bounce") else FRAMES):

@@ -12,7 +12,6 @@ import numpy as np
 
 import antumbra as at
 from antumbra.plan import Plan
-from antumbra.rendering.queries import accelerated
 from common import SCENES
 
 
@@ -30,7 +29,7 @@ def main() -> None:
     gc.collect()
     before = resident()
     scene = at.load(path)
-    made = accelerated(scene, plan=Plan())
+    made = scene.engine.with_options(Plan(), None, None).accelerated()
     gc.collect()
     grown = resident() - before
     held = {name: a for part in made if part is not None for name, a in part._asdict().items()}

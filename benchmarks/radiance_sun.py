@@ -18,7 +18,7 @@ import numpy as np
 
 import antumbra as at
 from antumbra.jobs.sun.times import parse_days, zone_of
-from antumbra.rendering.queries import receivers_of
+from antumbra.query.receivers import Receivers
 from common import installed, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -96,7 +96,8 @@ def main() -> None:
     rows: list[dict] = []
     print(f"{len(sensors):,} sensors, {len(suns.hours)} suns: {len(row):,} pairs with the sun above the surface")
     if installed(library):
-        origins = receivers_of(scene, sensors.points, sensors.normals)[0].astype(np.float64) + scene.origin
+        receivers = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+        origins = receivers.origins[0].astype(np.float64) + scene.origin
         start = time.perf_counter()
         met = hit_by_radiance(soup, origins[row], suns.directions[sun], given.threads)
         pairs["radiance_seconds"] = time.perf_counter() - start

@@ -25,6 +25,7 @@ import numpy as np
 
 from antumbra.cli import report
 from antumbra.cli.arguments import parse_count
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.output import replacing
 from antumbra.papers.peers import embree
@@ -35,7 +36,6 @@ from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import ShadowQuery
 from antumbra.rendering.renderer import Renderer
-from antumbra.scene.generated import procedural
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
 from peers.embree_frames import Hits, Shadow, light_points, shadows

@@ -27,7 +27,7 @@ from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
 from antumbra.papers.peers.ray_sets import ray_set
-from antumbra.rendering.queries import receivers_of
+from antumbra.query.receivers import Receivers
 from common import SCENES, arguments, has_embree, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
@@ -52,7 +52,7 @@ def embree_hours(scene, sensors, suns, every: int, threads: int):
     """(hours of each k-th sensor, seconds in all, seconds of Embree's calls)."""
     start = time.perf_counter()
     points, normals = sensors.points[::every], sensors.normals[::every]
-    origins, _ = receivers_of(scene, points, normals)
+    origins = Receivers.on_surface(points, normals, scene.origin).origins[0]
     far = 4.0 * float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
     row, sun = np.nonzero(normals @ suns.directions.T > 0.0)
     rays = ray_set(origins[row], (far * suns.directions).astype(np.float32)[sun], 1.0)

@@ -3,12 +3,12 @@
 import numpy as np
 
 import oracle
+from antumbra.engine.choosing import accelerator_of
+from antumbra.engine.see import see
 from antumbra.plan import parse_plan
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import segments
-from antumbra.rendering.choosing import accelerator_of
-from antumbra.rendering.see import see
 
 
 def query_of(scene, camera, light, spp, time=0.0):

@@ -84,6 +84,7 @@ import numpy as np
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.loading import events
+from antumbra.kernels.parallel import items, new_ticket
 from antumbra.kernels.simd import bits, load4, popcount, reduce_max, to_f32, as_i32
 
 from . import choices, parts
@@ -141,6 +142,14 @@ def by_operator(xs):
     return reduce_max(load4(xs, 0) + load4(xs, 0))
 
 
+@kernel
+def by_loop(ticket):
+    total = 0
+    for i in items(ticket):
+        total += i
+    return total
+
+
 def results():
     xs = np.arange(4, dtype=np.float32)
     return {
@@ -155,6 +164,7 @@ def results():
         "by_result": by_result(1)._asdict(),
         "by_intrinsic": by_intrinsic(xs),
         "by_operator": by_operator(xs),
+        "by_loop": by_loop(new_ticket(4, 2)),
     }
 '''
 RUN = """

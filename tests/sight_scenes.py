@@ -4,7 +4,7 @@ import numpy as np
 
 import antumbra as at
 import oracle
-from antumbra.rendering.queries import receivers_of
+from receivers import receivers_of
 
 
 def scene_of(seed, n=24):

@@ -6,8 +6,8 @@ import numpy as np
 
 from antumbra.bvh.nodes import Bvh
 from antumbra.bvh.quality import validate
-from antumbra.rendering.building import build_store
-from antumbra.scene.scene import Scene
+from antumbra.engine.building import build_store
+from antumbra.engine.scene import Scene
 from antumbra.scene.source import Piece
 from antumbra.store.read import Store, open_store
 

@@ -24,13 +24,18 @@ CORNERS = np.array([[[0, 0, 0], [4, 0, 0], [0, 0, -4]], [[0, 1, 0], [1, 1, 0], [
 
 CAMERA = at.Camera((1.0, 3.0, 1.0), (1.0, 0.0, -1.0), width=4, height=4)
 LIGHT = at.PointLight((0.5, 3.0, -0.5))
+RECEIVERS = at.Receivers.in_space(np.array([[1.0, 3.0, -1.0]]), np.zeros(3))
 PLACE = at.Place(52.0, 4.0)
 
 PLUMBING = {
     "patch", "samples", "area", "weights", "upright",  # of lights, for tracers and scenes
     "view", "rays",  # of cameras, for tracers
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
-    "of_scene",  # of a Hit
+    "of_scene", "surfaces",  # of a Hit
+    "of_data",  # of a scene
+    "shadows", "queries", "accelerated",  # of an Engine, for jobs
+    "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
+    "reshaped",  # of a Visibility
     "middles", "places",  # of a Raster, for sensors
     "ignore_alpha", "refusal", "wait", "close",  # without parameters
 }  # fmt: skip
@@ -81,14 +86,8 @@ def ex(call, works=True, **arguments) -> Example:
     return Example(call, arguments, works)
 
 
-def scene_methods(scene, stored: bool) -> dict[str, Example]:
-    rays = {"origins": [[1.0, 3.0, -1.0]], "directions": [0.0, -1.0, 0.0]}
-    segments = {"origins": rays["origins"], "targets": [0.5, 0.5, -0.5]}
-    more = {"tmin": 0.0, "tmax": 9.0, "skip_face": 1, "time": 0.0, "cull_faces": None, "threads": 1}
+def _of_faces(scene, stored: bool) -> dict[str, Example]:
     return {
-        "occluded": ex(scene.occluded, **rays, **more),
-        "occluded of segments": ex(scene.occluded, **segments),
-        "closest_hit": ex(scene.closest_hit, **rays, **more),
         "camera": ex(scene.camera, works=False),
         "light": ex(scene.light, works=False),
         "clamped": ex(scene.clamped, time=0.0),
@@ -97,6 +96,18 @@ def scene_methods(scene, stored: bool) -> dict[str, Example]:
         "default_lights": ex(scene.default_lights),
         "ground_height": ex(scene.ground_height),
         "triangles": ex(scene.triangles, works=not stored),
+    }
+
+
+def scene_methods(scene, stored: bool) -> dict[str, Example]:
+    rays = {"origins": [[1.0, 3.0, -1.0]], "directions": [0.0, -1.0, 0.0]}
+    segments = {"origins": rays["origins"], "targets": [0.5, 0.5, -0.5]}
+    more = {"tmin": 0.0, "tmax": 9.0, "skip_face": 1, "time": 0.0, "cull_faces": None, "threads": 1}
+    rest = {} if isinstance(scene, at.Engine) else _of_faces(scene, stored)
+    return rest | {
+        "occluded": ex(scene.occluded, **rays, **more),
+        "occluded of segments": ex(scene.occluded, **segments),
+        "closest_hit": ex(scene.closest_hit, **rays, **more),
     }
 
 
@@ -138,9 +149,20 @@ def examples(folder: Path) -> dict[str, Example]:
         "Sky.radiance": ex(sky.radiance, directions=[0, 1, 0]),
         "SphereLight": ex(at.SphereLight, center=(0, 3, 0), radius=0.5),
         "SrdhRays": ex(at.SrdhRays),
+        "RenderOptions": ex(at.RenderOptions),
         "Renderer": ex(at.Renderer, scene=own),
+        "Engine": ex(at.Engine, scene=own),
+        "Engine.with_options": ex(own.engine.with_options, plan=None, threads=1, max_memory=None),
+        "Engine.occluded": scene_methods(own.engine, False)["occluded"],
+        "Engine.closest_hit": scene_methods(own.engine, False)["closest_hit"],
+        "Engine.surfaces": ex(own.engine.surfaces, camera=CAMERA),
+        "Engine.visibility": ex(own.engine.visibility, receivers=RECEIVERS, lights=LIGHT, spp=1),
+        "Receivers.in_space": ex(at.Receivers.in_space, points=[[1.0, 3.0, -1.0]], frame=own.origin),
+        "Receivers.on_surface": ex(
+            at.Receivers.on_surface, points=[[1.0, 3.0, -1.0]], normals=[0.0, 1.0, 0.0], frame=own.origin
+        ),
         "Renderer.render": ex(renderer.render, camera=CAMERA, lights=LIGHT, spp=1),
-        "Renderer.request": ex(renderer.request, camera=CAMERA, lights=LIGHT, spp=1),
+        "Renderer.request": ex(renderer.request, camera=CAMERA, lights=LIGHT, options=at.RenderOptions(spp=1)),
         "Renderer.accelerate": ex(renderer.accelerate),
         "Scene": ex(at.Scene, source=own.source),
         "Scene.from_arrays": ex(at.Scene.from_arrays, vertices=CORNERS),
@@ -240,7 +262,7 @@ def test_there_is_an_example_of_every_public_name(known):
         thing = getattr(at, name)
         assert name in known or is_record(thing) or issubclass(thing, Exception), name
         if inspect.isclass(thing) and not issubclass(thing, Exception):
-            ours = lambda method: str(getattr(method, "__module__", "")).startswith("antumbra.")
+            ours = lambda method: callable(method) and str(getattr(method, "__module__", "")).startswith("antumbra.")
             methods = {n for n, method in inspect.getmembers(thing, ours) if not n.startswith("_")} - PLUMBING
             assert methods <= {key.partition(".")[2] for key in known if key.startswith(f"{name}.")}, name
 

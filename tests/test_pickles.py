@@ -2,6 +2,7 @@
 
 import pickle
 
+import numpy as np
 import pytest
 
 import antumbra as at
@@ -18,12 +19,14 @@ def things(tmp_path_factory):
     given = [scene, store, report, light, camera, some, place, table, table.columns["sun_hours"]]
     given += [at.Sky(), at.AmbientOcclusion(), at.PointLights([(0, 1, 0)]), at.DirectionalLights([(0, -1, 0)])]
     given += [at.DirectionalLight((0, -1, 0)), at.SphereLight((0, 2, 0), 0.1), at.DiskLight((0, 2, 0), (0, -1, 0), 0.1)]
-    given += [at.QuadLight((0, 2, 0), (1, 0, 0), (0, 0, 1)), at.Plan(), at.SrdhRays(), scene.objects[0]]
+    given += [at.QuadLight((0, 2, 0), (1, 0, 0), (0, 0, 1)), at.Plan(), at.SrdhRays()]
+    given += [at.RenderOptions(), scene.objects[0]]
     given += [at.render(each, camera, light, spp=1) for each in (scene, store)]
     given += [each.closest_hit((0, 1, 0), (0, -1, 0)) for each in (scene, store)]
     given += [at.visibility(scene, (0, 1, 0), light), at.line_of_sight(scene, (0, 1, 0), (0, 2, 0))]
     given += [at.viewshed(scene, some, (0, 1, 0)), at.visibility_matrix(scene, some), scene.triangles()]
     given += [at.Renderer(scene), at.raster_sensors(scene, 2.0), at.raster_sensors(scene, 2.0).raster]
+    given += [at.Engine(scene, "bsah+single"), at.Receivers.in_space(np.zeros((1, 3)), scene.origin)]
     return {type(each).__name__: each for each in given}
 
 

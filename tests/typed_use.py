@@ -14,6 +14,11 @@ def use() -> None:
     lights = [at.PointLight((0, 3, 0)), at.QuadLight((0, 3, 0), (1, 0, 0), (0, 0, 1), intensity=2.0)]
     frame = at.render(scene, camera, lights, spp=16, plan="bsah+multifrusta", filter=True)
     assert_type(frame, at.Frame)
+    assert_type(at.render(scene, options=at.RenderOptions(spp=4), camera=camera, adaptive=16), at.Frame)
+    at.render(scene, camera, lights, spp="16")  # type: ignore[arg-type]
+    at.render(scene, camera, lights, sppp=16)  # type: ignore[call-arg]
+    at.Renderer(scene).render(camera, lights, filter=1.5)  # type: ignore[arg-type]
+    assert_type(at.RenderOptions(ground=True).cull_faces, str | None)
     assert_type(frame.image, np.ndarray)
     frame.save("picture.png")
     assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), np.ndarray)

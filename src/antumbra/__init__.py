@@ -11,11 +11,18 @@ import importlib
 import typing
 
 from .fielddocs import describe as _describe
-from .scene import engine
 from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
+    from .bvh.srdh_rays import SrdhRays
+    from .engine.building import build_store
+    from .engine.engine import Engine
+    from .engine.loading import load
+    from .engine.paged_scene import PagedScene
+    from .engine.points import visibility
+    from .engine.scene import Scene, procedural
+    from .engine.visibility import Visibility
     from .errors import InputError
     from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
@@ -32,29 +39,24 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
-    from .loading import load
     from .plan import Plan
     from .query.gbuffer import GBuffer
-    from .rendering.building import build_store
+    from .query.receivers import Receivers
     from .rendering.frame import Frame
-    from .rendering.queries import Visibility, visibility
+    from .rendering.options import RenderOptions
     from .rendering.renderer import Renderer, render
-    from .rendering.srdh_rays import SrdhRays
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.cityjson.model import CityModel
     from .scene.cityjson.write import write_attributes
     from .scene.directional_lights import DirectionalLights
-    from .scene.generated import procedural
     from .scene.hit import Hit
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.mesh import MeshInfo, ObjectInfo
     from .scene.point_lights import PointLights
-    from .scene.scene import Scene
     from .scene.sky import Sky
     from .scene.triangles import Triangles
     from .store.build import BuildReport
-    from .store.scene import PagedScene
     from .viewer.show import Viewer, view
 
 __version__ = _VERSION
@@ -70,6 +72,7 @@ __all__ = [
     "DirectionalLight",
     "DirectionalLights",
     "DiskLight",
+    "Engine",
     "Frame",
     "GBuffer",
     "Hit",
@@ -84,6 +87,8 @@ __all__ = [
     "PointLights",
     "QuadLight",
     "Raster",
+    "Receivers",
+    "RenderOptions",
     "Renderer",
     "Scene",
     "Sensors",
@@ -133,9 +138,11 @@ _HOMES = {
     "jobs.areas": ["area_sensors"],
     "jobs.bake": ["Baked", "bake"],
     "plan": ["Plan"],
-    "rendering.queries": ["Visibility", "visibility"],
+    "engine.points": ["visibility"],
+    "engine.visibility": ["Visibility"],
     "query.gbuffer": ["GBuffer"],
     "rendering.frame": ["Frame"],
+    "rendering.options": ["RenderOptions"],
     "rendering.renderer": ["Renderer", "render"],
     "scene.camera": ["Camera"],
     "scene.cityjson.model": ["CityModel"],
@@ -146,7 +153,6 @@ _HOMES = {
     "jobs.sun.study": ["sun_hours"],
     "jobs.sun.times": ["times_of"],
     "jobs.readsensors": ["sensors_of"],
-    "scene.generated": ["procedural"],
     "scene.hit": ["Hit"],
     "scene.lights": [
         "AmbientOcclusion",
@@ -170,26 +176,24 @@ _HOMES = {
     "jobs.sight.pairs": ["Sightlines", "line_of_sight"],
     "jobs.sight.viewshed": ["Viewshed", "viewshed"],
     "jobs.table": ["Column", "Table"],
-    "loading": ["load"],
+    "engine.loading": ["load"],
     "scene.directional_lights": ["DirectionalLights"],
     "scene.mesh": ["MeshInfo", "ObjectInfo"],
     "scene.point_lights": ["PointLights"],
-    "scene.scene": ["Scene"],
+    "engine.scene": ["Scene", "procedural"],
+    "engine.engine": ["Engine"],
+    "query.receivers": ["Receivers"],
     "scene.sky": ["Sky"],
     "scene.triangles": ["Triangles"],
-    "rendering.srdh_rays": ["SrdhRays"],
-    "rendering.building": ["build_store"],
+    "bvh.srdh_rays": ["SrdhRays"],
+    "engine.building": ["build_store"],
     "store.build": ["BuildReport"],
-    "store.scene": ["PagedScene"],
+    "engine.paged_scene": ["PagedScene"],
     "rendering.virtual_lights": ["virtual_point_lights"],
     "viewer.show": ["Viewer", "view"],
 }
 _MODULES = ("cluster",)  # parts of the public face that are modules
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
-
-engine.use("ask", lambda: importlib.import_module(f"{__name__}.rendering.queries").ask)
-engine.use("room_of", lambda: importlib.import_module(f"{__name__}.rendering.room").room_of)
-
 
 if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 

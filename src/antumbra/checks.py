@@ -164,6 +164,8 @@ def as_array(value, what: str) -> np.ndarray:
 
     Libraries give arrays by ``numpy()`` (Open3D takes a second for a million rays through DLPack) or by DLPack.
     """
+    if type(value) is np.ndarray and value.dtype.kind in "fiu":
+        return value
     if not isinstance(value, np.ndarray):
         value = _of_library(value, what)
     try:

@@ -1,9 +1,12 @@
 """A plan: which methods answer a query. Every plan gives the same bits."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
-from .checks import near, quoted
+from .bvh.srdh_rays import SrdhRays
+from .checks import instance, near, quoted
 from .errors import InputError
 from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
@@ -30,11 +33,14 @@ class Plan:
     update : str or None
         Updater that derives a frame's BVH from the last frame's; None: a new build in each frame. With a culler, the
         updater keeps the BVH of all triangles, and rays walk its part with the triangles that are left.
+    sample : SrdhRays or None
+        The rays that a ray-guided builder is shown; None: the default. They never change the bits, and are not part of
+        the plan's text.
 
     Raises
     ------
     InputError
-        If a name is in no registry of its kind.
+        If a name is in no registry of its kind, or a sample is given and no method is ray-guided.
     """
 
     cull: str | None = None
@@ -42,6 +48,7 @@ class Plan:
     trace: str = "multifrusta"
     optimise: str | None = None
     update: str | None = None
+    sample: SrdhRays | None = None
 
     def __post_init__(self):
         for field, (kind, registry) in KINDS.items():
@@ -50,6 +57,10 @@ class Plan:
                 raise InputError(_unknown_name(name, field, kind, registry))
         if self.build is None and self.tracer.builds and not self.tracer.chooses:
             object.__setattr__(self, "build", "bsah")
+        if self.sample is not None:
+            instance(self.sample, SrdhRays, "sample")
+            if not self.wants_rays:
+                raise InputError(_no_guide([self]))
 
     def __str__(self) -> str:
         return "+".join(name for field in KINDS if (name := getattr(self, field)))
@@ -67,9 +78,9 @@ class Plan:
         return self.build is None and self.tracer.chooses
 
     @property
-    def tree(self) -> tuple[str | None, ...]:
+    def tree(self) -> tuple:
         """The fields that determine the BVH; plans with equal fields can share a BVH."""
-        return self.cull, self.trace if self.chooses else self.build, self.optimise, self.update
+        return self.cull, self.trace if self.chooses else self.build, self.optimise, self.update, self.sample
 
     @property
     def wants_rays(self) -> bool:
@@ -96,7 +107,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
     """
     if not isinstance(plan, (str, Plan)):
         raise InputError(f"plan is {quoted(plan)}; it must be a text, as in plan='bsah+wide', or an antumbra.Plan")
-    found: dict[str, str] = {}
+    found: dict[str, Any] = {}
     for part in str(plan).split("+"):
         method = _method(part)
         if method is None:
@@ -110,7 +121,22 @@ def parse_plan(plan: "str | Plan") -> Plan:
         raise InputError(f"plan {str(plan)!r} names no tracer; {_valid()}")
     made = Plan(**found)
     _check_tree(str(plan), found, made)
-    return made
+    return replace(made, sample=plan.sample) if isinstance(plan, Plan) and plan.sample is not None else made
+
+
+def with_sample(plans: Sequence[Plan], sample: SrdhRays | None) -> list[Plan]:
+    """Plans whose ray-guided builders are shown these rays; None: the default.
+
+    Raises
+    ------
+    InputError
+        If rays are given, and no plan has a ray-guided method.
+    """
+    if sample is None:
+        return list(plans)
+    if not any(plan.wants_rays for plan in plans):
+        raise InputError(_no_guide(plans))
+    return [replace(plan, sample=sample) if plan.wants_rays else plan for plan in plans]
 
 
 def _method(part: str) -> tuple[str, str] | None:
@@ -163,7 +189,8 @@ def covering_plans(papers: bool = False) -> list[Plan]:
     names = names_of(papers)
     plans = [Plan(trace=name) for name in names["trace"]]
     for field in "build", "optimise", "update", "cull":
-        plans += [Plan(**{"trace": "single", field: name}) for name in names[field] if name != Plan().build]
+        single = Plan(trace="single")
+        plans += [replace(single, **dict[str, Any]({field: name})) for name in names[field] if name != single.build]
     return plans + [Plan(cull=names["cull"][0], update=name, trace="single") for name in names["update"]]
 
 
@@ -196,3 +223,8 @@ def _valid() -> str:
     names = "; ".join(f"{kind}s: {', '.join(own_methods(field))}" for field, (kind, _) in KINDS.items())
     alone = [name for name in own_methods("trace") if TRACERS[name].chooses or not TRACERS[name].builds]
     return f"write builder+tracer, without a builder for {' and '.join(alone)}, or more ({names})"
+
+
+def _no_guide(plans: Sequence[Plan]) -> str:
+    names = ", ".join(map(str, plans))
+    return f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh"

@@ -37,7 +37,7 @@ OF_COMMANDS = {
     "size": "Camera has it", "exposure": "Frame.save takes it", "preset": "sets spp, filter and adaptive",
     "adaptive_spp": "the number in adaptive", "frames": "a loop", "fps": "a loop", "overwrite": "a loop",
     "city_output": "write_attributes", "sparse": "VisibilityMatrix.save", "counts": "VisibilityMatrix.counts",
-    "vertex": "texture is None", "no_browser": "browser=False",
+    "srdh_rays": "Plan.sample", "vertex": "texture is None", "no_browser": "browser=False",
 }  # fmt: skip
 """Option that no function has -> where Python has it."""
 
@@ -45,6 +45,7 @@ OF_FUNCTIONS = {
     "lights": "--light, once for each", "cameras": "--camera, once for each", "place": "--latitude and its company",
     "normals": "columns of files", "target_normals": "columns of files",
     "faces": "columns of files", "target_faces": "columns of files",
+    "options": "each is an option of its own",
     "layers": "EXR files have them", "progress": "shown on terminals", "keep": "--shard and --ray",
     "folder": "--output", "path": "--output", "chunk": "for tests", "browser": "--no-browser",
     "scenes": "SCENE...",

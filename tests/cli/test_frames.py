@@ -8,7 +8,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli import frames
-from antumbra.cli import renderoptions as asked
+from antumbra.cli import picturespec as asked
 from antumbra.cli.arguments import Sequence, parse_frames
 from antumbra.cli.progress import ProgressDisplay
 from antumbra.image.save import note_of
@@ -181,12 +181,12 @@ def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
 
 
 def test_a_bug_in_one_frame_is_told_and_the_others_go_on(film, monkeypatch):
-    shot = asked.RenderOptions.shot
+    shot = asked.PictureSpec.shot
 
     def stumbling(self, scene, renderer, time, *more):
         return shot(self, scene, renderer, time, *more) if time != 2 else 1 / 0
 
-    monkeypatch.setattr(asked.RenderOptions, "shot", stumbling)
+    monkeypatch.setattr(asked.PictureSpec, "shot", stumbling)
     done = film("--json")
     assert states(done, code=1) == ["rendered", "rendered", "failed", "rendered"]
     assert "frame 2: unexpected ZeroDivisionError" in done.err and "--debug" in done.err
@@ -217,7 +217,7 @@ def test_interrupting_leaves_finished_frames_and_says_so(film, monkeypatch, tmp_
 
 def test_one_renderer_and_one_scene_for_all_frames(film, monkeypatch):
     made = []
-    monkeypatch.setattr(at, "Renderer", lambda *args: made.append(Renderer(*args)) or made[-1])
+    monkeypatch.setattr(at, "Renderer", lambda *args, **more: made.append(Renderer(*args, **more)) or made[-1])
     assert film("--quiet").code == 0 and len(made) == 1
 
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from antumbra.engine import ready
 from antumbra.jobs.warm import jobs
 from antumbra.methods import KINDS, own_methods
 from antumbra.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
-from antumbra.rendering import ready
 
 COMMON = len(jobs([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 

@@ -133,7 +133,7 @@ def test_frames_from_rows_are_the_same():
 
     scene = at.procedural("city", triangles=3_000)
     renderer, camera = Renderer(scene), scene.default_camera(64, 64)
-    request = renderer.request(camera, [LIGHT], spp=4)
+    request = renderer.request(camera, [LIGHT], at.RenderOptions(spp=4))
     rows = renderer.rows(request)
     bands = [rows.band(y, min(y + BAND, 64)) for y in range(0, 64, BAND)]
     kept = kept_rows({name: np.concatenate([band[name] for band in bands]) for name in bands[0]})

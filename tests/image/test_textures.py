@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.in_memory import see
 from antumbra.image.albedo import albedo, eye_of
 from antumbra.image.corners import places_of
 from antumbra.image.irradiance import irradiance
@@ -13,7 +14,6 @@ from antumbra.image.terminator import facing_of
 from antumbra.query.picture import surface_queries, surfaces_of
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import new_bits
-from antumbra.rendering.in_memory import see
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 from scene.gltf_files import Gltf, png
 

@@ -10,8 +10,9 @@ from antumbra.kernels import definitions, simd
 BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
     "by_guest": 8, "by_guest_inside": 9,
-    "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0,
+    "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0, "by_loop": 6,
 }  # fmt: skip
+TICKETS = "kernels/tickets.py"
 LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
 
 GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too
@@ -32,8 +33,11 @@ EDITS = {
     "intrinsic": (SCALARS, '"llvm.ctpop.i64")', '"llvm.bswap.i64")', {"by_intrinsic": 3 << 56}),
     "what an intrinsic calls": (MEMORY, "elements must be", "all must be", {"by_intrinsic": 2, "by_operator": 6.0}),
     "operator": (
-        OPERATORS, '_method("fadd", "add")', '_method("fsub", "sub")', {"by_intrinsic": 2, "by_operator": 0.0},
+        OPERATORS, '_method("fadd", "add")', '_method("fsub", "sub")',
+        {"by_intrinsic": 2, "by_operator": 0.0, "by_loop": 6},
     ),
+    "loop": (TICKETS, "builder.add(item, _I64(1))", "builder.add(item, _I64(2))", {"by_loop": 2}),
+    "what a decorator registers": (TICKETS, "value=args[0]", "value=args[-1]", {"by_loop": 6}),
     "comment": ("sample/parts.py", "# one", "# one more", {}),
     "docstring": ("sample/parts.py", '"""One more."""', '"""One more than before."""', {}),
     "comment of an intrinsic": (LANES, "# --- make ----", "# --- made ----", {}),

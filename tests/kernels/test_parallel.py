@@ -1,11 +1,14 @@
 """Threads that share work: each piece is done once, and work stops after an error."""
 
+import ast
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,19 +18,48 @@ from hypothesis import strategies as st
 from antumbra.errors import InputError
 from antumbra.kernels import parallel
 from antumbra.kernels.jit import kernel as compiled
-from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, new_ticket, run, take, thread_count
+from antumbra.kernels.parallel import CHUNK, NEXT, STOP, N, items, new_ticket, run, shares, take, thread_count
 
 # No cache: this file is imported under two names, by pytest and by a separate process.
 
 
 @compiled
 def count_visits(ticket, visits, pieces):
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         pieces[first // ticket[CHUNK]] += 1
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             visits[i] += 1
-        first = take(ticket)
+
+
+@compiled
+def count_items(ticket, visits, pieces):
+    for i in items(ticket):
+        visits[i] += 1
+        if i % ticket[CHUNK] == 0:
+            pieces[i // ticket[CHUNK]] += 1
+
+
+@compiled
+def until_first(ticket, wanted, visits):
+    """Leave the loop at an item, and stop the other threads."""
+    for i in items(ticket):
+        visits[i] += 1
+        if i == wanted:
+            ticket[STOP] = 1
+            break
+    visits[-1] += 1
+
+
+@compiled
+def all_items(ticket):
+    for _ in items(ticket):
+        pass
+
+
+@compiled
+def all_shares(ticket):
+    for _ in shares(ticket):
+        pass
 
 
 @compiled
@@ -75,11 +107,20 @@ def test_thread_count_rejects(threads):
 
 
 @settings(deadline=None)  # the first example compiles
-@given(st.integers(0, 300), st.integers(1, 400), st.integers(1, 6))
-def test_every_item_is_done_exactly_once(n_items, chunk, n_threads):
+@given(st.sampled_from([count_visits, count_items]), st.integers(0, 300), st.integers(1, 400), st.integers(1, 6))
+def test_every_item_is_done_exactly_once(worker, n_items, chunk, n_threads):
     visits, pieces = np.zeros(n_items, np.int64), np.zeros(-(-n_items // chunk), np.int64)
-    run(count_visits, n_threads, new_ticket(n_items, chunk), visits, pieces)
+    run(worker, n_threads, new_ticket(n_items, chunk), visits, pieces)
     assert np.all(visits == 1) and np.all(pieces == 1)
+
+
+@pytest.mark.parametrize("chunk", [1, 4, 100])
+def test_a_loop_over_items_may_be_left(chunk):
+    visits = np.zeros(21, np.int64)
+    ticket = new_ticket(20, chunk)
+    run(until_first, 1, ticket, 9, visits)
+    assert visits.tolist() == [1] * 10 + [0] * 10 + [1]
+    assert take(ticket) == -1
 
 
 def test_threads_that_contend_for_each_item_do_it_once():
@@ -159,7 +200,8 @@ def test_nothing_is_taken_once_stop_is_set():
     assert [take(ticket) for _ in range(3)] == [8, -1, -1]
 
 
-def test_compiled_workers_see_stop():
+@pytest.mark.parametrize("worker", [until_stopped, all_items, all_shares])
+def test_compiled_workers_see_stop(worker):
     """The read of STOP is not moved out of the worker's loop."""
     ticket = endless()
 
@@ -168,7 +210,7 @@ def test_compiled_workers_see_stop():
         ticket[STOP] = 1
 
     threading.Thread(target=stop_soon).start()
-    run(until_stopped, 2, ticket)
+    run(worker, 2, ticket)
     assert 1000 <= ticket[NEXT] < ticket[N]
 
 
@@ -324,3 +366,23 @@ def test_a_forked_process_starts_threads_of_its_own():
     folder = os.path.dirname(__file__)
     done = subprocess.run([sys.executable, "-c", FORKED], cwd=folder, capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
+
+
+# --- the package's workers --------------------------------------------------------------------------------
+
+
+def takes_by_hand(tree) -> list[int]:
+    """The lines of a module that call `take`."""
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return [call.lineno for call in calls if isinstance(call.func, ast.Name) and call.func.id == "take"]
+
+
+def test_workers_loop_by_items_and_shares():
+    home = Path(parallel.__file__)
+    found, loops = [], 0
+    for path in home.parents[1].rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        loops += text.count(" in items(ticket):") + text.count(" in shares(ticket):")
+        imports = "parallel import" in text and re.search(r"\btake\b", text)
+        found += [f"{path.name}:{line}" for line in takes_by_hand(ast.parse(text))] if imports and path != home else []
+    assert loops > 80 and takes_by_hand(ast.parse("first = take(ticket)")) == [1] and not found, found

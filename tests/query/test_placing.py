@@ -7,14 +7,14 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine.building import build_store
 from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.placing import MOST_RATIO, place
 from antumbra.query.sampling import light_samples
-from antumbra.rendering.building import build_store
-from antumbra.rendering.queries import receivers_of
 from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
+from receivers import receivers_of
 
 RNG = np.random.default_rng(8)
 SOUP = RNG.integers(-9, 10, (40, 3, 3)).astype(float)

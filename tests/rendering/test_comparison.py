@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerate import Accelerator
+from antumbra.engine.building import build_store
 from antumbra.plan import parse_plan
 from antumbra.rendering import comparison
-from antumbra.rendering.accelerate import Accelerator
-from antumbra.rendering.building import build_store
 from antumbra.rendering.comparison import Difference, compare, difference, over_pixels
 from antumbra.rendering.frame import PHASES
 from antumbra.rendering.moments import Moment
+from antumbra.rendering.options import EngineOptions
 from antumbra.rendering.renderer import Renderer
 from antumbra.rendering.windows import WINDOW
 
 PLANS = "bsah+single", "grid32+lbvh+multifrusta", "srdh+wide", "cones"
 SPP = 4
+PLAIN = at.RenderOptions(spp=SPP, antialias=False)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,7 @@ def moment(scene):
 
 @pytest.fixture(scope="module")
 def found(scene, moment):
-    return compare(scene, moment, PLANS, rounds=2, threads=2, spp=SPP)
+    return compare(scene, moment, PLANS, PLAIN, EngineOptions(threads=2, gbuffer="raster"), rounds=2)
 
 
 @pytest.mark.parametrize("i", range(3))  # `cones` chooses its way by measured times
@@ -82,7 +84,7 @@ def test_plans_take_turns_and_every_frame_is_new(scene, moment, monkeypatch):
         return render(self, *arguments, **named)
 
     monkeypatch.setattr(Renderer, "render", recorded)
-    compare(scene, moment, PLANS[:2], rounds=3, spp=1, say=lambda *step: steps.append(step))
+    compare(scene, moment, PLANS[:2], at.RenderOptions(spp=1), rounds=3, say=lambda *step: steps.append(step))
     a, b = PLANS[:2]
     assert drawn == [(a, True), (b, True), *[(a, False), (b, False)] * 4]
     assert len({id(maker) for maker in makers}) == len(drawn)
@@ -109,17 +111,17 @@ def _spoilt(monkeypatch, *plans):
 
 def test_a_bit_that_differs_is_found(scene, moment, monkeypatch):
     _spoilt(monkeypatch, "bsah+single")
-    found = compare(scene, moment, ["bsah+wide", "bsah+single"], rounds=1, spp=SPP)
+    found = compare(scene, moment, ["bsah+wide", "bsah+single"], PLAIN, rounds=1)
     assert [one.difference for one in found.plans] == [Difference(0, 0, None), Difference(1, 1, (7, 3))]
     assert found.wrong == [found.plans[1]]
 
 
 def test_a_plan_that_is_not_exact_may_differ_and_is_no_reference(scene, moment, monkeypatch):
     _spoilt(monkeypatch, "bsah+chcrt:20")
-    found = compare(scene, moment, ["bsah+chcrt:20", "bsah+chcrt"], rounds=1, spp=SPP)
+    found = compare(scene, moment, ["bsah+chcrt:20", "bsah+chcrt"], PLAIN, rounds=1)
     assert str(found.reference) == "bsah+chcrt" and found.wrong == []
     assert [one.difference.bits for one in found.plans] == [1, 0]
-    alone = compare(scene, moment, ["bsah+chcrt:20", "bsah+chcrt:100"], rounds=1, spp=SPP)
+    alone = compare(scene, moment, ["bsah+chcrt:20", "bsah+chcrt:100"], PLAIN, rounds=1)
     assert str(alone.reference) == "bsah+chcrt:20" and alone.wrong == []
 
 
@@ -132,16 +134,20 @@ def test_colours_that_differ_count_too(found):
 
 def test_options_of_the_frame(scene, moment):
     asked = {"spp": 2, "sampler": "halton", "filter": True, "adaptive": 8, "bounce": 2}
-    found = compare(scene, moment, PLANS[:2], rounds=1, threads=1, gbuffer="rays", **asked)
+    engine = EngineOptions(threads=1, gbuffer="rays")
+    found = compare(scene, moment, PLANS[:2], at.RenderOptions(**asked), engine, rounds=1)
     frame = at.render(scene, moment.camera, moment.lights, plan=PLANS[0], **asked)
     np.testing.assert_array_equal(found.frame.image, frame.image)
     assert found.wrong == [] and found.plans[0].rays == frame.rays > found.asks.sum() * 2 * 2
 
 
+def _srdh(rays):
+    return at.Plan(build="srdh", trace="single", sample=rays)
+
+
 def test_rays_for_srdh(scene, moment):
     boxes = [
-        compare(scene, moment, ["bsah+wide", "srdh+single"], rounds=1, spp=SPP, srdh_rays=rays).plans[1].counters
-        for rays in (None, at.SrdhRays(2))
+        compare(scene, moment, ["bsah+wide", _srdh(rays)], PLAIN).plans[1].counters for rays in (None, at.SrdhRays(2))
     ]
     assert boxes[0]["box_tests"] != boxes[1]["box_tests"]
 
@@ -150,7 +156,7 @@ def test_a_store(tmp_path):
     scene, path = at.procedural("city", triangles=5_000), tmp_path / "city.antumbra"
     build_store([scene], path, chunk=512)
     moment = Moment(0.0, scene.cameras[0].resized(48, 32), [scene.lights[0]])
-    found = compare(at.load(path), moment, ["bsah+chcrt", "bsah+chcrt:20"], rounds=1, threads=2, spp=SPP)
+    found = compare(at.load(path), moment, ["bsah+chcrt", "bsah+chcrt:20"], PLAIN, EngineOptions(threads=2), rounds=1)
     frame = at.render(scene, moment.camera, moment.lights, spp=SPP)
     np.testing.assert_array_equal(found.frame.bits, frame.bits)
     first = found.plans[0]
@@ -179,6 +185,6 @@ def test_what_is_wrong_is_said_before_anything_is_drawn(scene, moment, monkeypat
         with pytest.raises(at.InputError, match=words):
             compare(scene, moment, plans)
     with pytest.raises(at.InputError, match="wants rays"):
-        compare(scene, moment, PLANS[:2], srdh_rays=at.SrdhRays(2))
+        at.Plan(trace="wide", sample=at.SrdhRays(2))
     with pytest.raises(at.InputError, match="rounds"):
         compare(scene, moment, PLANS[:2], rounds=0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.query.rays import Arguments
-from antumbra.rendering.building import build_store
+from antumbra.engine.building import build_store
+from antumbra.query.rays import RayArrays
 
 VERTICES = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4], [4, 0, 4]], np.float64)
 FACES = np.array([[0, 1, 2], [1, 3, 2]])
@@ -148,7 +148,7 @@ def test_rays_that_are_right_again_are_named(tmp_path, monkeypatch, stored):
         build_store([scene], tmp_path / "a.antumbra")
         scene = at.load(tmp_path / "a.antumbra")
     bad = np.where(np.arange(50)[:, None] == 30, np.nan, rays()).astype(np.float32)
-    monkeypatch.setattr(Arguments, "check", lambda self: None)  # as if they were right when it looks
+    monkeypatch.setattr(RayArrays, "check", lambda self: None)  # as if they were right when it looks
     for query in scene.occluded, scene.closest_hit:
         assert query(rays(), DOWN) is not None
         with pytest.raises(at.InputError, match="changed while they were traced; give copies"):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.accelerate import Accelerator
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
 from antumbra.query.shadow import segments, with_receivers
-from antumbra.rendering.accelerate import Accelerator
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.windows import WINDOW, trace_windows
@@ -129,7 +129,9 @@ def test_where_nothing_is_asked(scene, moment):
 def test_the_frame_before_is_where_rays_of_the_last_frame_come_from(scene, moment):
     def boxes(*moments):
         rays = at.SrdhRays(last_frame=True)
-        return explain(scene, list(moments), ["srdh+single"], spp=SPP, srdh_rays=rays).plans[0].boxes
+        return (
+            explain(scene, list(moments), [at.Plan(build="srdh", trace="single", sample=rays)], spp=SPP).plans[0].boxes
+        )
 
     elsewhere = moment._replace(camera=at.Camera((0.0, 3.0, 0.0), (0.0, 0.0, 3.0), width=32, height=32))
     alone = boxes(moment)
@@ -138,7 +140,11 @@ def test_the_frame_before_is_where_rays_of_the_last_frame_come_from(scene, momen
 
 def test_rays_after_a_bounce(scene, moment):
     def boxes(**asked):
-        return explain(scene, [moment], ["srdh+single"], spp=SPP, srdh_rays=at.SrdhRays(**asked)).plans[0].boxes
+        return (
+            explain(scene, [moment], [at.Plan(build="srdh", trace="single", sample=at.SrdhRays(**asked))], spp=SPP)
+            .plans[0]
+            .boxes
+        )
 
     assert (boxes() != boxes(bounce=True)).any() and (boxes() != boxes(size=4)).any()
 
@@ -157,5 +163,5 @@ def test_plans_that_differ_are_reported(scene, moment, monkeypatch):
 
 
 def test_rays_for_builders_that_want_none(scene, moment):
-    with pytest.raises(at.InputError, match=r"nothing in bsah\+single, lbvh\+wide wants rays"):
-        explain(scene, [moment], ["bsah+single", "lbvh+wide"], srdh_rays=at.SrdhRays())
+    with pytest.raises(at.InputError, match=r"nothing in bsah\+single wants rays"):
+        at.Plan(trace="single", sample=at.SrdhRays())

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.image.shares import shares
 from antumbra.image.terminator import Facing
-from antumbra.jobs.bake.measure import Asked, Meter, Receivers
+from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
 from antumbra.jobs.bake.options import own_lights
 from antumbra.query.picture import shadow_queries
 from antumbra.query.sampling import light_samples
@@ -60,7 +60,7 @@ def points_of(frame):
 def baked(soup, what, light, points, spp, normal=(0.0, 1.0, 0.0)):
     scene = at.Scene.from_arrays(soup)
     asked = Asked(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-    return Meter(scene, asked, len(points)).values(Receivers(points, np.broadcast_to(normal, points.shape)))[:, 0]
+    return Meter(scene, asked, len(points)).values(SurfacePoints(points, np.broadcast_to(normal, points.shape)))[:, 0]
 
 
 @pytest.mark.parametrize("name", LIGHTS)

@@ -16,7 +16,7 @@ def whole_and_bands(scene, plan, band=12, **asked):
     lights = [at.SphereLight((0, 4, 0), 0.4, intensity=30.0), at.DirectionalLight((0.4, -1, 0.3), 3.0), at.Sky()]
     renderer = Renderer(scene, plan)
     whole = Renderer(scene, plan).render(camera, lights, spp=4, **asked)
-    request = renderer.request(camera, lights, spp=4, **asked)
+    request = renderer.request(camera, lights, at.RenderOptions(spp=4, **asked))
     rows = renderer.rows(request)
     firsts = range(0, H, band)
     bands = {first: rows.band(first, min(first + band, H)) for first in reversed(firsts)}
@@ -46,7 +46,7 @@ def test_bounced_light_and_layers():
     camera, lights = SCENE.cameras[0].resized(W, H), [at.SphereLight((0, 4, 0), 0.4, intensity=30.0)]
     whole = at.render(SCENE, camera, lights, spp=4, **asked)
     renderer = Renderer(SCENE)
-    request = renderer.request(camera, lights, spp=4, **asked)
+    request = renderer.request(camera, lights, at.RenderOptions(spp=4, **asked))
     rows = renderer.rows(request)
     bands = [rows.band(first, min(first + 20, H)) for first in range(0, H, 20)]
     made = renderer.from_rows(request, kept_rows({n: np.concatenate([b[n] for b in bands]) for n in names_of(request)}))

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
 
 TIMES = [0.5, 1.0, 3.0, 3.25]

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from antumbra.engine.scene import Scene
 from antumbra.errors import InputError
-from antumbra.scene.scene import Scene
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 GRID = 2.0**-20

@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from antumbra import loading as module
+from antumbra.engine import opening as module
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from scene.gltf_files import single
 
 

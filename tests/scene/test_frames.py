@@ -6,8 +6,8 @@ import pickle
 import numpy as np
 import pytest
 
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 SHIFTS = np.array([[0, 0, 0], [4, 0, 0], [4, 8, 0]], np.float32)

@@ -14,8 +14,8 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from antumbra.scene.gltf.document import split_glb
 from scene import city_files
 from scene.gltf_files import TETRAHEDRON_FACES, Gltf, everything

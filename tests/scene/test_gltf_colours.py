@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
 
 

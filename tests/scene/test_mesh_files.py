@@ -6,8 +6,8 @@ import struct
 import numpy as np
 import pytest
 
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
 from scene.test_gltf_colours import linear
 

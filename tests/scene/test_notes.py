@@ -2,7 +2,7 @@
 
 import warnings
 
-from antumbra.loading import load
+from antumbra.engine.loading import load
 from antumbra.scene.notes import by_kind
 
 

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from antumbra.loading import load
-from antumbra.rendering.building import build_store
-from antumbra.scene.generated import procedural
+from antumbra.engine.building import build_store
+from antumbra.engine.loading import load
+from antumbra.engine.scene import Scene, procedural
 from antumbra.scene.gltf import read
 from antumbra.scene.mesh import ObjectInfo
-from antumbra.scene.scene import Scene
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
 from scenes import scene_path
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from antumbra.loading import load
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
 

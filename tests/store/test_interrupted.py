@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 import antumbra as at
-from antumbra.rendering.building import build_store
+from antumbra.engine.building import build_store
 from antumbra.store.read import open_store
 from antumbra.store.write import Writer
 from bvh_scenes import scattered

@@ -11,7 +11,7 @@ SCRIPT = """
 import sys
 from antumbra.store.resident import peak_resident
 from antumbra.scene.generated import StreamedCity
-from antumbra.rendering.building import build_store
+from antumbra.engine.building import build_store
 from antumbra.store.build import LEAST_MEMORY
 
 triangles, path = int(sys.argv[1]), sys.argv[2]

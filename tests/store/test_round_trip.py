@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering.building import build_store
+from antumbra.engine.building import build_store
+from antumbra.engine.scene import Scene
 from antumbra.scene.generated import StreamedCity
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.point_lights import PointLights
 from antumbra.scene.procedural import stream
-from antumbra.scene.scene import Scene
 from antumbra.scene.source import Piece
 from antumbra.store import build as build_module
 from antumbra.store import spool as spool_module

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.scene.any_scene import AnyScene
-from antumbra.scene.scene import Scene
+from antumbra.engine.any_scene import AnyScene
+from antumbra.engine.scene import Scene
 from antumbra.scene.view import view_of_box
 from bvh_scenes import scattered
 from stores import built, soup_scene
@@ -75,7 +75,7 @@ def test_a_pickle_opens_the_store_again(tmp_path, monkeypatch):
     assert len(data) < 1 << 13
     monkeypatch.chdir("/")
     again = pickle.loads(data)
-    assert again.max_memory == 1 << 32 and repr(again) == repr(paged) and again.own is not paged.own
+    assert again.max_memory == 1 << 32 and repr(again) == repr(paged) and again.data is not paged.data
     second = again.closest_hit(3 * origins, directions)
     assert (first.face >= 0).any() and (first.face < 0).any()
     assert np.array_equal(first.face, second.face) and np.array_equal(first.t, second.t)

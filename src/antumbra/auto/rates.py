@@ -8,7 +8,7 @@ worth a try, and decides alone for queries that are done at once.
 import json
 from functools import cache
 from importlib.resources import files
-from math import log2
+from math import inf, log2
 from pathlib import Path
 from typing import NamedTuple
 
@@ -135,12 +135,17 @@ def good_pays(lost: float, triangles: int) -> bool:
     return lost * _crowded(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
 
 
+def seconds_before_best(triangles: int) -> float:
+    """Seconds of rays in a tree of GOOD after which one of BEST pays; inf: never."""
+    return build_seconds(BEST, triangles) / _LOST_IN_GOOD if triangles <= _LARGE else inf
+
+
 def best_pays(seconds: float, triangles: int) -> bool:
     """Have rays that took so many seconds in a tree of GOOD lost as much there as one of BEST costs?
 
     Never in scenes of more than `_LARGE` triangles, whose memory may be short.
     """
-    return triangles <= _LARGE and _LOST_IN_GOOD * seconds > build_seconds(BEST, triangles)
+    return seconds > seconds_before_best(triangles)
 
 
 def _crowded(triangles: int) -> float:

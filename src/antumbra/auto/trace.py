@@ -8,12 +8,14 @@ import numpy as np
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.shadow import ShadowQuery
+from ..trace.rays import single
 from .choose import Choice, Memory, choose, likeness, sampled_rate, sorting_pays, suited_ways
 from .facts import facts_of
 from .order import in_order, sorted_places
 from .rates import GOOD, better_seconds, lost_in_quick
 from .ways import WAYS, Forms
 
+_FEW = 256  # rays that take less time than a choice
 _DOUBT = 16.0  # predictions from counts alone, for a reference machine, may be wrong by this factor
 
 
@@ -68,6 +70,11 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
     counters : from `new_counters`, or None
     """
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
+    rays = query.sides.size * query.samples.shape[1]
+    if rays <= _FEW:
+        single.trace_shadow(forms.for_few, query, bits, threads, counters, progress)
+        memory.choices.append(Choice("single", rays, "few rays", 0.0, {}))
+        return
     facts = facts_of(query, forms.triangles, forms.box)
     key, places = likeness(facts), None
     suited = suited_ways(query, forms.box)

@@ -8,6 +8,7 @@ import numpy as np
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, boxes_of
 from ..bvh.widen import widen
+from ..kernels.arguments import Packed, packed
 from ..query.shadow import ShadowQuery, new_bits
 from ..trace.forest import whole
 from ..trace.multifrusta.trace import trace_forest
@@ -56,6 +57,7 @@ class Forms:
         self.bvh, self.threads = bvh, threads
         self.triangles, self.box = len(bvh.prim_ids), boxes_of(bvh.nodes[:1])[0]
         self._made: dict[Callable, Any] = {}
+        self._for_few: Packed | None = None
 
     def of(self, way: Way) -> Any:
         """The form that a way walks."""
@@ -64,6 +66,13 @@ class Forms:
         if way.form not in self._made:
             self._made[way.form] = way.form(self.bvh, self.threads)
         return self._made[way.form]
+
+    @property
+    def for_few(self) -> Packed:
+        """The form that `single` walks, packed: few rays take less time than its arrays would take to be flattened."""
+        if self._for_few is None:
+            self._for_few = packed(single.as_built(self.bvh))
+        return self._for_few
 
     def missing(self, way: Way) -> bool:
         """Must the way's form still be made?"""

@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import load8, load16, minimum, ptr, store
+from .links import CHILDREN, LINK, ORDER, line_at
 from .nodes import Bvh, aligned_empty
 from .top import UpperLevels
 
@@ -69,15 +70,13 @@ def join_boxes(children, roots, boxes):
 def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
     """Worker: copy the nodes of each subtree to their place, and shift their links."""
     source, target = ptr(subtrees.nodes), ptr(nodes)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
         for i in range(count):
-            store(target, (at + i) * 16, load16(source, (first + i) * 16))
-            for word in (12, 13):
-                if links[at + i, word] >= 0:
-                    links[at + i, word] += at - 1
-        s = take(ticket)
+            store(target, line_at(at + i), load16(source, line_at(first + i)))
+            for side in range(2):
+                if links[at + i, LINK + side] >= 0:
+                    links[at + i, LINK + side] += at - 1
 
 
 def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
@@ -90,9 +89,9 @@ def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
     links = np.empty((t, 2), np.int64)
     links[is_node] = node_at[top.children[is_node]]
     links[~is_node] = subtree_links[~top.children[~is_node]]
-    lines.view(np.int32)[:, 12:14] = links
+    lines.view(np.int32)[:, CHILDREN] = links
     if top.orders is not None:
-        lines.view(np.int32)[:, 14] = top.orders
+        lines.view(np.int32)[:, ORDER] = top.orders
     return lines
 
 

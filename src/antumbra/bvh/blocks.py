@@ -11,20 +11,20 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
+from .links import LINK, ROWS, block_link, bvh_leaf, line_at, link_at, row_at, slot_at
 from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first, slots_below
 from .order import sooner_for_bundles, triangle_area
 
 BLOCK = 16  # triangles in a block, at most
-ROWS = 9  # rows of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
 _WAITING = 2 * MAX_DEPTH
 
 
 class BlockTree(NamedTuple):
     """A binary tree over blocks of triangles.
 
-    Nodes are as in `Bvh`, but a link < 0 is a block: ``~link = block * 32 + count``, with a count from 0 to 16. A
+    Nodes are as in `Bvh`, but a link < 0 is a block, with a count from 0 to 16: `links.block_leaf`. A
     missing child is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left child is
     the one that blocks more rays for its cost (`order`).
     """
@@ -64,7 +64,7 @@ def _size(link, below):
     """Triangles below a link."""
     if link == EMPTY:
         return np.int64(0)
-    return np.int64(below[link]) if link >= 0 else np.int64((~link & 7) + 1)
+    return np.int64(below[link]) if link >= 0 else np.int64(bvh_leaf(link).count)
 
 
 @kernel
@@ -72,7 +72,7 @@ def _count_below(links, order, below):
     """Count the triangles below each inner node; `order` has parents first."""
     for i in range(len(order) - 1, -1, -1):
         node = order[i]
-        below[node] = _size(links[node, 12], below) + _size(links[node, 13], below)
+        below[node] = _size(links[node, LINK], below) + _size(links[node, LINK + 1], below)
 
 
 @kernel
@@ -97,20 +97,20 @@ def _collapse(source, source_links, below, block, nodes, links, roots):
     while height > 0:
         height -= 1
         old, word = waiting[height]
-        store(nodes, n * 16, load16(source, old * 16))
+        store(nodes, line_at(n), load16(source, line_at(old)))
         if word >= 0:
             put(links, word, n)
         for child in (1, 0):
-            link = np.int64(source_links[old, 12 + child])
+            link = np.int64(source_links[old, LINK + child])
             count = _size(link, below)
             if link >= 0 and count > block:
-                waiting[height, 0], waiting[height, 1] = link, n * 16 + 12 + child
+                waiting[height, 0], waiting[height, 1] = link, link_at(n, child)
                 height += 1
             else:
-                links[n, 12 + child] = ~(n_blocks * 32 + count)
+                links[n, LINK + child] = block_link(n_blocks, count)
                 roots[n_blocks] = link
                 n_blocks += 1
-        _repair_empty(nodes, n, source_links[old, 12], source_links[old, 13])
+        _repair_empty(nodes, n, source_links[old, LINK], source_links[old, LINK + 1])
         n += 1
     return n, n_blocks
 
@@ -136,25 +136,22 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
     # In: source_links, corners, of the `Bvh`; roots, (b,) link of each block
     # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64, zeros on entry
     links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
-    b = take(ticket)
-    while b >= 0:
-        for at in range(b, min(b + ticket[CHUNK], ticket[N])):
-            n = slots_below(roots[at], links, found)
-            _bound_block(values, found, n, bounds, at)
-            for i in range(n):
-                areas[at] += triangle_area(values, np.int64(get(found, i)))
-            for lane in range(16):
-                there = lane < n
-                slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
-                put(ptr(slots), at * 16 + lane, get(found, lane) if there else np.int32(-1))
-                for k in range(3):
-                    v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
-                    v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
-                    v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
-                    put(rows, (at * ROWS + k) * 16 + lane, v0)
-                    put(rows, (at * ROWS + 3 + k) * 16 + lane, v1 - v0)
-                    put(rows, (at * ROWS + 6 + k) * 16 + lane, v2 - v0)
-        b = take(ticket)
+    for at in items(ticket):
+        n = slots_below(roots[at], links, found)
+        _bound_block(values, found, n, bounds, at)
+        for i in range(n):
+            areas[at] += triangle_area(values, np.int64(get(found, i)))
+        for lane in range(16):
+            there = lane < n
+            slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
+            put(ptr(slots), slot_at(at, lane), get(found, lane) if there else np.int32(-1))
+            for k in range(3):
+                v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
+                v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
+                v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
+                put(rows, row_at(at, k) + lane, v0)
+                put(rows, row_at(at, 3 + k) + lane, v1 - v0)
+                put(rows, row_at(at, 6 + k) + lane, v2 - v0)
 
 
 def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:

@@ -8,7 +8,7 @@ corners grow by `minimum`. A *record* is the box of one triangle with the triang
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, take
+from ..kernels.parallel import CHUNK, shares
 from ..kernels.simd import (
     as_i32,
     extract,
@@ -29,6 +29,7 @@ from ..kernels.simd import (
     store,
     swap_halves,
 )
+from .links import line_at
 
 INF = np.float32(np.inf)
 _ZERO = np.float32(0.0)
@@ -85,7 +86,7 @@ def write_boxes(nodes, node, left, right):
     """Write the boxes of both children to a node. Words 12 to 15 become 0."""
     line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
     line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
-    store(nodes, node * 16, select(mask_from_bits16(0x0FFF), line, _ZERO))
+    store(nodes, line_at(node), select(mask_from_bits16(0x0FFF), line, _ZERO))
 
 
 @kernel
@@ -121,10 +122,9 @@ def double_centroid_of(vertices, i):
 def bound_triangles(ticket, vertices, parts):
     """Worker: write a row of `parts` for each chunk of triangles."""
     v, rows = ptr(vertices), ptr(parts)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         faults, box, centroids = splat4(_ZERO), splat8(INF), splat8(INF)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # stays NaN once a coordinate is NaN or infinite
             here = _box(a, b, c)
@@ -133,7 +133,6 @@ def bound_triangles(ticket, vertices, parts):
         store(rows, row, box)
         store(rows, row + 8, centroids)
         store(rows, row + 16, faults)
-        first = take(ticket)
 
 
 @kernel
@@ -141,10 +140,8 @@ def write_records(ticket, vertices, records, parts):
     """Worker: write the records of all triangles, and a row of `parts` for each chunk."""
     v, out, out_ids, rows = ptr(vertices), ptr(records), as_i32(records), ptr(parts)
     coordinates = mask_from_bits4(7)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         faults = splat4(_ZERO)
-        last = min(first + ticket[CHUNK], ticket[N])
         for i in range(first, last):
             a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # stays NaN once a coordinate is NaN or infinite
@@ -156,4 +153,3 @@ def write_records(ticket, vertices, records, parts):
         store(rows, row, box)
         store(rows, row + 8, centroids)
         store(rows, row + 16, faults)
-        first = take(ticket)

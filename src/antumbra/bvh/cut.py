@@ -6,6 +6,7 @@ import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.simd import load16, ptr, stack_array, store
+from .links import CHILDREN, LINK, bvh_leaf, bvh_link, line_at
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 
 PART = 4096  # nodes in a part, at most; they fit in a second-level cache
@@ -13,7 +14,7 @@ _WAITING = MAX_DEPTH + 2
 
 
 class Cut(NamedTuple):
-    """The top of a tree. It is a tree itself, whose leaves are the parts: ``link = ~(8 * part)``."""
+    """The top of a tree. It is a tree itself, whose leaves are the parts: ``links.bvh_link(part, 1)``."""
 
     numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is one part
     top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
@@ -32,16 +33,16 @@ def _cut(bvh, sizes, largest, cut):
         node, end, depth, place = waiting[height]
         large = node >= 0 and (end - node if sizes is None else sizes[node]) > largest
         if place >= 0:
-            links[place >> 1, 12 + (place & 1)] = n_top if large else ~(8 * n_parts)
+            links[place >> 1, LINK + (place & 1)] = n_top if large else bvh_link(n_parts, 1)
         if not large:
             cut.parts[n_parts, 0], cut.parts[n_parts, 1], cut.parts[n_parts, 2] = node, end, depth
             n_parts += 1
             continue
         cut.numbers[n_top] = node
-        store(lines, n_top * 16, load16(nodes, node * 16))
-        right = np.int64(bvh.links[node, 13])
+        store(lines, line_at(n_top), load16(nodes, line_at(node)))
+        right = np.int64(bvh.links[node, LINK + 1])
         for side in (1, 0):
-            waiting[height, 0] = bvh.links[node, 12 + side]
+            waiting[height, 0] = bvh.links[node, LINK + side]
             waiting[height, 1] = right if side == 0 and right >= 0 else end
             waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
             height += 1
@@ -66,5 +67,5 @@ def cut(bvh: Bvh, sizes: np.ndarray | None = None) -> Cut:
 
 def children_of_top(cut: Cut) -> np.ndarray:
     """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
-    links = cut.top.view(np.int32)[:, 12:14].astype(np.int64)
-    return np.where(links >= 0, links, ~(~links >> 3))
+    links = cut.top.view(np.int32)[:, CHILDREN].astype(np.int64)
+    return np.where(links >= 0, links, ~bvh_leaf(links).first)

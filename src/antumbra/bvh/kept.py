@@ -9,9 +9,10 @@ Nodes stay in their order, and so do slots. So their new numbers are running sum
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, load16, put, store
 from . import binned_sah
+from .links import box_at, bvh_leaf, bvh_link, line_at, link_at
 from .nodes import MAX_LEAF, Bvh, aligned_empty, tree_of
 from .refit import boxes_of_kept
 
@@ -21,29 +22,27 @@ _NODES = 4096  # nodes that a thread writes at a time
 @inlined
 def _is_empty(nodes, node, side):
     """Whether the box of a child is the empty one."""
-    return get(nodes, node * 16 + side) == np.float32(np.inf)
+    return get(nodes, box_at(node, side)) == np.float32(np.inf)
 
 
 @kernel
 def _find_branches(ticket, bvh, branches):
     """Worker: mark the nodes both of whose children have triangles that are kept."""
-    tree, first = tree_of(bvh), take(ticket)
-    while first >= 0:
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
-            branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
-        first = take(ticket)
+    tree = tree_of(bvh)
+    for node in items(ticket):
+        branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
 
 
 @inlined
 def _new_link(tree, link, node_at, slot_at):
     """The link to the first node with two children, or to the leaf, that `link` leads to."""
     while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
-        link = np.int64(get(tree.links, link * 16 + (13 if _is_empty(tree.nodes, link, 0) else 12)))
+        link = np.int64(get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0)))
     if link >= 0:
         return np.int64(node_at[link])
-    first = np.int64(~link >> 3)
-    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + (~link & 7) + 1])
-    return ~(start * 8 + end - start - 1)
+    first, count = bvh_leaf(link)
+    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + count])
+    return bvh_link(start, end - start)
 
 
 @kernel
@@ -51,19 +50,13 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
     """Worker: write the marked nodes to their new places, with new links."""
     # In: bvh, of `boxes_of_kept`; branches, bool; node_at, slot_at, int32: new number of each node and slot
     tree, out = tree_of(bvh), tree_of(new)
-    first = take(ticket)
-    while first >= 0:
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
-            if branches[node]:
-                at = np.int64(node_at[node]) * 16
-                store(out.nodes, at, load16(tree.nodes, node * 16))
-                for word in (12, 13):
-                    put(
-                        out.links,
-                        at + word,
-                        _new_link(tree, np.int64(get(tree.links, node * 16 + word)), node_at, slot_at),
-                    )
-        first = take(ticket)
+    for node in items(ticket):
+        if branches[node]:
+            new_node = np.int64(node_at[node])
+            store(out.nodes, line_at(new_node), load16(tree.nodes, line_at(node)))
+            for side in range(2):
+                link = _new_link(tree, np.int64(get(tree.links, link_at(node, side))), node_at, slot_at)
+                put(out.links, link_at(new_node, side), link)
 
 
 def _numbers(chosen: np.ndarray) -> np.ndarray:

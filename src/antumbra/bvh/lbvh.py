@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     get,
     highest_bit,
@@ -29,6 +29,7 @@ from ..kernels.simd import (
 )
 from .assemble import join_boxes, place, top_lines
 from .bounds import triangle_box, write_boxes
+from .links import bvh_link, link_at
 from .morton import grid_of, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import CHUNK, checked, scene_bounds, tiny
@@ -129,8 +130,7 @@ def _count_nodes(ticket, source, max_leaf, forest):
     """Worker: count the nodes of each subtree. A node has more than `max_leaf` triangles."""
     codes = ptr(source.codes)
     levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, last = forest.ranges[s]
         height, count = 0, 0
         for i in range(last - 1, first - 1, -1):
@@ -144,7 +144,6 @@ def _count_nodes(ticket, source, max_leaf, forest):
             put(ends, height, end)
             height += 1
         forest.counts[s] = count
-        s = take(ticket)
 
 
 @inlined
@@ -166,7 +165,7 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
         level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
         id_ = np.int64(get(ids, i))
         _copy_triangle(vertices, id_, out.corners, i)
-        box, link, deep, end = triangle_box(vertices, id_), ~(i * 8), np.int64(0), i + 1
+        box, link, deep, end = triangle_box(vertices, id_), bvh_link(i, 1), np.int64(0), i + 1
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
             other = load8(boxes, height * 8)
@@ -174,11 +173,11 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
             if end - i > max_leaf:
                 node -= 1
                 write_boxes(out.nodes, node, box, other)
-                put(out.links, node * 16 + 12, link)
-                put(out.links, node * 16 + 13, get(waiting, height * 4 + 1))
+                put(out.links, link_at(node, 0), link)
+                put(out.links, link_at(node, 1), get(waiting, height * 4 + 1))
                 link, deep = node, max(deep, get(waiting, height * 4 + 2)) + 1
             else:
-                link = ~(i * 8 + end - i - 1)
+                link = bvh_link(i, end - i)
             box = minimum(box, other)
         put(levels, height, level)
         put(waiting, height * 4, end)
@@ -193,8 +192,7 @@ def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
 def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
     """Worker: build the nodes and corners of each subtree."""
     out = tree_of(bvh)
-    s = take(ticket)
-    while s >= 0:
+    for s in items(ticket):
         first, last = forest.ranges[s]
         box, link, height = _build_subtree(
             ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
@@ -202,7 +200,6 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
         )  # fmt: skip
         store(forest.roots, s * 8, box)
         forest.links[s], forest.heights[s] = link, height
-        s = take(ticket)
 
 
 @kernel

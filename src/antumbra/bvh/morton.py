@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, take
+from ..kernels.parallel import items
 from ..kernels.simd import extract, load4, maximum, minimum, ptr, put, to_i32
 from .bounds import double_centroid_of
 
@@ -57,10 +57,7 @@ def write_codes(ticket, vertices, grid, codes, ids):
     """Worker: write the code of each triangle, and its index."""
     v, out, out_ids = ptr(vertices), ptr(codes), ptr(ids)
     origin, factor, last = load4(grid.origin, 0), grid.factor, grid.last
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            cells = to_i32((double_centroid_of(v, i) - origin) * factor)
-            put(out, i, _code(minimum(maximum(cells, np.int32(0)), last), last))
-            put(out_ids, i, i)
-        first = take(ticket)
+    for i in items(ticket):
+        cells = to_i32((double_centroid_of(v, i) - origin) * factor)
+        put(out, i, _code(minimum(maximum(cells, np.int32(0)), last), last))
+        put(out_ids, i, i)

@@ -7,6 +7,7 @@ import numpy as np
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
+from .links import LINK, bvh_leaf, link_at
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
@@ -29,8 +30,8 @@ class Bvh(NamedTuple):
         14     order of children for any-hit rays, chosen by the builder; else UNORDERED (0)
         15     not used (zero)
 
-    A link >= 0 is the index of an inner node. A link < 0 is a leaf: ``~link = first * 8 + count - 1``, where ``first``
-    is a slot in ``prim_ids`` and ``corners``. A missing child has link ``EMPTY`` and the box lower = +inf,
+    A link >= 0 is the index of an inner node. A link < 0 is a leaf, `links.bvh_leaf`: a first slot in
+    ``prim_ids`` and ``corners``, and a count. A missing child has link ``EMPTY`` and the box lower = +inf,
     upper = -inf, which no ray enters.
     """
 
@@ -67,8 +68,8 @@ def _write_parents_first(links, order):
         order[n] = node
         n += 1
         for side in (1, 0):
-            if links[node, 12 + side] >= 0:
-                waiting[height] = links[node, 12 + side]
+            if links[node, LINK + side] >= 0:
+                waiting[height] = links[node, LINK + side]
                 height += 1
     return n
 
@@ -97,12 +98,12 @@ def slots_below(link, links, found):
         if link == EMPTY:
             continue
         if link >= 0:
-            put(waiting, height, get(links, link * 16 + 13))
-            put(waiting, height + 1, get(links, link * 16 + 12))
+            put(waiting, height, get(links, link_at(link, 1)))
+            put(waiting, height + 1, get(links, link_at(link, 0)))
             height += 2
             continue
-        code = ~link
-        for slot in range(code >> 3, (code >> 3) + (code & 7) + 1):
+        leaf = bvh_leaf(link)
+        for slot in range(leaf.first, leaf.first + leaf.count):
             put(found, n, slot)
             n += 1
     return n

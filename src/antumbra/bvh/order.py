@@ -21,6 +21,7 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
+from .links import LINK, ORDER, block_leaf, bvh_leaf, line_at, wide_leaf
 from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, boxes_of, parents_first, sides
 from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
 
@@ -64,10 +65,10 @@ def widened_surface(nodes, at, other, width):
 @inlined
 def swap_children(words, node):
     """Exchange the two children of a node."""
-    for k in range(0, 14, 2):
-        left, right = get(words, node * 16 + k), get(words, node * 16 + k + 1)
-        put(words, node * 16 + k, right)
-        put(words, node * 16 + k + 1, left)
+    for k in range(0, ORDER, 2):
+        left, right = get(words, line_at(node) + k), get(words, line_at(node) + k + 1)
+        put(words, line_at(node) + k, right)
+        put(words, line_at(node) + k + 1, left)
 
 
 @inlined
@@ -79,9 +80,9 @@ def _leaf_blocks(surface, area):
 @inlined
 def _child_for_bundles(nodes, links, node, side, width, areas, inner, cost):
     """(fraction of the node's rays that a child blocks, expected cost of the child to a bundle at the node)."""
-    link, at = np.int64(links[node, 12 + side]), node * 16
+    link, at = np.int64(links[node, LINK + side]), line_at(node)
     size, whole = surface(nodes, at + side, at + side), surface(nodes, at, at + 1)
-    blocked = inner[link] if link >= 0 else _leaf_blocks(size, areas[~link >> 5])
+    blocked = inner[link] if link >= 0 else _leaf_blocks(size, areas[block_leaf(link).block])
     enter = widened_surface(nodes, at + side, at + side, width) / widened_surface(nodes, at, at + 1, width)
     price = cost[link] if link >= 0 else _BLOCK_COST
     return blocked * min(size / whole, 1.0) if whole > 0.0 else 0.0, (enter if enter < 1.0 else 1.0) * price
@@ -98,7 +99,7 @@ def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
         node = np.int64(order[i])
         first, price = _child_for_bundles(boxes, links, node, 0, width, areas, inner, cost)
         second, other = _child_for_bundles(boxes, links, node, 1, width, areas, inner, cost)
-        right_first = second * price > first * other and links[node, 14] != LEFT_FIRST
+        right_first = second * price > first * other and links[node, ORDER] != LEFT_FIRST
         inner[node] = 1.0 - (1.0 - first) * (1.0 - second)
         cost[node] = 1.0 + (other + (1.0 - second) * price if right_first else price + (1.0 - first) * other)
         if right_first:
@@ -122,10 +123,10 @@ def _leaf(corners, link, surface):
     """(fraction of the rays through a leaf's box that it blocks, boxes and triangles tested by a ray)."""
     if link == EMPTY:
         return 0.0, 1.0
-    first, n, area = np.int64(~link >> 3), np.int64(~link & 7) + 1, 0.0
-    for slot in range(first, first + n):
+    leaf, area = bvh_leaf(link), 0.0
+    for slot in range(leaf.first, leaf.first + leaf.count):
         area += triangle_area(corners, slot)
-    return _leaf_blocks(surface, area), 1.0 + n
+    return _leaf_blocks(surface, area), 1.0 + leaf.count
 
 
 @kernel
@@ -138,10 +139,10 @@ def _order_by_cost(bvh, order, blocked, cost):
     block, price, enter = stack_array(np.float64, 2), stack_array(np.float64, 2), stack_array(np.float64, 2)
     for i in range(len(order) - 1, -1, -1):
         node = np.int64(order[i])
-        at = node * 16
+        at = line_at(node)
         whole = surface(nodes, at, at + 1)
         for side in range(2):
-            link, size = np.int64(bvh.links[node, 12 + side]), surface(nodes, at + side, at + side)
+            link, size = np.int64(bvh.links[node, LINK + side]), surface(nodes, at + side, at + side)
             enter[side] = min(size / whole, 1.0) if whole > 0.0 else 1.0
             block[side], price[side] = (blocked[link], cost[link]) if link >= 0 else _leaf(corners, link, size)
         right_first = block[1] * price[0] > block[0] * price[1]
@@ -208,7 +209,7 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
         for lane in range(n):
             link, surface = links[node, LINKS + lane], _surface_of_lanes(words, at, lane, lane + 1)
             enter[lane] = min(surface / whole, 1.0) if whole > 0.0 else 1.0
-            block[lane] = blocked[link] if link >= 0 else _leaf_blocks(surface, areas[~link >> 4])
+            block[lane] = blocked[link] if link >= 0 else _leaf_blocks(surface, areas[wide_leaf(link).group])
             price[lane] = cost[link] if link >= 0 else 1.0
             k = lane
             while k > 0 and block[lane] * price[lanes[k - 1]] < block[lanes[k - 1]] * price[lane]:

@@ -7,6 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..kernels.parallel import new_ticket, run
 from .bounds import MAX_COORDINATE, MAX_TRIANGLES, PART, bound_triangles, write_records
+from .links import CHILDREN, LINK, bvh_link
 from .nodes import EMPTY, MAX_LEAF, Bvh, aligned_empty
 
 CHUNK = 4096  # triangles that a thread bounds at a time
@@ -69,8 +70,9 @@ def tiny(flat) -> Bvh:
     nodes[0, :12] = [np.inf, np.inf, -np.inf, -np.inf] * 3
     nodes[0, 12:] = 0
     links = nodes.view(np.int32)
-    links[0, 12:14] = EMPTY
+    links[0, CHILDREN] = EMPTY
     if n:
         corners = flat.reshape(3, 3)
-        nodes[0, [0, 4, 8]], nodes[0, [2, 6, 10]], links[0, 12] = corners.min(axis=0), corners.max(axis=0), ~0
+        nodes[0, [0, 4, 8]], nodes[0, [2, 6, 10]] = corners.min(axis=0), corners.max(axis=0)
+        links[0, LINK] = bvh_link(0, 1)
     return Bvh(nodes, links, np.zeros(n, np.int32), flat.copy())

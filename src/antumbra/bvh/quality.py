@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import ptr, stack_array
+from .links import LINK, box_at, bvh_leaf, line_at
 from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
@@ -59,7 +60,7 @@ def _bounds_node(bvh, box, node):
     """Whether the child box whose first word is `box` is exactly the hull of the two boxes in `node`."""
     words = ptr(bvh.nodes)
     for k in range(3):
-        a, b = node * 16 + 4 * k, box + 4 * k
+        a, b = line_at(node) + 4 * k, box + 4 * k
         low, high = min(words[a], words[a + 1]), max(words[a + 2], words[a + 3])
         if not (words[b] == low and words[b + 2] == high):
             return False
@@ -78,8 +79,8 @@ def _is_empty_box(bvh, box):
 @kernel
 def _check_child(bvh, node, side, reached, used):
     """The fault of one child, or _OK. Marks the child's node, or the slots of its leaf."""
-    n_nodes, n, link = np.int64(len(bvh.nodes)), np.int64(len(bvh.prim_ids)), np.int64(bvh.links[node, 12 + side])
-    box = node * 16 + side
+    n_nodes, n, link = np.int64(len(bvh.nodes)), np.int64(len(bvh.prim_ids)), np.int64(bvh.links[node, LINK + side])
+    box = box_at(node, side)
     if link == EMPTY:
         if n_nodes > 1 or n > 1 or n > side:  # a single triangle is on the left
             return _MISSING
@@ -91,8 +92,8 @@ def _check_child(bvh, node, side, reached, used):
             return _SHARED
         reached[link] = True
         return _OK if _bounds_node(bvh, box, link) else _INNER_BOX
-    first = ~link >> 3
-    last = first + (~link & 7) + 1
+    first, count = bvh_leaf(link)
+    last = first + count
     if last > n:
         return _BEYOND
     for slot in range(first, last):
@@ -118,7 +119,7 @@ def _check_tree(bvh, reached, used):
             fault = _check_child(bvh, node, side, reached, used)
             if fault != _OK:
                 return fault, node, side
-            link = bvh.links[node, 12 + side]
+            link = bvh.links[node, LINK + side]
             if link >= 0:
                 waiting[height, 0], waiting[height, 1] = link, depth + 1
                 height += 1
@@ -181,7 +182,7 @@ def validate(bvh: Bvh, vertices: np.ndarray) -> None:
     reached, used = np.zeros(len(bvh.nodes), np.bool_), np.zeros(n, np.bool_)
     fault, node, side = _check_tree(bvh, reached, used)
     if fault != _OK:
-        link, side_name = bvh.links[node, 12 + side], ("left", "right")[side]
+        link, side_name = bvh.links[node, LINK + side], ("left", "right")[side]
         raise ValueError(_FAULTS[fault].format(node=node, side=side_name, link=link, max_depth=MAX_DEPTH))
     for name, marks in (("node", reached), ("slot", used)):
         if not marks.all():
@@ -201,17 +202,15 @@ def _half_area(words, a, b):
 def _areas(ticket, bvh, sums):
     """Worker: per chunk of nodes, sum half their areas, and half their leaves' areas times the triangles."""
     words = ptr(bvh.nodes)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         nodes, leaves = 0.0, 0.0
-        for node in range(first, min(first + ticket[CHUNK], ticket[N])):
-            nodes += _half_area(words, node * 16, node * 16 + 1)
+        for node in range(first, last):
+            nodes += _half_area(words, box_at(node, 0), box_at(node, 1))
             for side in range(2):
-                link = np.int64(bvh.links[node, 12 + side])
+                link = np.int64(bvh.links[node, LINK + side])
                 if link < 0 and link != EMPTY:
-                    leaves += _half_area(words, node * 16 + side, node * 16 + side) * ((~link & 7) + 1)
+                    leaves += _half_area(words, box_at(node, side), box_at(node, side)) * bvh_leaf(link).count
         sums[first // ticket[CHUNK], 0], sums[first // ticket[CHUNK], 1] = nodes, leaves
-        first = take(ticket)
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:
@@ -242,12 +241,12 @@ def _shape(links, sizes):
         node, depth = waiting[height, 0], waiting[height, 1]
         deepest = max(deepest, depth)
         for side in range(2):
-            link = np.int64(links[node, 12 + side])
+            link = np.int64(links[node, LINK + side])
             if link >= 0:
                 waiting[height, 0], waiting[height, 1] = link, depth + 1
                 height += 1
             elif link != EMPTY:
-                sizes[(~link & 7) + 1] += 1
+                sizes[bvh_leaf(link).count] += 1
     return deepest
 
 

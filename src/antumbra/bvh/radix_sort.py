@@ -7,7 +7,7 @@ keys move there in order. The sort is stable, so its result does not depend on p
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import CHUNK, new_ticket, run, shares
 from ..kernels.simd import get, ptr, ptr_at, put
 
 DIGIT_BITS = 8  # 256 write positions fit in a first-level cache; with 10 bits, `lbvh63` took half as long again
@@ -19,15 +19,13 @@ _LEAST = 16384  # keys in a part, at least
 def _count(ticket, keys, shift, counts):
     """Worker: count each digit in each part."""
     k, mask = ptr(keys), np.int64(_DIGITS - 1)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         row = ptr_at(counts, first // ticket[CHUNK] * _DIGITS)
         for d in range(_DIGITS):
             put(row, d, 0)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             d = (np.int64(get(k, i)) >> shift) & mask
             put(row, d, get(row, d) + 1)
-        first = take(ticket)
 
 
 @kernel
@@ -51,17 +49,15 @@ def _scatter(ticket, keys, values, shift, places, to_keys, to_values):
     # In: keys, values; shift, first bit of the digit; places, (parts, 256) first positions, which are counted up
     # Out: to_keys, to_values
     k, v, out_k, out_v, mask = ptr(keys), ptr(values), ptr(to_keys), ptr(to_values), np.int64(_DIGITS - 1)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         row = ptr_at(places, first // ticket[CHUNK] * _DIGITS)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             key = get(k, i)
             d = (np.int64(key) >> shift) & mask
             at = np.int64(get(row, d))
             put(row, d, at + 1)
             put(out_k, at, key)
             put(out_v, at, get(v, i))
-        first = take(ticket)
 
 
 def radix_sort(keys, values, bits: int, threads: int):

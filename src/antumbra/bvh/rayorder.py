@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     atomic_add,
     bits,
@@ -34,6 +34,7 @@ from ..kernels.simd import (
     store,
     swap_halves,
 )
+from .links import LINK, ORDER, bvh_leaf, line_at
 from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import swap_children
 from .rayset import GROW, Intersections, bounded_rays, check_intersections, ray_at
@@ -56,7 +57,7 @@ class _Frames(NamedTuple):
 @inlined
 def _children_entered(nodes, node, ray):
     """Bits of the children whose boxes a ray enters."""
-    b = node * 16
+    b = line_at(node)
     x, y, z = (
         (load4(nodes, b) - ray.ox) * ray.ix,
         (load4(nodes, b + 4) - ray.oy) * ray.iy,
@@ -73,10 +74,10 @@ def _leaf(bvh, link, met, ray):
     """(triangles of a leaf, 1 if the ray meets one of them); `met` has the last ray that met each triangle."""
     if link == EMPTY:
         return np.int64(0), np.int64(0)
-    first, count, hit = ~link >> 3, (~link & 7) + 1, np.int64(0)
-    for slot in range(first, first + count):
+    leaf, hit = bvh_leaf(link), np.int64(0)
+    for slot in range(leaf.first, leaf.first + leaf.count):
         hit |= np.int64(met[bvh.prim_ids[slot]] == ray)
-    return count, hit
+    return leaf.count, hit
 
 
 @kernel
@@ -102,7 +103,7 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
         cost, hit = np.int64(1), np.int64(0)
         if not frames.entered[depth] >> side & 1:
             continue
-        link = np.int64(bvh.links[node, 12 + side])
+        link = np.int64(bvh.links[node, LINK + side])
         if link < 0:
             count, hit = _leaf(bvh, link, met, i)
             cost += count
@@ -120,13 +121,10 @@ def _weigh_rays(ticket, bvh, rays, found, gains, met):
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
     )  # fmt: skip
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for k in range(found.first[i], found.first[i + 1]):
-                met[found.prims[k]] = i
-            _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
-        first = take(ticket)
+    for i in items(ticket):
+        for k in range(found.first[i], found.first[i + 1]):
+            met[found.prims[k]] = i
+        _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
 
 
 @kernel
@@ -135,7 +133,7 @@ def _choose(bvh, gains):
     words = ptr(bvh.links)
     for node in range(len(bvh.nodes)):
         if gains[node] != 0:
-            bvh.links[node, 14] = LEFT_FIRST
+            bvh.links[node, ORDER] = LEFT_FIRST
         if gains[node] > 0:
             swap_children(words, node)
 
@@ -146,10 +144,10 @@ def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
     for i in range(len(order)):
         numbers[order[i]] = i
     for i in range(len(order)):
-        store(new_nodes, i * 16, load16(bvh.nodes, np.int64(order[i]) * 16))
+        store(new_nodes, line_at(i), load16(bvh.nodes, line_at(np.int64(order[i]))))
         for side in range(2):
-            link = bvh.links[order[i], 12 + side]
-            new_links[i, 12 + side] = numbers[link] if link >= 0 else link
+            link = bvh.links[order[i], LINK + side]
+            new_links[i, LINK + side] = numbers[link] if link >= 0 else link
 
 
 def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections | None = None) -> Bvh:

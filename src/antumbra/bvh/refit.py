@@ -12,11 +12,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
 from .assemble import join_boxes, top_lines
 from .bounds import triangle_box, write_boxes
 from .cut import children_of_top, cut
+from .links import ORDER, bvh_leaf, link_at, order_at
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .prepare import checked, scene_bounds, tiny
 from .quality import sah_cost
@@ -31,8 +32,8 @@ _BOXES = 8 * (MAX_DEPTH + 2)
 @inlined
 def _refit_leaf(vertices, link, out):
     """Copy the corners of a leaf's triangles, and return their box."""
-    box, first = splat8(_INF), np.int64(~link >> 3)
-    for slot in range(first + (~link & 7), first - 1, -1):
+    box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
+    for slot in range(leaf.first + leaf.count - 1, leaf.first - 1, -1):
         ahead = np.int64(get(out.prim_ids, max(slot - _AHEAD, 0))) * 9
         prefetch(vertices, ahead)
         prefetch(vertices, ahead + 8)
@@ -46,8 +47,8 @@ def _refit_leaf(vertices, link, out):
 @inlined
 def _kept_box(link, old, kept):
     """The box of a leaf's kept triangles; lower = +inf and upper = -inf if none is kept."""
-    box, first = splat8(_INF), np.int64(~link >> 3)
-    for slot in range(first, first + (~link & 7) + 1):
+    box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
+    for slot in range(leaf.first, leaf.first + leaf.count):
         if kept[slot]:
             box = minimum(box, triangle_box(old.corners, slot))
     return box
@@ -64,7 +65,7 @@ def _refit_part(vertices, old, first, last, out, kept):
     """Refit the nodes from `last` - 1 to `first`, a whole subtree, and return its box."""
     boxes, height = stack_f32(_BOXES), 0
     for node in range(last - 1, first - 1, -1):
-        left, right = get(old.links, node * 16 + 12), get(old.links, node * 16 + 13)
+        left, right = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
         if left >= 0:
             height -= 1
             left_box = load8(boxes, height * 8)
@@ -76,9 +77,9 @@ def _refit_part(vertices, old, first, last, out, kept):
         if left < 0:
             left_box = _leaf_box(vertices, left, old, out, kept)
         write_boxes(out.nodes, node, left_box, right_box)
-        put(out.links, node * 16 + 12, left)
-        put(out.links, node * 16 + 13, right)
-        put(out.links, node * 16 + 14, get(old.links, node * 16 + 14))
+        put(out.links, link_at(node, 0), left)
+        put(out.links, link_at(node, 1), right)
+        put(out.links, order_at(node), get(old.links, order_at(node)))
         store(boxes, height * 8, minimum(left_box, right_box))
         height += 1
     return load8(boxes, 0)
@@ -88,15 +89,13 @@ def _refit_part(vertices, old, first, last, out, kept):
 def _refit_parts(ticket, vertices, bvh, parts, new, kept, boxes):
     """Worker: refit the nodes and corners of each part, and store its box; `kept` as in `_refitted`."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root, end, _ = parts[p]
         if root >= 0:
             box = _refit_part(v, old, root, end, out, kept)
         else:
             box = _leaf_box(v, root, old, out, kept)
         store(boxes, p * 8, box)
-        p = take(ticket)
 
 
 def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
@@ -145,7 +144,7 @@ def _refitted(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
-    orders = pieces.top.view(np.int32)[:, 14]
+    orders = pieces.top.view(np.int32)[:, ORDER]
     nodes[pieces.numbers] = top_lines(UpperLevels(boxes, children, roots, part_boxes, orders), pieces.numbers, roots)
     return new
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     bits,
     get,
@@ -34,6 +34,7 @@ from ..kernels.simd import (
 )
 from .bounds import half_area, write_boxes
 from .cut import cut
+from .links import CHILDREN, LINK, bvh_leaf, is_leaf, line_at, link_at
 from .nodes import MAX_DEPTH, Bvh, aligned_empty
 from .prepare import scale_of
 from .quality import sah_cost
@@ -116,10 +117,10 @@ def _loosen(bvh, loose):
     """Fill a loose tree from a BVH whose nodes are in depth-first order."""
     nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
-        line = shuffle(load16(nodes, node * 16), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
+        line = shuffle(load16(nodes, line_at(node)), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
         store(pair, 0, select(mask_from_bits16(0xF0F0), -line, line))
         for side in range(2):
-            item = np.int64(bvh.links[node, 12 + side])
+            item = np.int64(bvh.links[node, LINK + side])
             if item < 0:
                 loose.links[leaves] = item
                 item = n + leaves
@@ -191,14 +192,11 @@ def _find_places(ticket, loose, gains, places, visits):
     """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
     tree = _tree_of(loose)
     waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
-    first = take(ticket)
-    while first >= 0:
-        for item in range(first, min(first + ticket[CHUNK], ticket[N])):
-            found = Found(np.float32(0.0), np.int64(-1), np.int64(0))
-            if item > 0 and get(tree.parents, item) > 0:
-                found = _find(tree, item, waiting, scratch)
-            gains[item], places[item], visits[item] = found
-        first = take(ticket)
+    for item in items(ticket):
+        found = Found(np.float32(0.0), np.int64(-1), np.int64(0))
+        if item > 0 and get(tree.parents, item) > 0:
+            found = _find(tree, item, waiting, scratch)
+        gains[item], places[item], visits[item] = found
 
 
 @kernel
@@ -280,8 +278,8 @@ def _write(loose, bvh):
             continue
         left, right = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
         write_boxes(nodes, n, load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-        waiting[height, 0], waiting[height, 1] = right, n * 16 + 13
-        waiting[height + 1, 0], waiting[height + 1, 1] = left, n * 16 + 12
+        waiting[height, 0], waiting[height, 1] = right, link_at(n, 1)
+        waiting[height + 1, 0], waiting[height + 1, 1] = left, link_at(n, 0)
         height, n = height + 2, n + 1
 
 
@@ -296,8 +294,8 @@ def _loose(bvh: Bvh) -> Loose:
 
 
 def _largest_leaf(links) -> int:
-    ends = links[:, 12:14]
-    return int((~ends[ends < 0] & 7).max()) + 1
+    ends = links[:, CHILDREN]
+    return int(bvh_leaf(ends[is_leaf(ends)]).count.max())
 
 
 def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:

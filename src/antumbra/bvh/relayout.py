@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, load8, load16, prefetch, put, splat4, stack_array, store
 from .assemble import place
 from .cut import Cut, children_of_top
+from .links import CHILDREN, ORDER, box_at, bvh_leaf, bvh_link, line_at, link_at
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
 from .order import surface
 
@@ -39,12 +40,12 @@ class _Best(NamedTuple):
 @kernel
 def _price_node(tree, node, best, top, max_leaf):
     """Replace a node's children on the stack by the node, and return (whether it becomes a leaf, new height)."""
-    cost, triangles, nodes = surface(tree.nodes, node * 16, node * 16 + 1), np.int64(0), np.int64(1)
+    cost, triangles, nodes = surface(tree.nodes, box_at(node, 0), box_at(node, 1)), np.int64(0), np.int64(1)
     area = cost
     for side in range(2):
-        link, box = np.int64(get(tree.links, node * 16 + 12 + side)), node * 16 + side
+        link, box = np.int64(get(tree.links, link_at(node, side))), box_at(node, side)
         if link < 0:
-            count = (~link & 7) + 1
+            count = bvh_leaf(link).count
             cost += surface(tree.nodes, box, box) * count
             triangles += count
         else:
@@ -73,7 +74,7 @@ def _price(tree, root, max_leaf, is_leaf):
             continue
         waiting[height - 1] = ~node  # visited again when its children are done
         for side in range(2):
-            link = np.int64(get(tree.links, node * 16 + 12 + side))
+            link = np.int64(get(tree.links, link_at(node, side)))
             if link >= 0:
                 waiting[height] = link
                 height += 1
@@ -84,14 +85,12 @@ def _price(tree, root, max_leaf, is_leaf):
 def _price_parts(ticket, bvh, parts, max_leaf, choice):
     """Worker: choose the leaves of each part, and store its (nodes, triangles)."""
     tree = tree_of(bvh)
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root = parts[p, 0]
         if root < 0:
-            choice.sizes[p, 0], choice.sizes[p, 1] = 0, (~root & 7) + 1
+            choice.sizes[p, 0], choice.sizes[p, 1] = 0, bvh_leaf(root).count
         else:
             choice.sizes[p, 0], choice.sizes[p, 1] = _price(tree, root, max_leaf, choice.is_leaf)
-        p = take(ticket)
 
 
 @inlined
@@ -111,11 +110,12 @@ def _copy_leaf(source, link, waiting, height, target, slot):
         height -= 1
         link = waiting[height, 0]
         if link >= 0:
-            waiting[height, 0] = get(source.links, link * 16 + 13)
-            waiting[height + 1, 0] = get(source.links, link * 16 + 12)
+            waiting[height, 0] = get(source.links, link_at(link, 1))
+            waiting[height + 1, 0] = get(source.links, link_at(link, 0))
             height += 2
             continue
-        for old in range(~link >> 3, (~link >> 3) + (~link & 7) + 1):
+        first, count = bvh_leaf(link)
+        for old in range(first, first + count):
             _copy_slot(source, np.int64(old), target, slot)
             slot += 1
     return slot
@@ -130,15 +130,16 @@ def _fetch_part(source, root, queue):
         node = np.int64(queue[done])
         done += 1
         for side in range(2):
-            link = np.int64(get(source.links, node * 16 + 12 + side))
+            link = np.int64(get(source.links, link_at(node, side)))
             if link >= 0:
-                prefetch(source.nodes, link * 16)
+                prefetch(source.nodes, line_at(link))
                 queue[n] = link
                 n += 1
             else:
-                prefetch(source.prim_ids, ~link >> 3)
-                prefetch(source.corners, (~link >> 3) * 9)
-                prefetch(source.corners, (~link >> 3) * 9 + 8)
+                slot = bvh_leaf(link).first
+                prefetch(source.prim_ids, slot)
+                prefetch(source.corners, slot * 9)
+                prefetch(source.corners, slot * 9 + 8)
 
 
 @kernel
@@ -152,15 +153,15 @@ def _copy_part(source, root, is_leaf, target, node, slot):
         link, where = waiting[height]
         if link < 0 or is_leaf[link]:
             end = _copy_leaf(source, link, waiting, height, target, slot)
-            new = ~(slot * 8 + end - slot - 1)
+            new = bvh_link(slot, end - slot)
             slot = end
         else:
             new = node
-            store(target.nodes, node * 16, load16(source.nodes, link * 16))
-            store(target.nodes, node * 16 + 12, splat4(_ZERO))
+            store(target.nodes, line_at(node), load16(source.nodes, line_at(link)))
+            store(target.nodes, link_at(node, 0), splat4(_ZERO))
             for side in (1, 0):
-                waiting[height, 0] = get(source.links, link * 16 + 12 + side)
-                waiting[height, 1] = node * 16 + 12 + side
+                waiting[height, 0] = get(source.links, link_at(link, side))
+                waiting[height, 1] = link_at(node, side)
                 height += 1
             node += 1
         if where >= 0:
@@ -177,11 +178,9 @@ def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
     # Out: new, `Bvh`; links, (s,) int64 link to each part
     # Scratch: queue, the thread's own int32, as many as a part has triangles
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         _fetch_part(source, parts[p, 0], queue)
         links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
-        p = take(ticket)
 
 
 def _slots_before(children, triangles):
@@ -229,6 +228,6 @@ def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
     own = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
     run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=own)
     nodes[node_at] = cut.top
-    new.links[node_at, 12:14] = _links_of_top(children, node_at, to_parts)
-    new.links[node_at, 14:] = 0
+    new.links[node_at, CHILDREN] = _links_of_top(children, node_at, to_parts)
+    new.links[node_at, ORDER:] = 0
     return new

@@ -13,6 +13,7 @@ from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import kernel
 from ..kernels.simd import get, load8, lowest_bit, minimum, popcount, put, stack_f32, stack_i32, store
 from .bounds import INF, half_area, record_id, write_boxes
+from .links import bvh_link, link_at
 
 SMALLEST = 4  # records, at most
 _SUBSETS = 1 << SMALLEST
@@ -86,7 +87,7 @@ def build_smallest(records, first, n, settings, out, next_node, slot, is_root):
         subset, slot = np.int64(get(todo, 2 * height)), np.int64(get(todo, 2 * height + 1))
         left = np.int64(get(plans.left, subset))
         if left == 0:
-            put(out.links, slot, ~(cursor * 8 + popcount(subset) - 1))
+            put(out.links, slot, bvh_link(cursor, popcount(subset)))
             while subset != 0:
                 put(out.prim_ids, cursor, record_id(records, first + lowest_bit(subset)))
                 cursor += 1
@@ -96,9 +97,9 @@ def build_smallest(records, first, n, settings, out, next_node, slot, is_root):
         right = subset ^ left
         write_boxes(out.nodes, next_node, load8(plans.boxes, left * 8), load8(plans.boxes, right * 8))
         put(todo, 2 * height, right)
-        put(todo, 2 * height + 1, next_node * 16 + 13)
+        put(todo, 2 * height + 1, link_at(next_node, 1))
         put(todo, 2 * height + 2, left)
-        put(todo, 2 * height + 3, next_node * 16 + 12)
+        put(todo, 2 * height + 3, link_at(next_node, 0))
         height += 2
         next_node += 1
     return next_node

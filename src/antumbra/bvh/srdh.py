@@ -27,6 +27,7 @@ from . import binned_sah
 from .assemble import assemble
 from .bins import BIN_WORDS, binned, clear_bins, fill_bins, make_mapping, partition
 from .bounds import range_bounds, write_boxes
+from .links import link_at, order_at
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
@@ -169,16 +170,16 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         spans[height] = start.rays, start.hits, n_second.rays, n_second.hits
         spans[height + 1] = then.rays, then.hits, n_first.rays, n_first.hits
         put(out.links, word, next_node)
-        left = next_node * 16 + 12
+        left, right = link_at(next_node, 0), link_at(next_node, 1)
         if chosen.swapped:
             write_boxes(out.nodes, next_node, high, low)
-            height = push_range(ranges, height, b, m, d + 1, left + 1, low, low_centroids)
+            height = push_range(ranges, height, b, m, d + 1, right, low, low_centroids)
             height = push_range(ranges, height, m, e, d + 1, left, high, high_centroids)
         else:
             write_boxes(out.nodes, next_node, low, high)
-            height = push_range(ranges, height, m, e, d + 1, left + 1, high, high_centroids)
+            height = push_range(ranges, height, m, e, d + 1, right, high, high_centroids)
             height = push_range(ranges, height, b, m, d + 1, left, low, low_centroids)
-        put(out.links, left + 2, chosen.order)
+        put(out.links, order_at(next_node), chosen.order)
         next_node += 1
     return next_node
 

@@ -6,7 +6,7 @@ All threads share the records of a range. One thread treats its rays.
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import load8, ptr, stack_f32, stack_i32, store
 from .bins import BIN_BOXES, BIN_COUNTS, Binned, Bins, cheapest_split
 from .rayset import HIT, RAY, ShownRays, Side, divide_rays, rays_of
@@ -29,8 +29,7 @@ def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
     # In: level, a `Level`; depth; sets, the `ShownRays` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
     # Out: level.splits and level.places; orders, (k, 2) int32: order, 1 if the high side comes first
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
-    r = take(ticket)
-    while r >= 0:
+    for r in items(ticket):
         mapping, chosen = mapping_of_range(level, r), no_ray_split()
         if not must_halve(level.ranges[r, 1] - level.ranges[r, 0], depth):
             block, end = blocks_of(level, r)
@@ -43,7 +42,6 @@ def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
                 chosen = RaySplit(split, chosen.order, chosen.swapped, chosen.cost)
         set_split(level, r, chosen.split)
         orders[r, 0], orders[r, 1] = chosen.order, chosen.swapped
-        r = take(ticket)
 
 
 @kernel
@@ -52,8 +50,7 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
     # In: level, sides of `split_blocks`; sets and spans of the ranges; orders of `_choose_splits`
     # Out: out, the children's `ShownRays`; children, (2 k, 4): their spans, with the starts already set
     boxes = stack_f32(16)
-    r = take(ticket)
-    while r >= 0:
+    for r in items(ticket):
         split = Split(level.splits[r, 0], level.splits[r, 1], np.float32(0.0))
         low, high = Side(np.int64(0), np.int64(0)), Side(np.int64(0), np.int64(0))
         if split.axis >= 0 and spans[r, N_RAYS] > 0:
@@ -66,7 +63,6 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
             )  # fmt: skip
         children[2 * r, N_RAYS], children[2 * r, N_HITS] = low.rays, low.hits
         children[2 * r + 1, N_RAYS], children[2 * r + 1, N_HITS] = high.rays, high.hits
-        r = take(ticket)
 
 
 class RayLevels:

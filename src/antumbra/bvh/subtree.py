@@ -8,6 +8,7 @@ from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import kernel, overload, overloaded
 from ..kernels.simd import get, load8, prefetch, put, stack_f32, stack_i32, store
 from .bounds import half_area, range_bounds, record_id, write_boxes
+from .links import bvh_link, link_at
 from .nodes import MAX_DEPTH
 from .smallest import SMALLEST, build_smallest
 from .splits import divide, find_split
@@ -54,7 +55,7 @@ def _leaf_is_cheaper(n, depth, box, split, settings):
 
 @kernel
 def write_leaf(records, first, last, out, slot):
-    put(out.links, slot, ~(first * 8 + last - first - 1))
+    put(out.links, slot, bvh_link(first, last - first))
     for i in range(first, last):
         put(out.prim_ids, i, record_id(records, i))
 
@@ -97,8 +98,8 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
         right, right_centroids = range_bounds(records, m, e)
         put(out.links, slot, next_node)
         write_boxes(out.nodes, next_node, left, right)
-        height = push_range(ranges, height, m, e, d + 1, next_node * 16 + 13, right, right_centroids)
-        height = push_range(ranges, height, b, m, d + 1, next_node * 16 + 12, left, left_centroids)
+        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right, right_centroids)
+        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left, left_centroids)
         next_node += 1
     return next_node
 

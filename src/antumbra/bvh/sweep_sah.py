@@ -7,7 +7,7 @@ levels, one thread splits a range.
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import load8, ptr, store
 from .assemble import assemble
 from .bounds import range_bounds
@@ -36,8 +36,7 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
     # In: method, `Swept`; ranges, (k, 2) first and last record; boxes, (k, 16); depth; scale
     # Out: middles, (k,) first right record; sides, (k, 32) box and centroid box of both sides
     # Scratch: scratch, the thread's own memory for `source_of`
-    r = take(ticket)
-    while r >= 0:
+    for r in items(ticket):
         first, last = ranges[r]
         source, centroids = source_of(method, depth, ptr(scratch)), load8(boxes, r * 16 + 8)
         split = find_split(source, first, last, centroids, depth, scale)
@@ -49,7 +48,6 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
         store(sides, r * 32 + 16, right)
         store(sides, r * 32 + 24, right_centroids)
         middles[r] = middle
-        r = take(ticket)
 
 
 def _split_by_sweep(method: Swept, scale, threads: int):

@@ -15,11 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import as_f32, as_i32, extract, get, ptr, ptr_at, put, stack_array, stack_f32, stack_i32
 from . import cut as cutting
 from . import lbvh
 from .cut import PART, cut
+from .links import box_at, link_at
 from .nodes import MAX_DEPTH, Bvh, sides
 from .prepare import checked, scale_of
 from .relayout import Choice, relayout
@@ -51,7 +52,7 @@ _WAITING = 2 * MAX_DEPTH + 2
 @inlined
 def _area_of_node(nodes, node, scale):
     """Half the area of the box around both children."""
-    x, y, z = sides(nodes, node * 16, node * 16 + 1)
+    x, y, z = sides(nodes, box_at(node, 0), box_at(node, 1))
     x, y, z = x * scale, y * scale, z * scale
     return x * (y + z) + y * z
 
@@ -62,7 +63,7 @@ def _measure(part, node, rules):
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
     count, cost, kept, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
     for side in range(2):
-        link = np.int64(get(part.links, node * 16 + 12 + side))
+        link = np.int64(get(part.links, link_at(node, side)))
         if link < 0:
             count += 1
             cost += extract(areas, side)
@@ -99,7 +100,7 @@ def _schedule(part, first, room, least, queue, waiting):
         height -= 1
         node, pending = np.int64(get(waiting, height)), 0
         for side in range(2):
-            child = np.int64(get(part.links, node * 16 + 12 + side))
+            child = np.int64(get(part.links, link_at(node, side)))
             if child >= 0 and get(part.facts, child * 4 + COUNT) >= least:
                 put(part.parents, child, node)
                 put(part.rooms, child, get(part.rooms, node) - 1)
@@ -170,15 +171,13 @@ def _restructure_parts(ticket, work, parts, rules):
     """Worker: treat the nodes of each part. They are in depth-first order."""
     numbers = stack_array(np.int32, 4, PART)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
-    p = take(ticket)
-    while p >= 0:
+    for p in items(ticket):
         root, end, depth = parts[p]
         if root >= 0:
             part = _part_of(work, numbers, root)
             for node in range(end - 1, root - 1, -1):  # children have higher numbers than their parents
                 _measure(part, node, rules)
             _rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
-        p = take(ticket)
 
 
 @kernel

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import (
     as_i32,
     extract,
@@ -79,13 +79,11 @@ def mapping_of_range(level, r):
 @kernel
 def _bin_blocks(ticket, records, level):
     """Worker: fill the bins of each block."""
-    block = take(ticket)
-    while block >= 0:
+    for block in items(ticket):
         r, first, last = level.blocks[block]
         mapping, bins = mapping_of_range(level, r), _bins_of_block(level, block)
         clear_bins(bins, mapping.n_bins)
         fill_bins(records, first, last, mapping, bins)
-        block = take(ticket)
 
 
 @kernel
@@ -176,10 +174,8 @@ def _move_block(source, target, level, block):
 @kernel
 def _move_blocks(ticket, source, target, level):
     """Worker: move each block's records to their side of the split, and bound both sides."""
-    block = take(ticket)
-    while block >= 0:
+    for block in items(ticket):
         _move_block(source, target, level, block)
-        block = take(ticket)
 
 
 def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:

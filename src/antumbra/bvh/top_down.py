@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import as_i32, atomic_add, get, load8, load16, ptr, store
 from .assemble import Subtrees
+from .links import LINK, line_at
 from .nodes import Bvh, Tree, aligned_empty
 from .splits import source_of
 from .subtree import build_range
@@ -41,8 +42,7 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
     # Scratch: memory, the thread's own `_Memory`
     room, scratch = memory.nodes, memory.scratch
     out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
-    k = take(ticket)
-    while k >= 0:
+    for k in items(ticket):
         s = order[k]
         first, last, depth = top.ranges[s]
         box, centroids = load8(top.range_boxes, s * 16), load8(top.range_boxes, s * 16 + 8)
@@ -50,9 +50,8 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
         count = build_range(ptr(vertices), source, first, last, depth, box, centroids, settings, s, out)
         at = atomic_add(next_free, 0, count)
         for i in range(count):
-            store(subtrees.nodes, (at + i) * 16, load16(room, (i + 1) * 16))
-        subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, 12)
-        k = take(ticket)
+            store(subtrees.nodes, line_at(at + i), load16(room, line_at(i + 1)))
+        subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, LINK)
 
 
 def build_below(flat, method, words: int, top: UpperLevels, settings, threads: int) -> tuple[Bvh, Subtrees]:

@@ -40,6 +40,7 @@ from ..kernels.simd import (
     stack_i32,
     store,
 )
+from .links import line_at, link_at
 
 LEAVES = 7
 _INNER = LEAVES - 1
@@ -124,7 +125,7 @@ class Rules(NamedTuple):
 @inlined
 def areas_of_children(nodes, node, scale):
     """Lanes 0 and 1: half the area of the left and right child's box. Lanes 2 and 3 have no meaning."""
-    x, y, z = load4(nodes, node * 16), load4(nodes, node * 16 + 4), load4(nodes, node * 16 + 8)
+    x, y, z = load4(nodes, line_at(node)), load4(nodes, line_at(node) + 4), load4(nodes, line_at(node) + 8)
     x = (shuffle(x, 2, 3, 0, 1) - x) * scale
     y = (shuffle(y, 2, 3, 0, 1) - y) * scale
     z = (shuffle(z, 2, 3, 0, 1) - z) * scale
@@ -138,10 +139,10 @@ def _open(part, k, lane, batch, rules):
     areas = load8(batch.areas, lane * 8)
     hole = lowest_bit(bits(areas == reduce_max(areas)))
     node = np.int64(get(links, np.int64(get(places, hole))))
-    line = load16(part.nodes, node * 16)
+    line = load16(part.nodes, line_at(node))
     store(batch.pairs, (lane * _INNER + k) * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
     both = areas_of_children(part.nodes, node, rules.scale)
-    left, right = get(part.links, node * 16 + 12), get(part.links, node * 16 + 13)
+    left, right = get(part.links, link_at(node, 0)), get(part.links, link_at(node, 1))
     put(batch.inner, lane * 8 + k, node)
     put(links, 2 * k, left)
     put(links, 2 * k + 1, right)
@@ -301,8 +302,8 @@ def replace(part, lane, batch):
         store(pair, 0, a)
         store(pair, 8, b)
         line = shuffle(load16(pair, 0), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 3, 3, 3)
-        store(part.nodes, node * 16, line)
-        put(part.links, node * 16 + 12, get(links, left))
-        put(part.links, node * 16 + 13, get(links, right))
+        store(part.nodes, line_at(node), line)
+        put(part.links, link_at(node, 0), get(links, left))
+        put(part.links, link_at(node, 1), get(links, right))
         store(part.facts, node * 4, load4(facts, at * 4))
         put(part.is_leaf, node, get(facts, at * 4 + KEPT) == 0)

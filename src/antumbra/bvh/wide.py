@@ -33,7 +33,7 @@ class WideBvh(NamedTuple):
     Children are in the lanes from 0 on. Any-hit queries visit them from the last to the first, the order of least
     expected cost to block a ray (`order.soonest_last`).
 
-    A link >= 0 is an inner node. A link < 0 is a leaf: ``~link = group * 16 + count``, count from 1 to 8. A missing
+    A link >= 0 is an inner node. A link < 0 is a leaf with a count from 1 to 8: `links.wide_leaf`. A missing
     child has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.
 
     A group is five lines, ten 8-wide registers with a lane for each of eight triangles. The registers are the corner v0

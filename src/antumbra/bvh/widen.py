@@ -7,8 +7,9 @@ triangles, costs one.
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, stack_array
+from .links import LINK, box_at, bvh_leaf, wide_link
 from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first, sides, slots_below
 from .order import soonest_last, triangle_area
 from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh
@@ -20,7 +21,7 @@ _NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper 
 @inlined
 def _area_of_child(nodes, child):
     """Half the area of the box of a child, 2 * node + side."""
-    b = (child >> 1) * 16 + (child & 1)
+    b = box_at(child >> 1, child & 1)
     x, y, z = sides(nodes, b, b)
     return x * (y + z) + y * z
 
@@ -42,9 +43,9 @@ def _price(bvh, order, costs, counts):
     nodes = ptr(bvh.nodes)
     for i in range(len(order) - 1, -1, -1):
         for child in range(2 * order[i], 2 * order[i] + 2):
-            link, area = np.int64(bvh.links[child >> 1, 12 + (child & 1)]), _area_of_child(nodes, child)
+            link, area = np.int64(bvh.links[child >> 1, LINK + (child & 1)]), _area_of_child(nodes, child)
             if link < 0:
-                counts[child] = 0 if link == EMPTY else (~link & 7) + 1
+                counts[child] = 0 if link == EMPTY else bvh_leaf(link).count
                 costs[child, :] = np.float32(0.0) if link == EMPTY else area
                 continue
             counts[child] = counts[2 * link] + counts[2 * link + 1]
@@ -64,7 +65,7 @@ def _children(bvh, costs, node, found):
     while height > 0:
         height -= 1
         child, k = waiting[height], parts[height]
-        link = np.int64(bvh.links[child >> 1, 12 + (child & 1)])
+        link = np.int64(bvh.links[child >> 1, LINK + (child & 1)])
         while k > 1 and costs[child, k] == costs[child, k - 1]:
             k -= 1
         if link < 0 or k == 1:
@@ -82,7 +83,7 @@ def _children(bvh, costs, node, found):
 def _fill_node(bvh, child, lane, words, at):
     """Copy the box of a child of the binary BVH to a lane of the wide node that starts at word `at`."""
     source = ptr(bvh.nodes)
-    b = (child >> 1) * 16 + (child & 1)
+    b = box_at(child >> 1, child & 1)
     for axis in range(3):
         words[at + 16 * axis + lane] = get(source, b + 4 * axis)
         words[at + 16 * axis + 8 + lane] = get(source, b + 4 * axis + 2)
@@ -105,13 +106,13 @@ def _collapse(bvh, costs, counts, words, links, slots):
                 words[at + 16 * axis + lane], words[at + 16 * axis + 8 + lane] = _NOWHERE, -_NOWHERE
         for lane in range(n):
             child = found[lane]
-            link = np.int64(bvh.links[child >> 1, 12 + (child & 1)])
+            link = np.int64(bvh.links[child >> 1, LINK + (child & 1)])
             _fill_node(bvh, child, lane, words, at)
             if counts[child] <= WIDTH:
                 count = slots_below(link, ptr(bvh.links), ptr_at(ptr(slots), n_groups * WIDTH))
                 for k in range(count, WIDTH):
                     slots[n_groups * WIDTH + k] = -1
-                links[at + LINKS + lane] = ~(n_groups * 16 + count)
+                links[at + LINKS + lane] = wide_link(n_groups, count)
                 n_groups += 1
                 continue
             links[at + LINKS + lane] = n_nodes
@@ -125,22 +126,19 @@ def _collapse(bvh, costs, counts, words, links, slots):
 def _fill_groups(ticket, corners, slots, groups, areas):
     """Worker: write the triangles of each group, lane by lane, and their total area."""
     values = ptr(corners)
-    first = take(ticket)
-    while first >= 0:
-        for group in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for lane in range(WIDTH):
-                slot, largest = slots[group, lane], np.float32(0.0)
-                for k in range(9):
-                    x = np.float32(0.0)
-                    if slot >= 0:
-                        x = corners[slot, k] if k < 3 else corners[slot, k] - corners[slot, k % 3]
-                    groups[group, k * WIDTH + lane] = x
-                    if k >= 3 and abs(x) > largest:
-                        largest = abs(x)
-                groups[group, 9 * WIDTH + lane] = largest
+    for group in items(ticket):
+        for lane in range(WIDTH):
+            slot, largest = slots[group, lane], np.float32(0.0)
+            for k in range(9):
+                x = np.float32(0.0)
                 if slot >= 0:
-                    areas[group] += triangle_area(values, np.int64(slot))
-        first = take(ticket)
+                    x = corners[slot, k] if k < 3 else corners[slot, k] - corners[slot, k % 3]
+                groups[group, k * WIDTH + lane] = x
+                if k >= 3 and abs(x) > largest:
+                    largest = abs(x)
+            groups[group, 9 * WIDTH + lane] = largest
+            if slot >= 0:
+                areas[group] += triangle_area(values, np.int64(slot))
 
 
 def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel, overload
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.filters import BEYOND
 from ..kernels.simd import ptr, ptr_at, put
 from ..query.pixels import pixel_direction
@@ -93,8 +93,7 @@ def _ends(rays, error, length, x, y, k):
 def _bound(ticket, picture, rays, error, length, cells):
     """Worker: write the cells of regions."""
     eye = (rays.origin[0], rays.origin[1], rays.origin[2])
-    region = take(ticket)
-    while region >= 0:
+    for region in items(ticket):
         out = ptr_at(ptr(cells), region * WORDS)
         for g in range(16):
             y, x = first_receiver(picture, region, g)
@@ -106,7 +105,6 @@ def _bound(ticket, picture, rays, error, length, cells):
             ly, hy = _ends(rays, error, length, x, y, 1)
             lz, hz = _ends(rays, error, length, x, y, 2)
             put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0), _F(n))
-        region = take(ticket)
 
 
 def bound_camera(picture: Picture, rays: CameraRays, rows: slice, length: float, threads: int) -> np.ndarray:
@@ -121,8 +119,7 @@ def bound_camera(picture: Picture, rays: CameraRays, rows: slice, length: float,
 @kernel
 def _shorten(ticket, spans, tiles, columns, picture, t, length, cells):
     """Worker: update how far the cells of some tiles look, after some of their rays have been traced."""
-    i = take(ticket)
-    while i >= 0:
+    for i in items(ticket):
         span = spans[tiles[i]]
         for j in range(regions_in(span)):
             region = region_in(span, j, columns)
@@ -134,7 +131,6 @@ def _shorten(ticket, spans, tiles, columns, picture, t, length, cells):
                     for x in range(x0, min(x0 + CELL, picture.w)):
                         far = max(far, t[y, x])
                 put(out, FAR * 16 + g, min(far / length * BEYOND, 1.0))
-        i = take(ticket)
 
 
 def shorten_camera(cells, spans, tiles, picture: Picture, hits: Hits, length: float, threads: int) -> None:

@@ -3,21 +3,18 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..trace.forest import Hits
 
 
 @kernel
 def _mark(ticket, part, slot, first, marks):
     """Worker: mark the slots of hits, row by row of pixels."""
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(part.shape[1]):
-                k = part[y, x]
-                if k >= 0 and first[k] >= 0:
-                    marks[first[k] + slot[y, x]] = 1
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(part.shape[1]):
+            k = part[y, x]
+            if k >= 0 and first[k] >= 0:
+                marks[first[k] + slot[y, x]] = 1
 
 
 def mark_hits(hits: Hits, first: np.ndarray, marks: np.ndarray, threads: int) -> None:
@@ -28,14 +25,11 @@ def mark_hits(hits: Hits, first: np.ndarray, marks: np.ndarray, threads: int) ->
 @kernel
 def _number(ticket, part, slot, first, numbers, out):
     """Worker: write the numbers of hits, row by row of pixels."""
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(part.shape[1]):
-                k = part[y, x]
-                if k >= 0 and first[k] >= 0:
-                    out[y, x] = numbers[first[k] + slot[y, x]]
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(part.shape[1]):
+            k = part[y, x]
+            if k >= 0 and first[k] >= 0:
+                out[y, x] = numbers[first[k] + slot[y, x]]
 
 
 def number_hits(hits: Hits, first: np.ndarray, numbers: np.ndarray, out: np.ndarray, threads: int) -> None:

@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS as BLOCK_ROWS
+from ..bvh.links import block_leaf, box_at, rows_at, slot_at
 from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.exact import ray_along, segment
 from ..kernels.predicate.filters import is_nearer, meets
 from ..kernels.predicate.hits import rounded_t
@@ -124,10 +124,10 @@ def _keep(found, lane, tree, k, slot):
 
 
 @kernel
-def _trace_block(tree, k, code, mask, found):
+def _trace_block(tree, k, link, mask, found):
     """Test the rays in `mask` against a block."""
-    numbers, base, present = ptr_at(tree.blocks, (code >> 5) * (BLOCK_ROWS * 16)), (code >> 5) * 16, code & 31
-    present = (np.int64(1) << present) - 1
+    block, triangles = block_leaf(link)
+    numbers, present = ptr_at(tree.blocks, rows_at(block)), (np.int64(1) << triangles) - 1
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
@@ -138,7 +138,7 @@ def _trace_block(tree, k, code, mask, found):
             hit, unsure = np.int64(0), hit | unsure  # float32 decides nothing about the ends of a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
-            slot = np.int64(get(tree.slots, base + i))
+            slot = np.int64(get(tree.slots, slot_at(block, i)))
             own = get(tree.prim_ids, slot) == get(found.own, lane)
             if not own and (hit >> i & 1 != 0 or _meets(found, lane, tree.corners, slot)):
                 _keep(found, lane, tree, k, slot)
@@ -151,7 +151,7 @@ def _walk(tree, k, link, mask, slabs, found, waiting):
     # In: tree, k, link, mask, slabs. Out: found. Scratch: waiting.
     at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(found.bundle.limits, 0), None)
     while at.mask != 0:
-        _trace_block(tree, k, ~at.link, at.mask, found)
+        _trace_block(tree, k, at.link, at.mask, found)
         at = next_block(tree, slabs, visited(at), waiting, load16(found.bundle.limits, 0), None)
 
 
@@ -162,7 +162,7 @@ def _trace_cell(forest, begin, end, live, found, waiting):
     slabs = slabs_in(found.bundle, live)
     for i in range(begin, end):
         k = item(forest, i)
-        mask = entry(forest.heads, k * 16, slabs, load16(found.bundle.limits, 0))[0] & live
+        mask = entry(forest.heads, box_at(k, 0), slabs, load16(found.bundle.limits, 0))[0] & live
         if mask != 0:
             _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, found, waiting)
 
@@ -174,7 +174,7 @@ def _cells_that_meet(forest, begin, end, cells):
     live = bits(far >= _F(0.0))
     slabs = slabs_of(shafts_of(cells), live)
     for i in range(begin, end):
-        met |= entry(forest.heads, item(forest, i) * 16, slabs, far)[0] & live
+        met |= entry(forest.heads, box_at(item(forest, i), 0), slabs, far)[0] & live
         if met == live:
             break
     return met
@@ -208,11 +208,9 @@ def _trace(ticket, arrays, picture, rays, cells):
     for lane in range(16):
         _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
-    forest, first = forest_pointers(arrays), take(ticket)
-    while first >= 0:
-        for region in range(first, min(first + ticket[CHUNK], ticket[N])):
-            _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
-        first = take(ticket)
+    forest = forest_pointers(arrays)
+    for region in items(ticket):
+        _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
 
 
 def trace_nearest(forest, picture: Picture, rays: PassRays, cells, threads) -> None:

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 
 from ..bvh.blocks import BlockTree
+from ..bvh.links import CHILDREN, LINK, block_leaf, bvh_leaf
 from ..bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
 from ..kernels.jit import kernel
 from ..kernels.simd import stack_array
@@ -77,8 +78,8 @@ def _measure(links, order, triangles, heights):
     for i in range(len(order) - 1, -1, -1):
         node, n, height = order[i], 0, 0
         for side in range(2):
-            link = np.int64(links[node, 12 + side])
-            n += triangles[link] if link >= 0 else ~link & 31
+            link = np.int64(links[node, LINK + side])
+            n += triangles[link] if link >= 0 else block_leaf(link).count
             if link >= 0 and heights[link] > height:
                 height = heights[link]
         triangles[node], heights[node] = n, height + 1
@@ -97,14 +98,14 @@ def _cut(links, triangles, heights, most, highest, top, roots):
         height -= 1
         link = waiting[height]
         if link < 0 or (triangles[link] <= most and heights[link] <= highest):
-            if link >= 0 or ~link & 31 > 0:
+            if link >= 0 or block_leaf(link).count > 0:
                 roots[k] = link
                 k += 1
             continue
         top[m] = link
         m += 1
         for side in (1, 0):
-            waiting[height] = links[link, 12 + side]
+            waiting[height] = links[link, LINK + side]
             height += 1
     return m, k
 
@@ -144,7 +145,7 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
     top, roots = top[:m], roots[:k]
     rows = {int(link): row for row, link in enumerate([*top, *roots])}
     above = np.repeat(top, 2), np.tile([0, 1], m)
-    below = tree.links[above[0], 12 + above[1]]
+    below = tree.links[above[0], LINK + above[1]]
     parents = {int(link): (int(node), int(side)) for link, node, side in zip(below, *above)}
     parents.setdefault(~0, (0, 0))
     lines = _lines(tree, np.concatenate([top, roots]), parents)
@@ -161,12 +162,12 @@ def parts_of(tree: BlockTree, options: Options) -> Parts:
 def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: PartMemory, keeps) -> Parts:
     """`Parts` of the chunks of a store.
 
-    top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY
+    top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``bvh_link(chunk, 1)``, or EMPTY
     roots : (k, 16) float32: the chunks' root nodes
     trees : (k, ADDRESSES) int64, which `memory` writes to
     """
-    links, m = top.view(np.int32)[:, 12:14], len(top)
-    children = np.where(links >= 0, links, np.where(links == EMPTY, -1, m + (~links >> 3))).astype(np.int32)
+    links, m = top.view(np.int32)[:, CHILDREN], len(top)
+    children = np.where(links >= 0, links, np.where(links == EMPTY, -1, m + bvh_leaf(links).first)).astype(np.int32)
     lines = np.concatenate([top, roots])
     for side, other in ((0, 1), (1, 0)):  # replace the infinite box of a missing child by its sibling's box
         gone = ~np.isfinite(lines[:, side])

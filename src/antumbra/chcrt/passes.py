@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel, overload
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.filters import BEYOND
 from ..kernels.simd import (
     as_i32,
@@ -154,8 +154,7 @@ def _box(vectors, live):
 def _bound(ticket, picture, rays, cells):
     """Worker: write the cells of regions."""
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
-    region = take(ticket)
-    while region >= 0:
+    for region in items(ticket):
         out = ptr_at(ptr(cells), region * WORDS)
         for g in range(16):
             y0, x0 = first_receiver(picture, region, g)
@@ -165,7 +164,6 @@ def _bound(ticket, picture, rays, cells):
             else:
                 (low, high), (d_low, d_high) = _box(bundle.rays, live), _box(ptr_at(bundle.rays, 48), live)
                 put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(popcount(live)))
-        region = take(ticket)
 
 
 def bound_rays(picture: Picture, rays: PassRays, threads: int) -> np.ndarray:

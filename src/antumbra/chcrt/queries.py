@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bvh.links import box_at
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import (
     bits,
     get,
@@ -81,8 +82,8 @@ class Asked(NamedTuple):
 @inlined
 def _entered(lines, row, slabs, far):
     """(bits of the lanes that may enter a child's box of a row before `far`, where each enters)."""
-    left, a = entry(lines, row * 16, slabs, far)
-    right, b = entry(lines, row * 16 + 1, slabs, far)
+    left, a = entry(lines, box_at(row, 0), slabs, far)
+    right, b = entry(lines, box_at(row, 1), slabs, far)
     return left | right, minimum(a, b)
 
 
@@ -160,8 +161,7 @@ def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows
     """Worker: answer groups of pairs of the same set and tile."""
     # In: groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, blind. Out: counts, keys, met.
     bundle, columns, regions = bundle_in(stack_f32(BUNDLE_FLOATS)), picture.layout.columns, cells.shape[1]
-    group = take(ticket)
-    while group >= 0:
+    for group in items(ticket):
         first, end = np.int64(groups[group]), np.int64(groups[group + 1])
         pairs = Asked(ptr(rows), ptr(counts), ptr(keys), ptr(met), first, end, threshold)
         span, set_ = spans[tiles[first]], np.int64(sets[first])
@@ -170,7 +170,6 @@ def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows
             place = ptr_at(ptr(cells), (set_ * regions + region) * WORDS)
             if _ask_region(source, picture, region, set_, place, ptr(lines), pairs, blind, bundle):
                 break
-        group = take(ticket)
 
 
 def ask(rays: Rays, lines, pairs: Pairs, threshold: int, blind: bool, threads: int) -> Answers:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel, overload
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import (
     fma,
     get,
@@ -134,8 +134,7 @@ def _bound(ticket, query, picture, ends, pad, samples, spp, cells):
     """Worker: write the cells of regions, for each set of `cells`."""
     # In: query, picture, ends, pad, samples, spp. Out: cells.
     sets, regions, boxes = cells.shape[0], cells.shape[1], stack_f32(_BOXES)
-    region = take(ticket)
-    while region >= 0:
+    for region in items(ticket):
         for g in range(16):
             y, x = first_receiver(picture, region, g)
             o_low, o_high, n = _bound_receivers(query, picture, y, x)
@@ -154,7 +153,6 @@ def _bound(ticket, query, picture, ends, pad, samples, spp, cells):
                     low = low[0] - o_low[0], low[1] - o_low[1], low[2] - o_low[2]
                     high = high[0] - o_high[0], high[1] - o_high[1], high[2] - o_high[2]
                 put_cell(out, g, o_low, o_high, low, high, _F(1.0), _F(n if sets > 1 else n * spp))
-        region = take(ticket)
 
 
 def bound_cells(query: ShadowQuery, picture: Picture, first: int, count: int, sets: int, threads: int) -> np.ndarray:
@@ -240,8 +238,8 @@ def _shorten(ticket, spans, tiles, columns, segments, picture, cells):
     """Worker: update the numbers of unblocked rays of all cells of some tiles."""
     # In: spans, tiles, columns, segments, picture. Out: cells.
     query, bits, words, regions = segments.query, ptr(segments.bits), segments.bits.shape[2], cells.shape[1]
-    left, t = stack_f32(16), take(ticket)
-    while t >= 0:
+    left = stack_f32(16)
+    for t in items(ticket):
         span = spans[tiles[t]]
         for k in range(regions_in(span)):
             region = region_in(span, k, columns)
@@ -255,7 +253,6 @@ def _shorten(ticket, spans, tiles, columns, segments, picture, cells):
                         n += get(left, s)
                 if segments.sets == 1:
                     _put_left(ptr_at(ptr(cells), region * WORDS), g, n)
-        t = take(ticket)
 
 
 def shorten(cells, spans, tiles, segments: SegmentBundles, picture: Picture, threads: int) -> None:

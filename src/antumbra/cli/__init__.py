@@ -1,7 +1,7 @@
 """The command ``antumbra``.
 
 - app: the program and its commands; failures: errors as one line and an exit code
-- render, frames, renderarguments, renderoptions, summary: ``antumbra render``, for pictures and animations
+- render, frames, renderarguments, picturespec, summary: ``antumbra render``, for pictures and animations
 - page: HTML files of results; renderpage: that of ``render --html``
 - explain, culling: pictures of the work of plans
 - compare, comparearguments, comparesummary, comparepage: ``antumbra compare``, plans side by side
@@ -13,8 +13,8 @@
 - doctor: the state of the installation; panels: options of help in groups
 - scenes, export: procedural scenes, and their files
 - bench, results, about: the commands of other packages, and the files of their results
-- arguments, options, pictureoptions: parsing, and options that commands share; outputs: checks of what they write;
-  sceneinput: opens a command's scene
+- arguments, options, pictureoptions: parsing, and options that commands share; written: options that are made of those
+  of the library; outputs: checks of what they write; sceneinput: opens a command's scene
 - progress, report, record: progress on standard error, answers on standard output, and these as Markdown
 """
 

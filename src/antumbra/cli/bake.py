@@ -11,9 +11,9 @@ import typer
 
 from ..errors import InputError
 from . import arguments, report
-from .options import SCENE_HELP, Json, Quiet, Threads, TimeOption, UpOption, takes
+from .options import SCENE_HELP, Json, Quiet, SamplerOption, Threads, TimeOption, UpOption, takes
 from .outputs import writes
-from .pictureoptions import PictureLightOption, SamplerOption
+from .pictureoptions import PictureLightOption
 from .progress import ProgressDisplay
 from .sceneinput import open_scene, quietly
 from .sharing import MergeOption, RayOption, ShardOption, engine_for, tell_shard

@@ -1,5 +1,6 @@
 """``antumbra compare``: measures plans on the same picture."""
 
+from dataclasses import replace
 from time import perf_counter
 
 from . import comparepage, comparesummary, report
@@ -7,8 +8,8 @@ from .about import about
 from .comparearguments import CompareArguments
 from .failures import UNFORESEEN, say
 from .options import takes
+from .picturespec import Shot
 from .progress import ProgressDisplay
-from .renderoptions import Shot
 from .sceneinput import limit_memory, open_scene
 
 
@@ -34,6 +35,7 @@ def compare(given: CompareArguments) -> int:
       antumbra compare city.antumbra --plan bsah+chcrt --plan bsah+chcrt:20 --json
     """
     from ..kernels.parallel import thread_count
+    from ..plan import with_sample
     from ..rendering.comparison import compare as compared
     from ..rendering.comparison import compared_plans
     from ..rendering.moments import Moment
@@ -42,23 +44,22 @@ def compare(given: CompareArguments) -> int:
     path, page = given.output, given.html
     plans = compared_plans(given.plan or [])
     asked.check(*plans)
+    plans = with_sample(plans, asked.srdh_rays)
     with ProgressDisplay(asked.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
         scene = open_scene(asked.spec, asked.up, asked.quiet)
         load = perf_counter() - start
-        limit_memory(scene, asked.max_memory)
-        time = scene.clamped(given.time)
+        limit_memory(scene, asked.engine.max_memory)
+        time = scene.clamped(given.time or 0.0)
         moment = Moment(time, asked.view(scene, time), asked.all_lights(scene, time))
         display.say("preparing")
-        found = compared(
-            scene, moment, plans, rounds=given.rounds, threads=asked.threads, gbuffer=asked.gbuffer,
-            srdh_rays=asked.srdh_rays, say=display.say, **asked.quality(),
-        )  # fmt: skip
+        options = replace(asked.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
+        found = compared(scene, moment, plans, options, asked.engine, rounds=given.rounds, say=display.say)
         display.say("writing the picture")
-        shot = Shot(*moment, found.frame)
+        shot = Shot(moment.camera, moment.lights, options, found.frame)
         told = comparesummary.Told(
-            given, asked, scene, load, shot, found, {**about(), "threads": thread_count(asked.threads)}
+            given, asked, scene, load, shot, found, {**about(), "threads": thread_count(asked.engine.threads)}
         )
         panels = comparesummary.Panels(told)
         panels.save(path)

@@ -9,45 +9,24 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError
+from ..rendering.options import GBufferBy
 from . import arguments
-from .options import (
-    SCENE_HELP,
-    CameraOption,
-    CullFaces,
-    GBufferBy,
-    Json,
-    MaxMemoryOption,
-    Quiet,
-    SrdhRaysOption,
-    Threads,
-    TimeOption,
-    UpOption,
-)
+from .options import SCENE_HELP, CameraOption, Json, Quiet, SrdhRaysOption, UpOption, fields_of
 from .outputs import writes
-from .pictureoptions import (
-    AdaptiveOption,
-    AdaptiveSppOption,
-    AoOption,
-    BounceOption,
-    CullFacesOption,
-    ExposureOption,
-    FilterOption,
-    GBufferOption,
-    PictureLightOption,
-    Preset,
-    PresetOption,
-    PresetSppOption,
-    SamplerOption,
-    SkyOption,
-    VplOption,
-)
+from .pictureoptions import AoOption, ExposureOption, PictureLightOption, Preset, PresetOption, SkyOption, VplOption
+from .picturespec import PictureSpec
 from .renderarguments import RenderArguments
-from .renderoptions import RenderOptions
+from .written import arguments_of
+
+_Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
 
 
 @dataclass(frozen=True)
-class CompareArguments:
-    """The arguments of the command line: each field is an argument or an option."""
+class CompareArguments(_Options):
+    """The arguments of the command line: each field is an argument or an option.
+
+    The base class has those of `RenderOptions` and `EngineOptions`.
+    """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     plan: Annotated[
@@ -80,25 +59,14 @@ class CompareArguments:
     sky: SkyOption = None
     ao: AoOption = None
     vpl: VplOption = None
-    bounce: BounceOption = None
-    time: TimeOption = 0.0
     up: UpOption = None
     preset: PresetOption = Preset.standard
-    spp: PresetSppOption = None
-    sampler: SamplerOption = "larcher-pillichshammer"
-    filter: FilterOption = None
-    adaptive: AdaptiveOption = None
-    adaptive_spp: AdaptiveSppOption = None
     srdh_rays: SrdhRaysOption = None
-    gbuffer: GBufferOption = GBufferBy.raster
-    cull_faces: CullFacesOption = CullFaces.none
-    threads: Threads = None
-    max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None
     json: Json = False
     quiet: Quiet = False
 
-    def options(self) -> RenderOptions:
+    def options(self) -> PictureSpec:
         """The options of the picture, checked against each other; they name no plan.
 
         Raises
@@ -116,7 +84,7 @@ class CompareArguments:
     def command(self) -> str:
         """A command line with the same arguments, for a shell."""
         words = ["antumbra", "compare", self.scene]
-        for field in fields(self):
+        for field in fields_of(type(self)):
             value = getattr(self, field.name)
             if field.name != "scene" and value != field.default:
                 words += _words("--" + field.name.replace("_", "-"), value)

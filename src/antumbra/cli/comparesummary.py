@@ -9,11 +9,11 @@ import numpy as np
 from . import report, summary
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..image.panels import Bar
     from ..rendering.comparison import Comparison, Measured
-    from ..scene.any_scene import AnyScene
     from .comparearguments import CompareArguments
-    from .renderoptions import RenderOptions, Shot
+    from .picturespec import PictureSpec, Shot
 
 _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "tests of boxes and triangles per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
@@ -24,7 +24,7 @@ class Told(NamedTuple):
     """A comparison, and what was compared."""
 
     given: "CompareArguments"
-    asked: "RenderOptions"
+    asked: "PictureSpec"
     scene: "AnyScene"
     load: float  # seconds that reading the scene took
     shot: "Shot"  # its frame is the reference's
@@ -155,7 +155,7 @@ def about(told: Told) -> Iterator[tuple[str, str]]:
     scene = told.scene
     moment = f", at {told.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", summary.scene_text(told.asked, scene) + moment
-    yield from summary.view_fields(told.asked, told.shot)
+    yield from summary.view_fields(told.shot)
 
 
 def print_tables(told: Told) -> None:
@@ -178,7 +178,7 @@ def print_tables(told: Told) -> None:
 
 def answer(told: Told) -> dict:
     """All fields of ``--json``."""
-    found, asked = told.found, told.asked.options()
+    found, asked = told.found, told.asked.record(told.shot.options)
     del asked["plan"]
     return {
         "output": str(told.given.output),
@@ -187,7 +187,6 @@ def answer(told: Told) -> dict:
         "machine": told.machine,
         "scene": summary.scene_answer(told.asked, told.scene),
         "load": told.load,
-        "time": told.shot.time,
         "camera": report.camera_fields(told.shot.camera),
         "lights": [report.light_fields(light) for light in told.shot.lights],
         **asked,

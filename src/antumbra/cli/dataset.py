@@ -15,6 +15,7 @@ from .options import (
     Json,
     MaxMemoryOption,
     Quiet,
+    SamplerOption,
     SppOption,
     Threads,
     TimeOption,
@@ -22,15 +23,15 @@ from .options import (
     takes,
 )
 from .outputs import writes, writes_folder
-from .pictureoptions import AoOption, PictureLightOption, SamplerOption
+from .pictureoptions import AoOption, PictureLightOption
 from .progress import ProgressDisplay
 from .sceneinput import limit_memory, open_scene
 from .sharing import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..jobs.dataset.make import Dataset
     from ..jobs.engines import Share
-    from ..scene.any_scene import AnyScene
 
 
 @dataclass(frozen=True)

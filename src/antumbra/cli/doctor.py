@@ -90,9 +90,9 @@ def _node_text(node: dict) -> str:
 
 def _kernels() -> dict:
     """Where compiled kernels are kept, and how many of those that jobs need are there."""
+    from ..engine.ready import missing_of
     from ..kernels import needs
     from ..kernels.loading import user_cache
-    from ..rendering.ready import missing_of
 
     wanted, folder = needs.read(needs.FILE).kernels, user_cache().path
     above = next(path for path in (folder, *folder.parents) if path.exists())

@@ -104,23 +104,21 @@ def explain(
 
     from ..image.save import save_png
     from ..output import checked_output
+    from ..plan import with_sample
     from ..rendering.explanation import explain as explained
     from ..rendering.explanation import explained_plans
     from ..rendering.moments import Moment
-    from ..rendering.renderer import source_kind
-    from ..rendering.srdh_rays import check_srdh_rays
 
     path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
     plans = explained_plans(plan or [])
-    check_srdh_rays(asked_rays, *(plans or explained_plans(_PLANS)))
+    with_sample(plans or explained_plans(_PLANS), asked_rays)
     memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
-        of_store = source_kind(opened).keeps_read
+        of_store = opened.engine.source.in_store
         limit_memory(opened, memory)
-        plans = plans or explained_plans(_STORE_PLANS if of_store else _PLANS)
-        check_srdh_rays(asked_rays, *plans)
+        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
 
         def moment(at: float) -> Moment:
             view = arguments.make_camera(asked_camera, opened, at, width_height)
@@ -129,7 +127,7 @@ def explain(
         moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
         display.say("preparing")
         explanation = explained(
-            opened, moments, plans, spp=spp, threads=threads, srdh_rays=asked_rays,
+            opened, moments, plans, spp=spp, threads=threads,
             say=lambda plan, i: display.say(f"walking by {plan}", i, len(plans)),
         )  # fmt: skip
         display.say("writing the picture")

@@ -1,6 +1,6 @@
 """Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
 
-Every picture stores its settings (`RenderOptions.settings`) and its exposure as JSON. A frame is finished if its file
+Every picture stores its settings (`PictureSpec.settings`) and its exposure as JSON. A frame is finished if its file
 has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure of
 the first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of its
 first frame.
@@ -19,13 +19,13 @@ from ..output import checked_folder
 from . import report, summary
 from .arguments import Sequence
 from .failures import BAD_INPUT, explained, say
+from .picturespec import PictureSpec, scene_digest
 from .progress import ProgressDisplay
-from .renderoptions import RenderOptions, scene_digest
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..jobs.engines import Engine
-    from ..scene.any_scene import AnyScene
-    from .renderoptions import Shot
+    from .picturespec import Shot
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
@@ -34,7 +34,7 @@ STATES = "rendered", "finished", "failed"
 class AnimationJob(NamedTuple):
     """An animation to render."""
 
-    asked: RenderOptions
+    asked: PictureSpec
     scene: "AnyScene"
     load: float  # seconds that reading the scene took
     pattern: Path  # path of the pictures, with # for the frame's number
@@ -42,7 +42,7 @@ class AnimationJob(NamedTuple):
     film: Path | None = None  # the film that the pictures become
 
 
-def film_path(output: Path | None, sequence: Sequence | None, asked: RenderOptions) -> Path | None:
+def film_path(output: Path | None, sequence: Sequence | None, asked: PictureSpec) -> Path | None:
     """The film that `output` names, checked; None if it names pictures."""
     from ..image.film import SUFFIXES, check_film
 
@@ -50,7 +50,7 @@ def film_path(output: Path | None, sequence: Sequence | None, asked: RenderOptio
         return None
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
-    if isinstance(asked.background, str):
+    if isinstance(asked.behind, str):
         raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
     film = check_film(output)
     checked_folder(pictures_of(film).parent)
@@ -238,7 +238,7 @@ class Animation:
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = summary.save(shot.frame, path, self.exposure, note, self.job.asked.background)
+        saved = summary.save(shot.frame, path, self.exposure, note, self.job.asked.behind)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
@@ -297,11 +297,12 @@ class Animation:
 
     def _answer(self) -> dict:
         asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
+        first = asked.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
         return {
             "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
             "output": str(self.job.film or self.job.pattern),
             "scene": summary.scene_answer(asked, self.job.scene),
-            **asked.options(),
+            **{name: value for name, value in asked.record(first).items() if name != "time"},
             "exposure": self.exposure,
             **self.numbers,
             "load": self.job.load,
@@ -322,7 +323,7 @@ class Animation:
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
         yield "frames", ", ".join(counts)
         yield "scene", summary.scene_text(asked, self.job.scene)
-        yield "plan", str(asked.plan)
+        yield "plan", str(asked.engine.plan)
         if self.exposure is not None:
             yield "exposure", f"{self.exposure:.6g}"
         if self.seconds:

@@ -6,7 +6,7 @@ from ..checks import number
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..scene.any_scene import AnyScene
+    from ..engine.any_scene import AnyScene
     from ..scene.camera import Camera
 
 WORDS = "auto", "on", "off"
@@ -30,7 +30,7 @@ def ground_of(asked: str | float, scene: "AnyScene", camera: "Camera", time: flo
     asked : from `parse_ground`
     time : seconds; None: the ground is for all moments of an animation
     """
-    from ..scene.scene import Scene
+    from ..engine.scene import Scene
 
     if asked == "off":
         return None
@@ -46,7 +46,7 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 
     A scene may have a ground of its own: then its shadows go on beyond it.
     """
-    from ..scene.scene import Scene
+    from ..engine.scene import Scene
 
     if not isinstance(scene, Scene) or camera.projection == "panoramic":
         return False

@@ -15,9 +15,9 @@ from .progress import ProgressDisplay
 from .sceneinput import in_memory, open_scene
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
     from ..jobs.sight.pairs import Sightlines
     from ..jobs.sight.readpairs import PairList
-    from ..scene.any_scene import AnyScene
 
 _MOST_LINES = 20  # pairs that are printed
 _MODEL = ".glb"

@@ -2,33 +2,18 @@
 
 import inspect
 from collections.abc import Callable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, Field, fields
 from enum import StrEnum
 from typing import Annotated, Any
 
 import typer
 
+from .written import written
+
 
 class Up(StrEnum):
     y = "y"
     z = "z"
-
-
-class GBufferBy(StrEnum):
-    auto = "auto"
-    raster = "raster"
-    rays = "rays"
-
-
-class CullFaces(StrEnum):
-    none = "none"
-    front = "front"
-    back = "back"
-
-    @property
-    def side(self) -> str | None:
-        """The value that `antumbra.render` takes."""
-        return None if self is CullFaces.none else self.value
 
 
 UpOption = Annotated[
@@ -41,9 +26,7 @@ UpOption = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 
-Threads = Annotated[
-    int | None, typer.Option(help="Threads to use.  [default: all cores]", min=1, max=1024, show_default=False)
-]
+Threads = Annotated[int | None, written("threads")]
 CameraOption = Annotated[
     str | None,
     typer.Option(
@@ -58,9 +41,9 @@ LightOption = Annotated[
     list[str] | None,
     typer.Option("--light", help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
 ]
-TimeOption = Annotated[float, typer.Option("--time", help="Seconds into the animation.")]
-SppOption = Annotated[int, typer.Option("--spp", help="Shadow rays for each pixel and light.", min=1, max=1024)]
-
+TimeOption = Annotated[float, written("time", 0.0)]
+SppOption = Annotated[int, written("spp", 16)]
+SamplerOption = Annotated[str, written("sampler", "")]
 SrdhRaysOption = Annotated[
     str | None,
     typer.Option(
@@ -70,15 +53,7 @@ SrdhRaysOption = Annotated[
         show_default=False,
     ),
 ]
-
-MaxMemoryOption = Annotated[
-    str | None,
-    typer.Option(
-        help="Memory for a scene in a store, in bytes, or with M or G: 512M.  [default: 4G]",
-        metavar="SIZE",
-        show_default=False,
-    ),
-]
+MaxMemoryOption = Annotated[str | None, written("max_memory")]
 
 SCENE_HELP = (
     "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
@@ -86,10 +61,15 @@ SCENE_HELP = (
 )
 
 
+def fields_of(arguments: type) -> list[Field]:
+    """The fields of a dataclass of arguments in the order of the help: its own ones before those of base classes."""
+    return sorted(fields(arguments), key=lambda field: field.name not in vars(arguments).get("__annotations__", {}))
+
+
 def takes(arguments: type) -> Callable:
     """Decorator of a command ``f(arguments)``. Typer sees each field of the dataclass `arguments` as a parameter.
 
-    A field without a default is a required one.
+    A field without a default is a required one. In the help, those of base classes come last.
     """
 
     def default(field):
@@ -100,11 +80,11 @@ def takes(arguments: type) -> Callable:
             return command(arguments(**given))
 
         found: Any = run
-        kind = inspect.Parameter.KEYWORD_ONLY
+        kind, shown = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
         found.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in fields(arguments)]
+            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in shown]
         )
-        found.__annotations__ = {f.name: f.type for f in fields(arguments)}
+        found.__annotations__ = {f.name: f.type for f in shown}
         found.__doc__, found.__name__ = command.__doc__, command.__name__
         found.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
         return found

@@ -5,26 +5,16 @@ from typing import Any
 from typer.core import TyperCommand
 
 PANELS: dict[str, tuple[str, ...]] = {
-    "Scene": ("time", "up", "ground"),
+    "Scene": ("up",),
     "Camera": ("camera", "size"),
-    "Light": ("light", "ao", "vpl", "bounce", "exposure"),
-    "Quality": (
-        "spp",
-        "sampler",
-        "filter",
-        "antialias",
-        "adaptive",
-        "adaptive_spp",
-        "cull_faces",
-        "textures",
-        "smooth_normals",
-    ),
+    "Light": ("light", "sky", "ao", "vpl", "exposure"),
+    "Quality": ("preset",),
     "Animation": ("frames", "fps", "overwrite"),
-    "Speed": ("plan", "explain_plan", "srdh_rays", "gbuffer", "threads", "max_memory"),
+    "Speed": ("plan", "explain_plan"),
     "Machines": ("shard", "ray"),
-    "Output": ("output", "html", "counters", "json", "quiet"),
-}  # fmt: skip
-"""Title -> the parameters below it. Other options stand below "Options"."""
+    "Output": ("output", "html", "json", "quiet"),
+}
+"""Title -> parameters below it, besides those that name a title themselves. Others stand below "Options"."""
 
 _LEAST = 12  # options from which groups help
 
@@ -49,4 +39,5 @@ class Grouped(TyperCommand):
 def _title(param: Any) -> str:
     if param.param_type_name == "argument":
         return "Arguments"
-    return next((title for title, names in PANELS.items() if param.name in names), "Options")
+    own = getattr(param, "rich_help_panel", None)
+    return own or next((title for title, names in PANELS.items() if param.name in names), "Options")

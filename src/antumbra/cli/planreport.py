@@ -6,7 +6,7 @@ from . import report
 
 if TYPE_CHECKING:
     from ..auto.choose import Choice
-    from .renderoptions import Shot
+    from .picturespec import Shot
 
 _WIDTH = 110  # characters of a line
 _REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query"}

@@ -6,10 +6,10 @@ from time import perf_counter
 from . import arguments, renderpage, report, summary
 from .frames import AnimationJob, film_path, output_path, pictures_of, render_frames
 from .options import takes
+from .picturespec import Shot, scene_digest
 from .planreport import print_choices
 from .progress import ProgressDisplay
 from .renderarguments import RenderArguments
-from .renderoptions import Shot, scene_digest
 from .sceneinput import open_scene
 from .sharing import engine_for, tell_shard
 
@@ -97,7 +97,7 @@ def render(given: RenderArguments) -> int:
                 return tell_shard(engine, given, perf_counter() - start - load)
             display.say("writing the picture")
             note = json.dumps(asked.settings(opened, digest, shot.time)) if linear else None
-            saved = summary.save(shot.frame, path, asked.exposure, note, background=asked.background)
+            saved = summary.save(shot.frame, path, asked.exposure, note, background=asked.behind)
             if html is not None:
                 renderpage.save(asked, opened, load, shot, saved, html)
     if sequence is not None:

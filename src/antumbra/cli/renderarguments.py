@@ -2,57 +2,41 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from ..errors import InputError
 from ..plan import parse_plan
+from ..rendering.options import EngineOptions, RenderOptions
+from ..scene.lights import MAX_SPP
 from . import arguments
 from .ground import parse_ground
-from .options import (
-    SCENE_HELP,
-    CameraOption,
-    CullFaces,
-    GBufferBy,
-    Json,
-    MaxMemoryOption,
-    Quiet,
-    SrdhRaysOption,
-    Threads,
-    UpOption,
-)
+from .options import SCENE_HELP, CameraOption, Json, Quiet, SrdhRaysOption, UpOption
 from .outputs import films, pictures, writes
 from .pictureoptions import (
     QUALITIES,
-    AdaptiveOption,
-    AdaptiveSppOption,
-    AntialiasOption,
     AoOption,
-    BackgroundOption,
-    BounceOption,
-    CullFacesOption,
     ExposureOption,
-    FilterOption,
-    GBufferOption,
-    GroundOption,
     PictureLightOption,
     Preset,
     PresetOption,
-    PresetSppOption,
-    SamplerOption,
     SkyOption,
-    SmoothNormalsOption,
-    TexturesOption,
     VplOption,
 )
-from .renderoptions import RenderOptions
+from .picturespec import PictureSpec
 from .sharing import MergeOption, RayOption, ShardOption
+from .written import arguments_of, literal
+
+_Options: Any = arguments_of("render")
 
 
 @dataclass(frozen=True)
-class RenderArguments:
-    """The arguments of the command line: each field is an argument or an option."""
+class RenderArguments(_Options):
+    """The arguments of the command line: each field is an argument or an option.
+
+    The base class has those of `RenderOptions` and `EngineOptions`.
+    """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
@@ -86,14 +70,8 @@ class RenderArguments:
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
-    background: BackgroundOption = None
-    ground: GroundOption = "auto"
     ao: AoOption = None
     vpl: VplOption = None
-    bounce: BounceOption = None
-    time: Annotated[
-        float | None, typer.Option(help="Seconds into the animation.  [default: 0]", show_default=False)
-    ] = None
     frames: Annotated[
         str | None,
         typer.Option(
@@ -110,35 +88,15 @@ class RenderArguments:
     )
     up: UpOption = None
     preset: PresetOption = Preset.standard
-    spp: PresetSppOption = None
-    sampler: SamplerOption = "larcher-pillichshammer"
-    filter: FilterOption = None
-    antialias: AntialiasOption = True
-    adaptive: AdaptiveOption = None
-    adaptive_spp: AdaptiveSppOption = None
-    textures: TexturesOption = True
-    smooth_normals: SmoothNormalsOption = True
-    plan: Annotated[
-        str | None,
-        typer.Option(
-            help="The methods that answer; see antumbra plans.  [default: auto; of a store bsah+chcrt]",
-            show_default=False,
-        ),
-    ] = None
+    srdh_rays: SrdhRaysOption = None
     explain_plan: Annotated[
         bool,
         typer.Option("--explain-plan", help="Show what the plan auto chose, why, and the times."),
     ] = False
-    srdh_rays: SrdhRaysOption = None
-    gbuffer: GBufferOption = GBufferBy.auto
-    cull_faces: CullFacesOption = CullFaces.none
-    threads: Threads = None
-    max_memory: MaxMemoryOption = None
     exposure: ExposureOption = None
     shard: ShardOption = None
     ray: RayOption = None
     merge: MergeOption = None
-    counters: Annotated[bool, typer.Option("--counters", help="Count rays, nodes and tests exactly.")] = False
     json: Json = False
     quiet: Quiet = False
 
@@ -171,23 +129,19 @@ class RenderArguments:
         if self.plan is not None and not parse_plan(self.plan).tracer.exact:
             raise InputError(f"--plan {self.plan} depends on the work before; --shard and --ray need an exact plan")
 
-    def options(self) -> RenderOptions:
+    def options(self) -> PictureSpec:
         """Parse the arguments.
 
         Raises
         ------
         InputError
-            If a text cannot be parsed.
+            If a text cannot be parsed, or an option of the picture is out of range.
         """
         given = lambda text, parse, *more: None if text is None else parse(text, *more)
-        quality = QUALITIES[self.preset]
-        spp = quality.spp if self.spp is None else self.spp
-        smooth = quality.filter if self.filter is None else self.filter
-        refined = (quality.adaptive if self.adaptive is None else self.adaptive) and self.adaptive_spp is None
-        adaptive = min(4 * spp, 1024) if refined else self.adaptive_spp
-        camera = given(self.camera, arguments.parse_camera)
+        camera, rays = given(self.camera, arguments.parse_camera), given(self.srdh_rays, arguments.parse_srdh_rays)
         wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
-        asked = RenderOptions(
+        memory = given(self.max_memory, arguments.parse_bytes, "--max-memory")
+        asked = PictureSpec(
             source=self.scene,
             spec=arguments.parse_scene(self.scene),
             up=None if self.up is None else self.up.value,
@@ -195,32 +149,28 @@ class RenderArguments:
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],
             sky=given(self.sky, arguments.parse_sky),
-            background=given(self.background, arguments.parse_background),
+            behind=given(self.background, arguments.parse_background),
             ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
             vpl=self.vpl,
-            bounce=self.bounce,
-            spp=spp,
-            sampler=self.sampler,
-            filter=smooth,
-            adaptive=adaptive,
-            plan=self.plan,
-            srdh_rays=given(self.srdh_rays, arguments.parse_srdh_rays),
-            gbuffer=self.gbuffer.value,
-            cull_faces=self.cull_faces.side,
-            threads=self.threads,
-            max_memory=given(self.max_memory, arguments.parse_bytes, "--max-memory"),
+            ground=parse_ground(self.ground),
+            picture=self._picture(),
+            engine=EngineOptions(**literal(self, EngineOptions), max_memory=memory),
+            srdh_rays=rays,
             exposure=self.exposure,
-            counters=self.counters,
             json=self.json,
             quiet=self.quiet,
-            textures=self.textures,
-            smooth_normals=self.smooth_normals,
-            antialias=self.antialias,
             moving=self.frames is not None,
-            ground=parse_ground(self.ground),
         )
-        if self.frames is None and asked.srdh_rays is not None and asked.srdh_rays.last_frame:
+        if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(
                 "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before"
             )
         return asked
+
+    def _picture(self) -> RenderOptions:
+        """The options of the picture, by the preset where none are written."""
+        preset = QUALITIES[self.preset]
+        chosen = {"spp": preset.spp, "filter": preset.filter, **literal(self, RenderOptions)}
+        refined = preset.adaptive if self.adaptive is None else self.adaptive
+        usual = min(4 * chosen["spp"], MAX_SPP) if refined else None
+        return RenderOptions(**chosen, adaptive=usual if self.adaptive_spp is None else self.adaptive_spp)

@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 from . import page, report, summary
 
 if TYPE_CHECKING:
-    from ..scene.any_scene import AnyScene
-    from .renderoptions import RenderOptions, Shot
+    from ..engine.any_scene import AnyScene
+    from .picturespec import PictureSpec, Shot
 
 
-def save(
-    asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: summary.Saved, path: Path
-) -> None:
+def save(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: summary.Saved, path: Path) -> None:
     """Write the page whole or not at all."""
     from ..image.save import frame_exposure, screen_picture
     from .about import about
@@ -24,7 +22,7 @@ def save(
     frame = shot.frame
     exposure = asked.exposure if asked.exposure is not None else frame_exposure(frame)
     width = frame.image.shape[1]
-    picture = page.embedded(screen_picture(frame, exposure, asked.background))
+    picture = page.embedded(screen_picture(frame, exposure, asked.behind))
     parts = [
         f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
         "<h2>Picture</h2>",
@@ -37,7 +35,10 @@ def save(
     if frame.counters is not None:
         rows = [(name.replace("_", " "), [f"{value:,}"]) for name, value in frame.counters.items()]
         parts += ["<h2>Counters of shadow rays</h2>", page.table(["", ""], rows)]
-    parts += ["<h2>Settings</h2>", page.pairs((name, str(v)) for name, v in report.plain(asked.options()).items())]
+    parts += [
+        "<h2>Settings</h2>",
+        page.pairs((name, str(v)) for name, v in report.plain(asked.record(shot.options)).items()),
+    ]
     parts += ["<h2>Machine</h2>", page.pairs((name, str(value)) for name, value in about().items())]
     parts += ["<h2>Command</h2>", f"<pre>{escape(shlex.join(['antumbra', *sys.argv[1:]]))}</pre>"]
     page.save(f"{scene.name}: {width}x{frame.image.shape[0]}", parts, path)

@@ -11,7 +11,7 @@ from .arguments import SceneSpec
 from .failures import say
 
 if TYPE_CHECKING:
-    from ..scene.any_scene import AnyScene
+    from ..engine.any_scene import AnyScene
 
 _MOST_NOTES = 5
 
@@ -50,7 +50,7 @@ def quietly() -> Iterator[None]:
 
 def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
     """Limit the memory of all questions to a scene in a store; InputError if the scene is in memory."""
-    from ..store.scene import PagedScene
+    from ..engine.paged_scene import PagedScene
 
     if isinstance(scene, PagedScene):
         scene.max_memory = max_memory
@@ -60,7 +60,7 @@ def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
 
 def in_memory(scene: "AnyScene") -> "AnyScene":
     """The scene; InputError if it is in a store."""
-    from ..store.scene import PagedScene
+    from ..engine.paged_scene import PagedScene
 
     if isinstance(scene, PagedScene):
         raise scene.refusal()

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import report
 
 if TYPE_CHECKING:
+    from ..engine.any_scene import AnyScene
+    from ..plan import Plan
     from ..rendering.frame import Frame
-    from ..scene.any_scene import AnyScene
-    from .renderoptions import RenderOptions, Shot
+    from .picturespec import PictureSpec, Shot
 
 
 class Saved(NamedTuple):
@@ -34,12 +35,12 @@ def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = 
     return Saved(path, exposure, perf_counter() - start)
 
 
-def picture_answer(asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
+def picture_answer(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: Saved) -> dict:
     """The fields of ``--json`` for a single picture."""
-    return {"scene": scene_answer(asked, scene), **asked.options(), "load": load, **shot_answer(shot, saved)}
+    return {"scene": scene_answer(asked, scene), **asked.record(shot.options), "load": load, **shot_answer(shot, saved)}
 
 
-def scene_answer(asked: "RenderOptions", scene: "AnyScene") -> dict:
+def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
     """The fields of ``--json`` for the scene."""
     return {
         "source": asked.source,
@@ -79,7 +80,7 @@ def shot_answer(shot: "Shot", saved: Saved) -> dict:
 
 
 def picture_fields(
-    asked: "RenderOptions", scene: "AnyScene", load: float, shot: "Shot", saved: Saved
+    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: Saved
 ) -> Iterator[tuple[str, str]]:
     """The names and values that are printed for a single picture."""
     frame = shot.frame
@@ -97,7 +98,7 @@ def picture_fields(
         yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
 
 
-def scene_text(asked: "RenderOptions", scene: "AnyScene") -> str:
+def scene_text(asked: "PictureSpec", scene: "AnyScene") -> str:
     return f"{asked.source}, {scene.n_triangles:,} triangles"
 
 
@@ -106,10 +107,10 @@ def phases_text(seconds: dict[str, float]) -> str:
     return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
-def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str]]:
+def shot_fields(asked: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
-    yield from view_fields(asked, shot, _speed(shot.frame))
-    yield "plan", ran_text(asked.plan, shot.frame)
+    yield from view_fields(shot, _speed(shot.frame))
+    yield "plan", ran_text(asked.engine.plan, shot.frame)
     if shot.frame.paging is not None:
         paging = shot.frame.paging
         yield (
@@ -121,9 +122,10 @@ def shot_fields(asked: "RenderOptions", shot: "Shot") -> Iterator[tuple[str, str
         )
 
 
-def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
+def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the rays; `speed`: million rays a second."""
-    camera, frame, spp = shot.camera, shot.frame, asked.spp
+    camera, frame, options = shot.camera, shot.frame, shot.options
+    spp = options.spp
     yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
@@ -133,8 +135,8 @@ def view_fields(asked: "RenderOptions", shot: "Shot", speed: float | None = None
         yield "", "the camera sees no surface"
     samples = [light.samples(spp) for light in shot.lights]
     each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
-    finer = "" if asked.adaptive is None else f", {asked.adaptive} where refined"
-    finer += "" if asked.bounce is None else f", {asked.bounce} bounces a pixel"
+    finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
+    finer += "" if options.bounce is None else f", {options.bounce} bounces a pixel"
     yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
@@ -150,7 +152,7 @@ def _light_text(light) -> str:
     return f"{type(light).__name__} of {light.intensity:.4g} {unit}"
 
 
-def ran_text(plan: str | None, frame: "Frame") -> str:
+def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
     """The plan that was asked for, and the methods that ran if it chose them."""
     return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
 

@@ -32,11 +32,11 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
+    from ..engine.ready import make_ready_all
     from ..jobs.warm import jobs
     from ..kernels.loading import user_cache
     from ..plan import covering_plans, parse_plan
     from ..rendering.calibration import calibrate
-    from ..rendering.ready import make_ready_all
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
     wanted = jobs(plans)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..checks import path_of, quoted, text
+from ..engine.loading import load
 from ..errors import InputError
 from ..jobs.engines import Asked
-from ..loading import load
 from ..temporary import temporary_folder
 from .engine import Cluster
 from .named import files_in, with_files

@@ -8,12 +8,12 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from ..engine.ready import compile_missing, missing_of
 from ..jobs.engines import Asked, Units, numbered
 from ..jobs.warm import jobs
 from ..kernels.locks import held
 from ..kernels.progress import heard_by, unheard
 from ..plan import DEFAULT_PLAN, parse_plan
-from ..rendering.ready import compile_missing, missing_of
 from ..temporary import temporary_folder
 from .inputs import Input, local_path, own_temporary
 

@@ -6,9 +6,9 @@ import shutil
 import tempfile
 from typing import Any
 
+from ..engine.ready import missing_of
 from ..kernels import needs
 from ..kernels.loading import user_cache
-from ..rendering.ready import missing_of
 from ..version import VERSION
 from .crew import on_node
 

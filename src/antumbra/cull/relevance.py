@@ -11,7 +11,7 @@ import numpy as np
 from ..bvh.bounds import corners_of
 from ..kernels.fields import I32Ptr, U8Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
 from ..kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from .grid import GridPointers, cell_number, cells_at, pointers_of
 
@@ -29,26 +29,22 @@ class Marks(NamedTuple):
 def _sum_slabs(ticket, cells, sums):
     """Worker: sum the marks within each layer of x."""
     n = len(cells)
-    x = take(ticket)
-    while x >= 0:
+    for x in items(ticket):
         for y in range(n):
             row = np.int32(0)
             for z in range(n):
                 row += np.int32(cells[x, y, z])
                 sums[x + 1, y + 1, z + 1] = sums[x + 1, y, z + 1] + row
-        x = take(ticket)
 
 
 @kernel
 def _sum_across(ticket, sums):
     """Worker: add the sums of the layers before, row by row."""
     n = len(sums)
-    y = take(ticket)
-    while y >= 0:
+    for y in items(ticket):
         for x in range(1, n):
             for z in range(1, n):
                 sums[x, y, z] += sums[x - 1, y, z]
-        y = take(ticket)
 
 
 def marks_of(cells: np.ndarray, threads: int) -> Marks:
@@ -107,29 +103,25 @@ def _find(ticket, corners, grid, marks, found, counts):
     """Worker: write the relevant triangles of each chunk to `found`, from the chunk's first place on."""
     values, out = ptr(corners), ptr(found)
     table = _Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         n = first
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             put(out, n, i)
             if _is_relevant(values, i, table):
                 n += 1
         counts[first // ticket[CHUNK]] = n - first
-        first = take(ticket)
 
 
 @kernel
 def _pack(ticket, corners, found, counts, starts, kept, packed):
     """Worker: copy the relevant triangles of each chunk to their places in `kept` and `packed`."""
     source, target = ptr(corners), ptr(packed)
-    chunk = take(ticket)
-    while chunk >= 0:
+    for chunk in items(ticket):
         for k in range(counts[chunk]):
             i, place = np.int64(found[chunk * _CHUNK + k]), starts[chunk] + k
             kept[place] = i
             store(target, place * 9, load8(source, i * 9))
             put(target, place * 9 + 8, get(source, i * 9 + 8))
-        chunk = take(ticket)
 
 
 class Found(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import broadcast4, load4, mask_from_bits4, maximum, minimum, select, splat4, store
 from ..query.receivers import NOTHING
 from .grid import cell_number, cells_at
@@ -50,19 +50,16 @@ def _corner(tiles, tile):
 @kernel
 def _bound_tiles(ticket, tiles):
     """Worker: find the box of each tile."""
-    tile = take(ticket)
-    while tile >= 0:
-        for i in range(tile, min(tile + ticket[CHUNK], ticket[N])):
-            y0, x0, y1, x1 = _corner(tiles, i)
-            low, high = splat4(_INF), splat4(-_INF)
-            for y in range(y0, y1):
-                for x in range(x0, x1):
-                    if tiles.sides[y, x] != NOTHING:
-                        point = _receiver(tiles, y, x)
-                        low, high = minimum(low, point), maximum(high, point)
-            store(tiles.boxes, i * 8, low)
-            store(tiles.boxes, i * 8 + 4, high)
-        tile = take(ticket)
+    for i in items(ticket):
+        y0, x0, y1, x1 = _corner(tiles, i)
+        low, high = splat4(_INF), splat4(-_INF)
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                if tiles.sides[y, x] != NOTHING:
+                    point = _receiver(tiles, y, x)
+                    low, high = minimum(low, point), maximum(high, point)
+        store(tiles.boxes, i * 8, low)
+        store(tiles.boxes, i * 8 + 4, high)
 
 
 @inlined
@@ -78,8 +75,7 @@ def _bound_cells(ticket, tiles, grid, cells):
 
     An element is the box of the share's receivers in one cell.
     """
-    part = take(ticket)
-    while part >= 0:
+    for part in items(ticket):
         boxes = cells[part]
         for i in range(part, len(tiles.boxes), len(cells)):
             low, high = load4(tiles.boxes, i * 8), load4(tiles.boxes, i * 8 + 4)
@@ -95,7 +91,6 @@ def _bound_cells(ticket, tiles, grid, cells):
                     if tiles.sides[y, x] != NOTHING:
                         point = _receiver(tiles, y, x)
                         _grow(boxes, cell_number(grid, cells_at(grid, point)), point, point)
-        part = take(ticket)
 
 
 def tiles_of(query, threads: int) -> ReceiverTiles:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..kernels.fields import F64Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, ptr, put
 from .grid import PAD, cell_at, pointers_of
 
@@ -123,8 +123,7 @@ def _mark_layers(ticket, hulls, grid, pad, marked, table):
     n = grid.n
     bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
     known = pointers_of(grid)
-    item = take(ticket)
-    while item >= 0:
+    for item in items(ticket):
         axis, layer = item // n, item % n
         u, v = 1 - min(axis, 1), 2 - axis // 2
         near, far = _walls(grid, axis, layer, pad)
@@ -136,7 +135,6 @@ def _mark_layers(ticket, hulls, grid, pad, marked, table):
                 v0, v1 = _cells_between(bounds, i * 3 + v, v, low, high, pad, known)
                 _add_rectangle(ptr(table), n + 1, u0, u1, v0, v1)
         _mark_sums(table, axis, layer, marked)
-        item = take(ticket)
 
 
 @inlined

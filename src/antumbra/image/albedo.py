@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
 from ..query.shadow import three_at
@@ -130,9 +130,8 @@ def _albedo_rows(ticket, places, paints, eye, out):
     w = places.ids.shape[1]
     ids, faces, materials, own = ptr(places.ids), ptr(places.face), ptr(paints.material), ptr(paints.colour)
     shown = ptr(out)
-    y0 = take(ticket)
-    while y0 >= 0:
-        for at in range(y0 * w, min(y0 + ticket[CHUNK], ticket[N]) * w):
+    for y0, last in shares(ticket):
+        for at in range(y0 * w, last * w):
             red = green = blue = 0.0
             k = np.int64(get(ids, at))
             if k >= 0:
@@ -146,7 +145,6 @@ def _albedo_rows(ticket, places, paints, eye, out):
             put(shown, 3 * at, np.float32(red))
             put(shown, 3 * at + 1, np.float32(green))
             put(shown, 3 * at + 2, np.float32(blue))
-        y0 = take(ticket)
 
 
 def albedo(places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads=None) -> np.ndarray:

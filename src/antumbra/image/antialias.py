@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..query.refine import NO_BOUNDARY, boundaries
 from ..query.surface import PictureSurfaces
 
@@ -70,17 +70,14 @@ def _cut_run(right, y, start, stop, less, above, under):
 def _cut_rows(ticket, below, right, less, above, under):
     """Worker: write the share that each pixel gets of the pixel below it (`above`) and of that above it (`under`)."""
     w = below.shape[1]
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            x = 0
-            while x < w:
-                start, kind = x, below[y, x]
-                while x < w and below[y, x] == kind:
-                    x += 1
-                if kind != NO_BOUNDARY:
-                    _cut_run(right, y, start, x, less, above, under)
-        y0 = take(ticket)
+    for y in items(ticket):
+        x = 0
+        while x < w:
+            start, kind = x, below[y, x]
+            while x < w and below[y, x] == kind:
+                x += 1
+            if kind != NO_BOUNDARY:
+                _cut_run(right, y, start, x, less, above, under)
 
 
 class Mixture(NamedTuple):

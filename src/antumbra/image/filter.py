@@ -11,7 +11,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I64Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from ..query.receivers import NOTHING
 from ..query.surface import PictureSurfaces, at, points_of, same_surface
@@ -86,18 +86,15 @@ def _window(points, asked, y, x):
 @kernel
 def _filter_rows(ticket, seen, counts, shares, limit, spp, out, out_shares):
     points, asked = points_of(seen), _Counted(ptr(counts), ptr(shares), len(shares) > 0, limit)
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(points.w):
-                total, weight = at(points, asked.counts, y, x), np.int64(1)
-                share = np.float64(at(points, asked.shares, y, x)) if asked.shared else 0.0
-                if at(points, points.side, y, x) != NOTHING and not _constant(points, asked, y, x):
-                    total, share, weight = _window(points, asked, y, x)
-                out[y, x] = np.float32(1.0 - np.float64(total) / np.float64(weight * spp))
-                if asked.shared:
-                    out_shares[y, x] = np.float32(share / np.float64(weight))
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(points.w):
+            total, weight = at(points, asked.counts, y, x), np.int64(1)
+            share = np.float64(at(points, asked.shares, y, x)) if asked.shared else 0.0
+            if at(points, points.side, y, x) != NOTHING and not _constant(points, asked, y, x):
+                total, share, weight = _window(points, asked, y, x)
+            out[y, x] = np.float32(1.0 - np.float64(total) / np.float64(weight * spp))
+            if asked.shared:
+                out_shares[y, x] = np.float32(share / np.float64(weight))
 
 
 def filtered(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
@@ -139,21 +136,18 @@ def _filtered(seen, counts, shares, spp, threads) -> tuple[np.ndarray, np.ndarra
 @kernel
 def _smooth_rows(ticket, seen, irradiance, out):
     points = points_of(seen)
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(points.w):
-                red = green = blue = weight = 0.0
-                for v in range(y - 2, y + 3):
-                    for u in range(x - 2, x + 3):
-                        if (v == y and u == x) or same_surface(points, y, x, v, u):
-                            w = (1.0 if abs(v - y) == 2 else 2.0) * (1.0 if abs(u - x) == 2 else 2.0)
-                            red += w * irradiance[v, u, 0]
-                            green += w * irradiance[v, u, 1]
-                            blue += w * irradiance[v, u, 2]
-                            weight += w
-                out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(points.w):
+            red = green = blue = weight = 0.0
+            for v in range(y - 2, y + 3):
+                for u in range(x - 2, x + 3):
+                    if (v == y and u == x) or same_surface(points, y, x, v, u):
+                        w = (1.0 if abs(v - y) == 2 else 2.0) * (1.0 if abs(u - x) == 2 else 2.0)
+                        red += w * irradiance[v, u, 0]
+                        green += w * irradiance[v, u, 1]
+                        blue += w * irradiance[v, u, 2]
+                        weight += w
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
 
 
 def smoothed(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.filters import dot
 from ..kernels.simd import get, ptr, put
 from ..query.receivers import NOTHING
@@ -97,14 +97,11 @@ def emitted(light, p, n):
 @kernel
 def _irradiance_kernel(ticket, position, normal, side, light, out):
     positions, normals, sides, found = ptr(position), ptr(normal), ptr(side), ptr(out)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            e = 0.0
-            if get(sides, i) != NOTHING:
-                e = emitted(light, three_at(positions, i), three_at(normals, i))
-            put(found, i, np.float32(e))
-        first = take(ticket)
+    for i in items(ticket):
+        e = 0.0
+        if get(sides, i) != NOTHING:
+            e = emitted(light, three_at(positions, i), three_at(normals, i))
+        put(found, i, np.float32(e))
 
 
 def irradiance(gbuffer, patch: LightPatch, domain: str, shading=None, threads=None) -> np.ndarray:

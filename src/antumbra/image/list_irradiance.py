@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..query.receivers import NOTHING
 from ..scene.point_lights import PointLights
 from .terminator import facing_of, softened
@@ -30,32 +30,29 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
     facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
     mx = my = mz = 0.0
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(gbuffer.side.shape[1]):
-                red = green = blue = 0.0
-                k = (x & 3) + 4 * (y & 3)
-                if gbuffer.side[y, x] != NOTHING:
-                    px = py = pz = np.float32(0.0)
-                    if not distant:
-                        px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
-                    nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
-                    gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
-                    for s in range(points.shape[1]):
-                        if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
-                            continue
-                        wx, wy, wz = points[k, s, 0] - px, points[k, s, 1] - py, points[k, s, 2] - pz
-                        if facing:
-                            mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
-                        e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
-                        if soft:
-                            e *= softened((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
-                        red += e * candela[k, s, 0]
-                        green += e * candela[k, s, 1]
-                        blue += e * candela[k, s, 2]
-                out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(gbuffer.side.shape[1]):
+            red = green = blue = 0.0
+            k = (x & 3) + 4 * (y & 3)
+            if gbuffer.side[y, x] != NOTHING:
+                px = py = pz = np.float32(0.0)
+                if not distant:
+                    px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
+                nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+                gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
+                for s in range(points.shape[1]):
+                    if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
+                        continue
+                    wx, wy, wz = points[k, s, 0] - px, points[k, s, 1] - py, points[k, s, 2] - pz
+                    if facing:
+                        mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
+                    e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
+                    if soft:
+                        e *= softened((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
+                    red += e * candela[k, s, 0]
+                    green += e * candela[k, s, 1]
+                    blue += e * candela[k, s, 2]
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
 
 
 def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import dot
 from ..kernels.simd import get, ptr, put
 from ..query.picture import ShadingNormals
@@ -31,9 +31,8 @@ def _normal_rows(ticket, places, kept, bends, out):
     ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(kept)
     positions, geometric, shown = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)
-    y0 = take(ticket)
-    while y0 >= 0:
-        for at in range(y0 * w, min(y0 + ticket[CHUNK], ticket[N]) * w):
+    for y0, last in shares(ticket):
+        for at in range(y0 * w, last * w):
             n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
             if k >= 0:
                 i = np.int64(get(faces, at))
@@ -58,7 +57,6 @@ def _normal_rows(ticket, places, kept, bends, out):
             put(shown, 3 * at, np.float32(n[0]))
             put(shown, 3 * at + 1, np.float32(n[1]))
             put(shown, 3 * at + 2, np.float32(n[2]))
-        y0 = take(ticket)
 
 
 def shading_normals(places: Places, appearance: Appearance, threads=None) -> ShadingNormals:

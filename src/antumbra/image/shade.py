@@ -11,7 +11,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
 from ..scene.lights import is_bounced
@@ -89,16 +89,13 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, am
     faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
     inverse_pi = np.float32(1.0 / np.pi)
     ambient = (ambient[0], ambient[1], ambient[2])
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
-            for x in range(w):
-                at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
-                for c in range(3):
-                    shown = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
-                    put(out, at + c, shown if i >= 0 else np.float32(0.0))
-        y0 = take(ticket)
+    for y in items(ticket):
+        _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
+        for x in range(w):
+            at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
+            for c in range(3):
+                shown = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
+                put(out, at + c, shown if i >= 0 else np.float32(0.0))
 
 
 def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=None, threads=None) -> np.ndarray:

@@ -10,7 +10,7 @@ noise where nothing hides the light [Heitz et al. 2018].
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, popcount, ptr, put
 from ..query.receivers import NOTHING
@@ -56,25 +56,22 @@ def _weighed(asked, words, patch, i, n, g, bend, soft):
 def _share_kernel(ticket, query, bits, facing, out):
     asked, words, found = query_pointers(query), ptr(bits), ptr(out)
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            share, hidden = 1.0, 0
-            for k in range(asked.words):
-                hidden += popcount(get(words, i * asked.words + k))
-            if hidden == asked.spp:
-                share = 0.0
-            elif get(asked.sides, i) != NOTHING and (hidden > 0 or facing.soft):
-                patch, n, bend = patch_of(asked, i), three_at(normals, i), np.float64(0.0)
-                weighs = hidden > 0
-                if facing.soft:
-                    bend = np.float64(get(bends, i))
-                    c, u, v = _edges_of(patch, three_at(asked.origins, i))
-                    weighs = weighs or _fades(c, u, v, n, bend)
-                if weighs:
-                    share = _weighed(asked, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
-            put(found, i, np.float32(share))
-        first = take(ticket)
+    for i in items(ticket):
+        share, hidden = 1.0, 0
+        for k in range(asked.words):
+            hidden += popcount(get(words, i * asked.words + k))
+        if hidden == asked.spp:
+            share = 0.0
+        elif get(asked.sides, i) != NOTHING and (hidden > 0 or facing.soft):
+            patch, n, bend = patch_of(asked, i), three_at(normals, i), np.float64(0.0)
+            weighs = hidden > 0
+            if facing.soft:
+                bend = np.float64(get(bends, i))
+                c, u, v = _edges_of(patch, three_at(asked.origins, i))
+                weighs = weighs or _fades(c, u, v, n, bend)
+            if weighs:
+                share = _weighed(asked, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
+        put(found, i, np.float32(share))
 
 
 def weighs(patch: LightPatch) -> bool:

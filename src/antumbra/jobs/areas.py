@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks import flag, number, path_of
+from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..loading import SceneLike, scene_of
 from ..scene.crs import checked_crs, moved
 from ..scene.files import checked_file
 from .inside import below_roofs, covered_by_solids

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from ..rendering.frame import Frame
+from ..rendering.options import RenderOptions
 from ..rendering.renderer import Renderer
 from ..rendering.rows import BAND, kept_rows, names_of
 from ..scene.camera import Camera
@@ -12,14 +13,14 @@ from .parts import Parts, about_parts
 
 
 def render_bands(
-    renderer: Renderer, camera: Camera, lights: Sequence[Light], engine: Engine, scene: str, settings: dict, **asked
-) -> Frame | None:
+    renderer: Renderer, camera: Camera, lights: Sequence[Light], options: RenderOptions, engine: Engine, scene: str,
+    settings: dict,
+) -> Frame | None:  # fmt: skip
     """The frame of `Renderer.render`, whose rays an engine traces; None if it leaves bands to others.
 
     scene, settings : the digest of the scene, and all that the bits depend on besides it, as JSON can hold them
-    asked : the other arguments of `Renderer.render`
     """
-    request = renderer.request(camera, lights, **asked)
+    request = renderer.request(camera, lights, options)
     rows = None
 
     def band(first: int, last: int):

@@ -8,9 +8,9 @@ Level rays that count walls alone find roofs of buildings that have neither a fl
 
 import numpy as np
 
-from ..rendering.queries import accelerated, receivers_of
-from ..scene.any_scene import AnyScene
-from ..store.scene import PagedScene
+from ..engine.any_scene import AnyScene
+from ..engine.paged_scene import PagedScene
+from ..query.receivers import Receivers
 from ..trace.rays.intersections import intersections
 from .sensors import LOW
 
@@ -46,8 +46,8 @@ def inside(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> n
     InputError
         If the scene is in a store.
     """
-    begin, _ = receivers_of(scene, points, np.eye(3)["xyz".index(scene.up)])
-    return _left_by(scene, begin, _rays(scene.up, _LOWEST, 1.0), False, threads)
+    begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin)
+    return _left_by(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
 
 
 def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads: int | None = None) -> np.ndarray:
@@ -65,7 +65,7 @@ def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads:
         at[:, up] = np.maximum(points[:, up] - depth, floor + LOW)
         high = np.flatnonzero((points[:, up] > floor + LOW) & ~found)
         if len(high):
-            found[high] = _left_by(scene, receivers_of(scene, at[high], None)[0], rays, True, threads)
+            found[high] = _left_by(scene, Receivers.in_space(at[high], scene.origin).origins[0], rays, True, threads)
     return found
 
 
@@ -78,7 +78,7 @@ def _left_by(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: bool, 
     """
     if isinstance(scene, PagedScene):
         raise scene.refusal()
-    ready = accelerated(scene, 0.0, threads, _PLAN)
+    ready = scene.engine.with_options(_PLAN, threads, None).accelerated(0.0)
     assert ready.bvh is not None
     corners = ready.triangles.vertices.astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

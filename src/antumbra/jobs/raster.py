@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, instance, number, points, text, whole_number
+from ..engine.any_scene import AnyScene
 from ..errors import InputError
 from ..extras import needed
-from ..scene.any_scene import AnyScene
 from ..scene.files import checked_file
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import near, quoted
+from ..engine.any_scene import AnyScene
+from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
 from ..kernels.parallel import thread_count
-from ..loading import SceneLike, scene_of
-from ..scene.any_scene import AnyScene
 from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.crs import check_plan, checked_crs
 from ..scene.files import checked_file

@@ -4,8 +4,8 @@ import hashlib
 
 import numpy as np
 
-from ..scene.any_scene import AnyScene
-from ..store.scene import PagedScene
+from ..engine.any_scene import AnyScene
+from ..engine.paged_scene import PagedScene
 
 _STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
 

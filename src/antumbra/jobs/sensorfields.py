@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..checks import as_array, unit_vectors
+from ..engine.any_scene import AnyScene
 from ..errors import InputError
-from ..scene.any_scene import AnyScene
 
 NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}
 """Kind of sensors -> the field that it needs."""

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
+from ..engine.any_scene import AnyScene
+from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..loading import SceneLike, scene_of
-from ..rendering.queries import surfaces_hit
-from ..scene.any_scene import AnyScene
 from ..scene.crs import check_plan
 from .raster import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
 from .sensorfields import NEEDED, checked_areas, checked_corners, checked_indices, checked_normals
@@ -365,11 +364,9 @@ def _first_surface(scene: AnyScene, at: np.ndarray, start: np.ndarray, sign: flo
     up = "xyz".index(scene.up)
     begin, along = at.copy(), np.zeros(3)
     begin[:, up], along[up] = start, sign
-    distance, triangles, index = surfaces_hit(scene, begin, along, time, threads)
-    met = index >= 0
-    heights = np.where(met, start + sign * np.where(met, distance, 0.0), scene.bounds[0, up])
-    faces = np.where(met, triangles.face_id[np.maximum(index, 0)], -1) if len(triangles.face_id) else index
-    return heights, faces.astype(np.int64)
+    hit = scene.closest_hit(begin, along, time=time, threads=threads)
+    heights = np.where(hit.mask, start + sign * np.where(hit.mask, hit.t, 0.0), scene.bounds[0, up])
+    return heights, hit.face.astype(np.int64)
 
 
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:

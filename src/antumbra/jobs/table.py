@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks import instance, near, points, quoted
+from ..engine.any_scene import AnyScene
+from ..engine.loading import scene_of
 from ..errors import InputError
-from ..loading import scene_of
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from .formats import writer_of
 from .sensorfields import check_on_scene

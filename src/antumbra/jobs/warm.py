@@ -4,16 +4,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..engine.ready import Job, fixed_job, small_scene
+from ..engine.scene import Scene
 from ..plan import Plan
 from ..query.horizon import below_horizon
+from ..query.receivers import Receivers
 from ..query.sampling import light_samples
 from ..rendering import warm
-from ..rendering.memory import points_memory
-from ..rendering.points import PointQueries
-from ..rendering.ready import Job, fixed_job, small_scene
-from ..rendering.renderer import Renderer
 from ..scene.lights import PointLight
-from .bake.measure import Asked, Meter, Receivers
+from .bake.measure import Asked, Meter, SurfacePoints
 from .sight.bitrows import reordered
 from .sun.hours import tally_job
 
@@ -27,14 +26,13 @@ def points_job() -> Job:
     """The job of baked light, and of matrices of lines of sight, without tracing."""
 
     def work():
-        light, up = PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
+        scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
         samples = light_samples(light, 1)
         for what in ("light", "bent-normal"):
             asked = Asked(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-            Meter(small_scene(), asked, 1).values(Receivers(np.zeros((1, 3)), up))
-        points = PointQueries(Renderer(small_scene(), "bsah+single", 1), 1, 0.0)
-        points.begin(points_memory(1, light, samples))
-        query = points.query(np.zeros((1, 1, 3), np.float32), np.ones((1, 1), np.int8), up[None], light, samples)
+            Meter(scene, asked, 1).values(SurfacePoints(np.zeros((1, 3)), up))
+        ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
+        (query,) = scene.engine.with_options("bsah+single", 1, None).queries(ends, [light], [samples])
         below_horizon(query, 1)
         reordered(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
 

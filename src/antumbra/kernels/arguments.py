@@ -2,6 +2,8 @@
 
 A *key* lists the kinds of the arguments, one token for each scalar, array, None, and begin or end of a tuple. The key
 chooses the machine code and the packing of the values.
+
+What is an argument of many calls, such as a tree, is `Packed` once. A kernel takes it in place of the value.
 """
 
 import ctypes
@@ -13,7 +15,8 @@ from importlib import import_module
 
 import numpy as np
 
-Key = tuple[str, ...]
+Key = tuple["str | Key", ...]
+"""Tokens. Those of a `Packed` are a tuple of their own."""
 
 SCALARS = {
     "b": "?7x", "f": "f4x", "d": "d",
@@ -74,7 +77,7 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
 
 def flatten(arguments: tuple) -> tuple[Key, list]:
     """The key of arguments, and their values. The values of an array are its address, shape and strides."""
-    key: list[str] = []
+    key: list[str | Key] = []
     values: list = []
     for argument in arguments:
         _flatten(argument, key, values)
@@ -83,7 +86,10 @@ def flatten(arguments: tuple) -> tuple[Key, list]:
 
 def _flatten(x, key, values):
     kind = type(x)
-    if kind is np.ndarray:
+    if kind is Packed:
+        key.append(x.key)
+        values.append(x.words)
+    elif kind is np.ndarray:
         flags = x.flags
         if not flags.aligned:
             raise TypeError("a kernel cannot take arrays whose elements are not aligned")
@@ -106,13 +112,57 @@ def _flatten(x, key, values):
         raise TypeError(f"a kernel cannot take {kind.__module__}.{kind.__qualname__}")
 
 
+class Form:
+    """The packing of values of known kinds.
+
+    example : a value of these kinds: a scalar, an array, or a tuple of them
+    """
+
+    __slots__ = ("_struct", "key")
+
+    def __init__(self, example):
+        self.key, _ = flatten((example,))
+        self._struct = struct_of(self.key)
+
+    def pack(self, *values) -> "Packed":
+        """A `Packed` of flat values: of an array its address, shape and strides. They must outlive it."""
+        return Packed(self.key, self._struct.pack(*values))
+
+
+class Packed:
+    """An argument of kernels that is flattened already.
+
+    key : its tokens
+    words : its values, packed
+    value : what it was made from, if that must live as long
+    """
+
+    __slots__ = ("key", "value", "words")
+
+    def __init__(self, key: Key, words: bytes, value: object = None):
+        self.key, self.words, self.value = key, words, value
+
+
+def packed(value) -> Packed:
+    """A value, flattened. It keeps the value's arrays alive, which kernels read and write as ever."""
+    key, values = flatten((value,))
+    return Packed(key, struct_of(key).pack(*values), value)
+
+
+def text_of(key: Key) -> str:
+    """All tokens of a key: the same for a `Packed` and for its value."""
+    return " ".join(token if isinstance(token, str) else text_of(token) for token in key)
+
+
 @cache
 def struct_of(key: Key) -> struct.Struct:
     """The packing of a key's values."""
     return struct.Struct("<" + "".join(map(_packing, key)))
 
 
-def _packing(token: str) -> str:
+def _packing(token: str | Key) -> str:
+    if isinstance(token, tuple):
+        return f"{struct_of(token).size}s"
     if is_array(token):
         return "Q" + "qq" * array_parts(token)[1]
     return SCALARS.get(token, "")

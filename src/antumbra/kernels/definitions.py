@@ -1,7 +1,8 @@
 """Digests of definitions, read from the source of a module. The module is not imported, as it may import Numba.
 
 The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all names in
-these statements, in other modules of the package too. Comments and docstrings do not count.
+these statements, in other modules of the package too. What a decorator registers for a class, such as the code of an
+iterator, is part of the class. Comments and docstrings do not count.
 """
 
 import ast
@@ -57,7 +58,8 @@ def _without_docstrings(node: ast.stmt) -> ast.stmt:
 
 def _defined(node: ast.stmt) -> list[str]:
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
-        return [node.name]
+        calls = (call for call in node.decorator_list if isinstance(call, ast.Call))
+        return [node.name, *(arg.id for call in calls for arg in call.args if isinstance(arg, ast.Name))]
     return [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
 
 

@@ -2,6 +2,7 @@
 
 - `kernel` marks a function that Python or other kernels call.
 - `inlined` marks a function that LLVM must inline into its callers.
+- `formula` marks an inlined function that Python may call too.
 - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
 
 A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that this
@@ -16,7 +17,7 @@ import types
 from collections.abc import Callable
 from typing import NamedTuple
 
-from .arguments import Key, flatten, struct_of
+from .arguments import Key, flatten, struct_of, text_of
 
 _lock = threading.RLock()
 
@@ -54,13 +55,20 @@ class inlined:
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
 
 
+class formula(inlined):
+    """Decorator of inlined functions of plain arithmetic. Python may call them too, on numbers and on arrays."""
+
+    def __call__(self, *arguments):
+        return self.py_func(*arguments)
+
+
 class kernel(inlined):
     """Decorator of compiled functions, which are kept on disk and run without the GIL.
 
     Division follows IEEE 754. There is no fast-math and no allocation.
 
-    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, and tuples and
-    NamedTuples of them. The result is a number, a boolean, None, or a tuple of them.
+    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, tuples and
+    NamedTuples of them, and `arguments.Packed`. The result is a number, a boolean, None, or a tuple of them.
 
     Raises
     ------
@@ -75,6 +83,7 @@ class kernel(inlined):
     def __init__(self, function):
         super().__init__(function)
         self.found: dict[Key, Callable] = {}
+        self._codes: dict[str, Callable] = {}  # by the text of a key, which is the same for a `Packed` and its value
         code = function.__code__
         self._names = code.co_varnames[: code.co_argcount]
         self._defaults = dict(zip(self._names[::-1], (function.__defaults__ or ())[::-1]))
@@ -99,9 +108,11 @@ class kernel(inlined):
 
     def _find(self, key):
         with _lock:
-            code = self.found.get(key)
+            text = text_of(key)
+            code = self._codes.get(text)
             if code is None:
-                code = self.found[key] = above.find(self, " ".join(key))
+                code = self._codes[text] = above.find(self, text)
+            self.found[key] = code
         return code
 
 

@@ -11,6 +11,8 @@ import llvmlite.binding as llvm
 from numba import _dynfunc
 from numba.core import cgutils, codegen
 
+_NO_ERROR = "i32 0"
+
 
 class Library(codegen.CodeLibrary):
     """The code of one function, kept as IR. It takes the place of Numba's own `CodeLibrary`."""
@@ -29,6 +31,13 @@ class Library(codegen.CodeLibrary):
         module.data_layout = self._codegen._data_layout
         _simplify(self._codegen, module)
         self._modules.append(module)
+
+    def never_fails(self, name: str) -> bool:
+        """Whether a function of this library only ever returns the status "no error": it never raises."""
+        function = self._modules[0].get_function(name)
+        ends = (list(block.instructions)[-1] for block in function.blocks)
+        returned = (next(end.operands) for end in ends if end.opcode == "ret")
+        return all(str(value) == _NO_ERROR for value in returned)
 
     def linked(self, visible: str | None = None) -> llvm.ModuleRef:
         """One module of this library and of all libraries that it reaches.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import llvmlite.binding as llvm
 
-from .arguments import Result
+from .arguments import NONE, Result
 from .cache import Folder, Pack, cache_folder, packs
 from .closure import kernel_digest
 from .code import Code, symbol_of
@@ -15,6 +15,7 @@ from .jit import kernel
 from .processor import level
 from .progress import LOG
 
+_UNUSED = ctypes.create_string_buffer(8)  # for the results of kernels that have none
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
 
 
@@ -113,6 +114,11 @@ def _linked(code: Code, symbol: str) -> Callable:
         raise RuntimeError(f"{name}: its machine code has no function {symbol}")
     run = _ENTRY(address)
 
+    def nothing(words: bytes):
+        status = run(words, _UNUSED)
+        if status:
+            raise RuntimeError(f"{name}: error {status} in compiled code")
+
     def call(words: bytes):
         memory = ctypes.create_string_buffer(result.size)
         status = run(words, memory)
@@ -120,4 +126,4 @@ def _linked(code: Code, symbol: str) -> Callable:
             raise RuntimeError(f"{name}: error {status} in compiled code")
         return result(memory)
 
-    return call
+    return nothing if code.result == NONE else call

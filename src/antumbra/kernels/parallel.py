@@ -2,17 +2,17 @@
 
 A kernel is compiled to run without the GIL, so plain Python threads use every core. Work is handed out
 while it runs. Each thread takes the next `chunk` items from a ticket when its last ones are done, so no
-thread waits for a slower one. A worker is a kernel of this shape::
+thread waits for a slower one. A worker is a kernel that loops over `items` or `shares`::
 
     @kernel
     def worker(ticket, values):
-        first = take(ticket)
-        while first >= 0:
-            for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-                values[i] *= 2
-            first = take(ticket)
+        for i in items(ticket):
+            values[i] *= 2
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
+
+Leaving the loop leaves the items of the thread's share that are not done; set `STOP` to stop all threads. What is not
+compiled calls `take`.
 
 Kernels allocate no memory but their stack. `run` calls `own` in each thread to make other scratch memory.
 """
@@ -23,15 +23,18 @@ import queue
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
-from .jit import kernel
+from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
-__all__ = ["CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "new_ticket", "run", "take", "thread_count"]
+__all__ = [
+    "CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "items", "new_ticket", "run", "shares", "take",
+    "thread_count",
+]  # fmt: skip
 
 Ticket: TypeAlias = np.ndarray
 """(5,) int64: the fields below."""
@@ -71,6 +74,17 @@ def thread_count(threads: int | None) -> int:
 def new_ticket(n_items: int, chunk: int) -> Ticket:
     """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time. A ticket serves one run."""
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
+
+
+items: Any = Intrinsic("antumbra.kernels.tickets", "items")
+"""In kernels, ``for i in items(ticket):`` is a loop over the items that this thread takes."""
+
+shares: Any = Intrinsic("antumbra.kernels.tickets", "shares")
+"""In kernels, ``for first, last in shares(ticket):`` is a loop over the items that this thread takes at a time.
+
+A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with each share,
+such as a row of sums of its own.
+"""
 
 
 @kernel

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from numba.core import compiler, compiler_machinery, types, typing
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
+from numba.core.imputils import user_function
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import fold_arguments
 from numba.core.utils import pysignature
@@ -109,9 +110,24 @@ class Part:
             finally:
                 self.is_compiling -= 1
             found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
-            context.insert_user_function(found, made.fndesc, [library])
+            implementation = _call_of(made.fndesc, library)
+            context._defns[found].append(implementation, implementation.signature)
             self.lowered[args] = found
         return found
+
+
+def _call_of(fndesc, library: Library):
+    """What callers of a function run: Numba's `user_function`, without the test for errors if it never raises."""
+    if isinstance(fndesc.restype, types.Optional) or not library.never_fails(fndesc.llvm_func_name):
+        return user_function(fndesc, [library])
+
+    def call(context, builder, signature, args):
+        function = context.declare_function(builder.module, fndesc)
+        _, value = context.call_conv.call_function(builder, function, fndesc.restype, fndesc.argtypes, args)
+        return value
+
+    call.signature, call.libs = fndesc.argtypes, (library,)  # type: ignore[attr-defined]
+    return call
 
 
 def _flags(forced: bool) -> compiler.Flags:

@@ -17,11 +17,11 @@ import numpy as np
 from ..cli.arguments import PROCEDURAL as PREFIX
 from ..cli.arguments import parse_scene
 from ..cli.sceneinput import open_scene
+from ..engine.any_scene import AnyScene
+from ..engine.loading import load
+from ..engine.scene import procedural
 from ..errors import InputError
-from ..loading import load
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
-from ..scene.generated import procedural
 from ..scene.lights import Light, PointLight, QuadLight, tangents
 from ..scene.procedural import PROCEDURAL, add_scenes
 

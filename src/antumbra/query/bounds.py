@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 
 _ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
@@ -15,11 +15,10 @@ _CHUNK = 2048  # blocks
 def _bounds(ticket, values, parts):
     """Worker: minimum and maximum at each of the 48 positions in a block, for each chunk of blocks."""
     p, out = ptr(values), ptr(parts)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         a, b, c = (splat16(np.float32(np.inf)), splat16(np.float32(np.inf)), splat16(np.float32(np.inf)))
         d, e, f = (splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)))
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             x, y, z = load16(p, _BLOCK * i), load16(p, _BLOCK * i + 16), load16(p, _BLOCK * i + 32)
             a, b, c = minimum(a, x), minimum(b, y), minimum(c, z)
             d, e, f = maximum(d, x), maximum(e, y), maximum(f, z)
@@ -30,13 +29,15 @@ def _bounds(ticket, values, parts):
         store(out, row + 48, d)
         store(out, row + 64, e)
         store(out, row + 80, f)
-        first = take(ticket)
 
 
 def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
+    if n == 0:
+        rest = flat.reshape(-1, 3)
+        return rest.min(0), rest.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
     run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
     rest = flat[n * _BLOCK :].reshape(-1, 3)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from .diffuse import RayPass, camera_pass
@@ -12,12 +12,9 @@ from .pixels import pixel_direction
 
 @kernel
 def _directions(ticket, pixels, rays, directions):
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            d = pixel_direction(rays, pixels[i, 1], pixels[i, 0])
-            directions[i, 0], directions[i, 1], directions[i, 2] = d
-        first = take(ticket)
+    for i in items(ticket):
+        d = pixel_direction(rays, pixels[i, 1], pixels[i, 0])
+        directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
 def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:

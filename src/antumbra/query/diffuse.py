@@ -11,7 +11,7 @@ import numpy as np
 from ..checks import whole_number
 from ..errors import InputError
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.light_list import N_SETS
 from ..scene.lights import MAX_SPP, is_bounced
 from ..scene.listed_rays import ListedRays
@@ -89,18 +89,15 @@ def _of_passes(light, n: int, sampler: str) -> list[np.ndarray]:
 def _direction_rows(ticket, normals, sides, samples, out):
     zero, one = np.float64(0.0), np.float64(1.0)
     h, w = samples.shape[:2]
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(sides.shape[1]):
-                d = np.float32(0.0), np.float32(0.0), np.float32(0.0)
-                if sides[y, x] != NOTHING:
-                    nx, ny, nz = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
-                    around = hemisphere(zero, zero, zero, np.float64(nx), np.float64(ny), np.float64(nz), one)
-                    a, b, c = samples[y % h, x % w, 0], samples[y % h, x % w, 1], samples[y % h, x % w, 2]
-                    d = sample_point(around, a, b, c)
-                out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(sides.shape[1]):
+            d = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            if sides[y, x] != NOTHING:
+                nx, ny, nz = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
+                around = hemisphere(zero, zero, zero, np.float64(nx), np.float64(ny), np.float64(nz), one)
+                a, b, c = samples[y % h, x % w, 0], samples[y % h, x % w, 1], samples[y % h, x % w, 2]
+                d = sample_point(around, a, b, c)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
 
 
 def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I8Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays
 from .pixels import pixel_direction
@@ -93,10 +93,9 @@ def fill_point(o, d, normal, t, out, at):
 def _fill(ticket, t, corners, rays, row, gbuffer):
     zero, out = np.float32(0.0), surface_of(gbuffer)
     faces, ts, depths, triangles = ptr(gbuffer.face), ptr(t), ptr(gbuffer.depth), ptr(corners)
-    y0 = take(ticket)
-    while y0 >= 0:
+    for y0, end in shares(ticket):
         last, normal = np.int64(-1), FaceNormal(0.0, 0.0, 0.0, 0.0)
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
+        for y in range(y0, end):
             for x in range(rays.width):
                 at = y * rays.width + x
                 i, far = np.int64(get(faces, at)), get(ts, at)
@@ -109,7 +108,6 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
                     put(out.side, at, NOTHING)
                     _put3(out.position, at, (zero, zero, zero))
                     _put3(out.normal, at, (zero, zero, zero))
-        y0 = take(ticket)
 
 
 def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) -> GBuffer:

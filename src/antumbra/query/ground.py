@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from .diffuse import RayPass
 from .gbuffer import GBuffer
 from .receivers import NOTHING, SHIFT
@@ -46,27 +46,24 @@ def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, k
     """Worker: write what rays see of the plane to their pixels; arrays have a row for each pixel."""
     up = plane.axis
     a, b = (0, 3 - up) if up != 0 else (1, 2)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            above, falls = np.float64(rays.origins[i, up]) - plane.height, -np.float64(rays.directions[i, up])
-            if not (above > 0.0 and falls > 0.0):
-                continue
-            t, k = above / falls, pixels[i]
-            p = np.float32(np.float64(rays.origins[i, a]) + t * np.float64(rays.directions[i, a]))
-            q = np.float32(np.float64(rays.origins[i, b]) + t * np.float64(rays.directions[i, b]))
-            away = np.hypot(np.float64(p) - plane.x, np.float64(q) - plane.y) / plane.radius
-            if not away < 1.0:
-                continue
-            height = np.float32(plane.height)
-            position[k, a], position[k, b], position[k, up] = p, q, height
-            # Eq. (2) of docs/design/receivers.md
-            shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
-            origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
-            normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
-            x = max((away - _FADES) / (1.0 - _FADES), 0.0)
-            kept[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
-        first = take(ticket)
+    for i in items(ticket):
+        above, falls = np.float64(rays.origins[i, up]) - plane.height, -np.float64(rays.directions[i, up])
+        if not (above > 0.0 and falls > 0.0):
+            continue
+        t, k = above / falls, pixels[i]
+        p = np.float32(np.float64(rays.origins[i, a]) + t * np.float64(rays.directions[i, a]))
+        q = np.float32(np.float64(rays.origins[i, b]) + t * np.float64(rays.directions[i, b]))
+        away = np.hypot(np.float64(p) - plane.x, np.float64(q) - plane.y) / plane.radius
+        if not away < 1.0:
+            continue
+        height = np.float32(plane.height)
+        position[k, a], position[k, b], position[k, up] = p, q, height
+        # Eq. (2) of docs/design/receivers.md
+        shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
+        origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
+        normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
+        x = max((away - _FADES) / (1.0 - _FADES), 0.0)
+        kept[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
 
 
 def seen_ground(plane: Plane, rays: RayPass, wanted: np.ndarray, origin: np.ndarray, threads=None) -> SeenGround:

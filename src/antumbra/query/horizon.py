@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from .shadow import ShadowQuery, horizon_of, is_above, new_bits, patch_of, query_pointers, sample_of, set_bit
 
@@ -11,15 +11,12 @@ from .shadow import ShadowQuery, horizon_of, is_above, new_bits, patch_of, query
 @kernel
 def _below_kernel(ticket, query, bits):
     asked, out = query_pointers(query), ptr(bits)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            patch, horizon = patch_of(asked, i), horizon_of(asked, i)
-            for s in range(asked.spp):
-                x, y, z = sample_of(asked, patch, i, s)
-                if not is_above(horizon, x, y, z, asked.corners):
-                    set_bit(asked, out, i, s)
-        first = take(ticket)
+    for i in items(ticket):
+        patch, horizon = patch_of(asked, i), horizon_of(asked, i)
+        for s in range(asked.spp):
+            x, y, z = sample_of(asked, patch, i, s)
+            if not is_above(horizon, x, y, z, asked.corners):
+                set_bit(asked, out, i, s)
 
 
 def below_horizon(query: ShadowQuery, threads: int | None = None) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
 from ..kernels.simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from .raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
 from .raster_setup import TILE, RasterView
@@ -68,9 +68,8 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
     """Worker: bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
     p = ptr(corners)
     lanes, boxes, nearest = stack_f32(_LANES), stack_i32(_BOXES), stack_f32(BLOCK)
-    first = take(ticket)
-    while first >= 0:
-        chunk, slot, end = first // ticket[CHUNK], first, min(first + ticket[CHUNK], ticket[N])
+    for first, end in shares(ticket):
+        chunk, slot = first // ticket[CHUNK], first
         row = counts[chunk]
         row[:] = 0
         for block in range(first, end, BLOCK):
@@ -87,7 +86,6 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
                         box, key = careful_box(view, padding, p, i), np.float32(np.inf)
                     slot = _keep(seen, slot, i, box, key, columns, row)
         left[chunk] = slot - first
-        first = take(ticket)
 
 
 @kernel
@@ -112,15 +110,13 @@ def _prefix_sums(counts, first):
 @kernel
 def _fill(ticket, size, columns, left, cursors, box, slots):
     """Worker: write the tiles' lists, chunk by chunk of `size` triangles."""
-    chunk = take(ticket)
-    while chunk >= 0:
+    for chunk in items(ticket):
         for slot in range(chunk * size, chunk * size + left[chunk]):
             for row in range(box[slot, 1] // TILE, box[slot, 3] // TILE + 1):
                 for column in range(box[slot, 0] // TILE, box[slot, 2] // TILE + 1):
                     tile = row * columns + column
                     slots[cursors[chunk, tile]] = slot
                     cursors[chunk, tile] += 1
-        chunk = take(ticket)
 
 
 def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import take
+from ..kernels.parallel import items
 from ..kernels.predicate.filters import meets, plane_side
 from ..kernels.simd import (
     any_lane,
@@ -224,8 +224,7 @@ def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters,
     for c in range(_COUNTS):
         counts[c] = 0
     across = -(-view.width // TILE)
-    k = take(ticket)
-    while k >= 0:
+    for k in items(ticket):
         _clear(tile)
         x0, y0 = k % across * TILE, k // across * TILE
         window = (x0, y0, min(x0 + TILE, view.width) - 1, min(y0 + TILE, view.height) - 1)
@@ -233,6 +232,5 @@ def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters,
         counts[_LISTED] += n
         _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts)
         _finish(tile, window, corners, rays, face, t)
-        k = take(ticket)
     for c in range(_COUNTS):
         atomic_add(counters, c, counts[c])

@@ -1,24 +1,45 @@
 """Ray lists: the checked arguments of `Scene.occluded` (any-hit) and `Scene.closest_hit`."""
 
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
 
 from ..checks import as_array, choice
 from ..errors import InputError
+from ..kernels.arguments import Form, Packed
 from ..scene.recentre import settled
 from .diffuse import RayPass
 from .shadow import CULL_FACES
 
 
+class Operand(NamedTuple):
+    """An array of points in memory: number k of row i is at ``address + i * row + k * column``, in bytes."""
+
+    address: int
+    row: int  # 0: all rays share one row
+    column: int
+    double: int  # 1 for float64, 0 for float32
+
+
+class Number(NamedTuple):
+    """A number for each ray, at ``address + i * row``; or one for all, `shared`, if the address is 0."""
+
+    address: int
+    row: int
+    double: int  # 1 for float64, 0 for float32 or int32
+    shared: float
+
+
 class RayList(NamedTuple):
-    """Rays in the caller's arrays; `trace.rays.batch` checks and converts the numbers while it traces.
+    """Rays in the caller's arrays; `trace.rays.batch` checks and converts the numbers while it traces."""
 
-    Element (i, k) of an argument is at ``address + i * row + k * column``, in bytes; row is 0 if all rays share it.
-    """
-
-    layout: np.ndarray  # (5, 4) int64: address, row, column, 1 for float64 and 0 for float32 or int32, of each argument
-    frame: np.ndarray  # (3,) float64, world position of the zero of the scene's frame
+    origins: Operand
+    directions: Operand  # targets, for segments
+    tmin: Number
+    tmax: Number
+    skip: Number
+    frame: tuple[float, float, float]  # world position of the zero of the scene's frame
     n: int
     cull_faces: int  # a value of CULL_FACES
     segments: bool  # directions are targets: the rays are segments
@@ -33,22 +54,84 @@ class HitArrays(NamedTuple):
     u: np.ndarray  # (m,) float32, 0 on a miss
     v: np.ndarray  # (m,) float32
 
+    def packed(self) -> Packed:
+        """The arrays as an argument of a kernel, which they must outlive."""
+        blocked, face, t, u, v = self
+        if not len(face):
+            return _HITS.pack(_address(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
+        m = len(face)
+        return _HITS.pack(0, 0, 1, _address(face), m, 4, _address(t), m, 8, _address(u), m, 4, _address(v), m, 4)
+
+
+_NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
+_HITS = Form(_NONE)
+_RAYS = Form(
+    RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type: ignore[arg-type]
+)
+_DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
+
 
 def hit_arrays(m: int, any_hit: bool) -> HitArrays:
     """`HitArrays` for m rays."""
-    n = 0 if any_hit else m
-    return HitArrays(
-        np.empty(m - n, np.bool_), np.empty(n, np.int32), np.empty(n), np.empty(n, np.float32), np.empty(n, np.float32)
-    )
+    if any_hit:
+        return _NONE._replace(blocked=np.empty(m, np.bool_))
+    return HitArrays(_NONE.blocked, *(np.empty(m, array.dtype) for array in _NONE[1:]))
 
 
-def ray_arguments(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame_origin, n_faces: int, targets=None
-) -> tuple["Arguments", tuple[int, ...], int]:
-    """The arguments of `Scene.occluded` and `Scene.closest_hit`: (Arguments, leading shape, value of CULL_FACES).
+class Rays(NamedTuple):
+    """The rays of a question: arguments whose shapes and dtypes are checked. The numbers are checked in tracing.
 
-    Shapes and dtypes are checked here, the numbers during tracing. World coordinates are recentred (minus
-    ``frame_origin``, in float64) before they are rounded to float32.
+    World coordinates are recentred (minus `frame`, in float64) before they are rounded to float32.
+    """
+
+    origins: np.ndarray  # (..., 3) world
+    directions: np.ndarray  # (..., 3) any length but zero; or, for segments, their targets, world
+    tmin: np.ndarray | float  # >= 0, in lengths of the direction; hits need t > tmin
+    tmax: np.ndarray | float  # may be inf; hits need t < tmax
+    skip: np.ndarray | float  # index of a triangle that is not tested, or -1
+    shape: tuple[int, ...]  # to which all of them broadcast
+    cull_faces: int  # a value of CULL_FACES
+    segments: bool
+    frame: tuple[float, float, float]  # world position of the zero of the scene's frame
+
+    @property
+    def n(self) -> int:
+        return prod(self.shape)
+
+    def copied(self) -> "Rays":
+        """The same rays in arrays of their own, which nobody else changes."""
+        own = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
+        return Rays(*own, *self[5:])
+
+    def packed(self) -> Packed:
+        """The rays as a kernel's `RayList`. It keeps the memory that it names."""
+        shape = self.shape
+        origins, o = _operand(self.origins, shape)
+        directions, d = _operand(self.directions, shape)
+        tmin, a = _number(self.tmin, shape)
+        tmax, b = _number(self.tmax, shape)
+        skip, c = _number(self.skip, shape, np.int32)
+        found = _RAYS.pack(
+            *origins, *directions, *tmin, *tmax, *skip, *self.frame, prod(shape), self.cull_faces, self.segments
+        )
+        found.value = o, d, a, b, c
+        return found
+
+    def arrays(self) -> "RayArrays":
+        """The rays as rows of arrays."""
+        points, number = (*self.shape, 3), (*self.shape, 1)
+        return RayArrays(
+            _rows(self.origins, points), _rows(self.directions, points), _rows(np.asarray(self.tmin), number),
+            _rows(np.asarray(self.tmax), number), _rows(np.asarray(self.skip), number, np.int32),
+            np.array(self.frame), self.segments,
+        )  # fmt: skip
+
+
+def rays_of(
+    origins, directions, tmin, tmax, skip_face, cull_faces, frame: tuple[float, float, float], n_faces: int,
+    targets=None,
+) -> Rays:  # fmt: skip
+    """The checked arguments of `Scene.occluded` and `Scene.closest_hit`.
 
     n_faces : number of faces of the scene
     """
@@ -65,25 +148,39 @@ def ray_arguments(
     for array, what in ((origins, "origins"), (directions, ways)):
         if array.ndim < 1 or array.shape[-1] != 3:
             raise InputError(f"{what} must have shape (..., 3), not {array.shape}")
-    tmin, tmax = as_array(tmin, "tmin"), as_array(tmax, "tmax")
-    skip = as_array(-1 if skip_face is None else skip_face, "skip_face")
+    tmin, tmax, skip = _number_or_array(tmin, "tmin"), _number_or_array(tmax, "tmax"), _skip(skip_face, n_faces)
+    shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
+    if shape is None:
+        sizes = ", ".join(f"{name} {np.shape(x)}" for name, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
+        raise InputError(f"shapes do not broadcast: origins {origins.shape}, {ways} {directions.shape}, {sizes}")
+    facing = 0 if cull_faces is None else cull_value(cull_faces)
+    return Rays(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
+
+
+def _number_or_array(value, what: str) -> np.ndarray | float:
+    return value if type(value) is float else as_array(value, what)
+
+
+def _skip(skip_face, n_faces: int) -> np.ndarray | float:
+    if skip_face is None:
+        return -1.0
+    skip = as_array(skip_face, "skip_face")
     if skip.dtype.kind == "f":
         raise InputError(f"skip_face must hold integers, not {skip.dtype}")
     if skip.size and (skip.min() < -1 or skip.max() >= n_faces):
         raise InputError(f"skip_face must lie between -1 and {n_faces - 1}, the scene's last face")
+    return skip
+
+
+def _shape(origins: tuple[int, ...], directions: tuple[int, ...], *numbers) -> tuple[int, ...] | None:
+    """The shape to which rays broadcast; None: there is none. `numpy.broadcast_shapes` takes longer than a ray."""
+    shapes = {origins, directions, *(x.shape for x in numbers if isinstance(x, np.ndarray))} - {()}
+    if len(shapes) <= 1:
+        return next(iter(shapes), ())
     try:
-        shape = np.broadcast_shapes(origins.shape[:-1], directions.shape[:-1], tmin.shape, tmax.shape, skip.shape)
+        return np.broadcast_shapes(*shapes)
     except ValueError:
-        raise InputError(
-            f"shapes do not broadcast: origins {origins.shape}, {ways} {directions.shape}, "
-            f"tmin {tmin.shape}, tmax {tmax.shape}, skip_face {skip.shape}"
-        ) from None
-    arrays = Arguments(
-        _rows(origins, (*shape, 3)), _rows(directions, (*shape, 3)), _rows(tmin, (*shape, 1)),
-        _rows(tmax, (*shape, 1)), _rows(skip, (*shape, 1), np.int32), np.asarray(frame_origin, np.float64),
-        targets is not None,
-    )  # fmt: skip
-    return arrays, shape, cull_value(cull_faces)
+        return None
 
 
 def _segment_ends(directions, tmin, tmax, targets):
@@ -93,23 +190,45 @@ def _segment_ends(directions, tmin, tmax, targets):
     return targets, 1.0
 
 
-class Arguments(NamedTuple):
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int, int, int], np.ndarray]:
+    """The `Operand` of points that broadcast to a shape, and the array whose memory it names."""
+    double = _DOUBLE.get(array.dtype)
+    if double is None:
+        array, double = array.astype(np.float64), 1
+    if array.ndim == 1:
+        return (_address(array), 0, array.strides[0], double), array
+    if array.ndim > 2 or array.shape[:-1] != shape:
+        array = _rows(array, (*shape, 3))
+    row, column = array.strides
+    return (_address(array), row, column, double), array
+
+
+def _number(value, shape: tuple[int, ...], dtype=None) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
+    """The `Number` of numbers that broadcast to a shape, and the array whose memory it names."""
+    if type(value) is float:
+        return (0, 0, 0, value), None
+    if not isinstance(value, np.ndarray) or value.ndim == 0:
+        return (0, 0, 0, float(value)), None
+    rows = _rows(value, (*shape, 1), dtype)
+    return (_address(rows), rows.strides[0], _DOUBLE.get(rows.dtype, 0), 0.0), rows
+
+
+class RayArrays(NamedTuple):
     """The arrays of a ray list, of any strides: float32 or float64, `skip` int32."""
 
     origins: np.ndarray  # (m, 3) world
-    directions: np.ndarray  # (m, 3) any length but zero; or, for segments, their targets, world
-    tmin: np.ndarray  # (m, 1) >= 0, in lengths of the direction; hits need t > tmin
-    tmax: np.ndarray  # (m, 1) may be inf; hits need t < tmax
-    skip: np.ndarray  # (m, 1) index of a triangle that is not tested, or -1
+    directions: np.ndarray  # (m, 3) or, for segments, their targets, world
+    tmin: np.ndarray  # (m, 1)
+    tmax: np.ndarray  # (m, 1)
+    skip: np.ndarray  # (m, 1)
     frame: np.ndarray  # (3,) float64
     segments: bool = False
 
-    def ray_list(self, cull_faces: int) -> RayList:
-        """The `RayList` for kernels; valid while this object lives."""
-        layout = [(a.ctypes.data, *a.strides, a.dtype == np.float64) for a in self[:5]]
-        return RayList(np.array(layout, np.int64), self.frame, len(self.origins), cull_faces, self.segments)
-
-    def part(self, places) -> "Arguments":
+    def part(self, places) -> "RayArrays":
         """Some of the rays; a copy for an array of indices."""
         return self._replace(**{name: getattr(self, name)[places] for name in self._fields[:5]})
 

@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..checks import as_array, unit_vectors
+from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import plane, side_of, widest
 from ..kernels.simd import get, ptr, put
 from ..scene.recentre import settled
@@ -71,10 +73,9 @@ def _moved_off(p, n, side, known, corners, face):
 def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
     positions, normals, faces, sides = ptr(positions), ptr(normals), ptr(faces), ptr(sides)
     corners, origins, zero = ptr(corners), ptr(origins), np.float64(0.0)
-    first = take(ticket)
-    while first >= 0:
+    for first, end in shares(ticket):
         last, known = np.int64(-1), _Face((zero, zero, zero), (zero, zero, zero), zero, zero)
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, end):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
                 face = np.int64(get(faces, i))
@@ -90,7 +91,6 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
             put(origins, 3 * i, x)
             put(origins, 3 * i + 1, y)
             put(origins, 3 * i + 2, z)
-        first = take(ticket)
 
 
 def surface_receivers(positions, normals, faces, sides, corners, threads=None) -> np.ndarray:
@@ -116,3 +116,117 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
     if single:
         shift = shift + SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
     return np.ascontiguousarray(settled(points + shift * normals).astype(np.float32))
+
+
+class Receivers(NamedTuple):
+    """Points that ask what they see, in a picture-like array: a list of n points has the shape (1, n).
+
+    `on_surface` and `in_space` make them. Made once, they serve any number of questions.
+    """
+
+    origins: np.ndarray  # (h, w, 3) float32, moved off their surfaces, recentred frame
+    sides: np.ndarray  # (h, w) int8: 1, FREE, or NOTHING where there is no receiver
+    normals: np.ndarray  # (h, w, 3) float64 unit, to the tested side; (0, 0, 3) for points in free space
+
+    @classmethod
+    def in_space(cls, points: np.ndarray, frame: np.ndarray) -> "Receivers":
+        """Points in free space, which are used unchanged.
+
+        Parameters
+        ----------
+        points : (..., 3) of any floating point or integer dtype, world
+        frame : (3,) float64, world position of the zero of the scene's frame
+
+        Raises
+        ------
+        InputError
+            If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
+        """
+        origins = settled(_single(_local(_points(points), frame)))[None]
+        return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
+
+    @classmethod
+    def on_surface(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
+        """Points on surfaces, moved off them by a few units in the last place.
+
+        Parameters
+        ----------
+        points : (..., 3) of any floating point or integer dtype, world
+        normals : (..., 3) float, to the tested side, of any length; they broadcast against the points
+        frame : (3,) float64, world position of the zero of the scene's frame
+
+        Raises
+        ------
+        InputError
+            As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
+        """
+        points = _points(points)
+        local = _local(points, frame)
+        _single(local)
+        unit = _unit_normals(normals, points.shape)
+        world, single = points.astype(np.float64).reshape(-1, 3), points.dtype == np.float32
+        origins = point_receivers(local, unit, world, single)[None]
+        return cls(origins, np.ones(origins.shape[:2], np.int8), unit[None])
+
+    @classmethod
+    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray) -> "Receivers":
+        """(h, w, 3) points on surfaces as from `on_surface`, whose float64 coordinates and unit normals are checked."""
+        flat = points.reshape(-1, 3)
+        origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, False).reshape(points.shape)
+        return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
+
+    @property
+    def n(self) -> int:
+        """The number of receivers, with those that are missing."""
+        return self.sides.size
+
+    def take(self, places) -> "Receivers":
+        """Some receivers of a list: a slice, or (m,) indices or flags."""
+        normals = self.normals[:, places] if self.normals.size else self.normals
+        return Receivers(np.ascontiguousarray(self.origins[:, places]), self.sides[:, places], normals)
+
+    def seeing_all_around(self) -> "Receivers":
+        """The same places, without surfaces that hide what is below them."""
+        return Receivers(self.origins, np.full_like(self.sides, FREE), _NO_NORMALS)
+
+
+_NO_NORMALS = np.empty((0, 0, 3))
+
+
+def _points(given) -> np.ndarray:
+    points = as_array(given, "points")
+    if points.ndim < 1 or points.shape[-1] != 3:
+        raise InputError(f"points must have shape (..., 3), not {points.shape}")
+    return points
+
+
+def _local(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(n, 3) float64 in the scene's frame."""
+    frame = as_array(frame, "frame")
+    if frame.shape != (3,):
+        raise InputError(f"frame must have shape (3,), not {frame.shape}; Scene.origin is that of a scene")
+    with np.errstate(invalid="ignore", over="ignore"):
+        local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
+    if not np.isfinite(local).all():
+        raise InputError("points hold NaN or infinity")
+    return local
+
+
+def _single(local: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        single = local.astype(np.float32)
+    if not np.isfinite(single).all():
+        raise InputError("points lie beyond float32, farther than 3.4e38 from the scene; move them closer")
+    return single
+
+
+def _unit_normals(normals, shape: tuple[int, ...]) -> np.ndarray:
+    normals = as_array(normals, "normals").astype(np.float64)
+    if normals.ndim < 1 or normals.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {normals.shape}")
+    try:
+        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+    except ValueError:
+        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
+    unit = unit_vectors(normals, "the normal of point", "leave normals out for points in free space")
+    return np.ascontiguousarray(unit)

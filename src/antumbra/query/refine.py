@@ -6,7 +6,7 @@ import numpy as np
 
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.light_list import N_SETS
 from ..scene.lights import MAX_SPP
 from .receivers import NOTHING
@@ -48,17 +48,14 @@ def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
 def _penumbra_rows(ticket, seen, counts, spp, out):
     points = points_of(seen)
     h, w = counts.shape
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(w):
-                own = counts[y, x]
-                found = 0 < own < spp
-                for v in range(max(y - 1, 0), min(y + 2, h)):
-                    for u in range(max(x - 1, 0), min(x + 2, w)):
-                        found = found or (counts[v, u] != own and same_surface(points, y, x, v, u))
-                out[y, x] = found and seen.side[y, x] != NOTHING
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(w):
+            own = counts[y, x]
+            found = 0 < own < spp
+            for v in range(max(y - 1, 0), min(y + 2, h)):
+                for u in range(max(x - 1, 0), min(x + 2, w)):
+                    found = found or (counts[v, u] != own and same_surface(points, y, x, v, u))
+            out[y, x] = found and seen.side[y, x] != NOTHING
 
 
 def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
@@ -86,20 +83,17 @@ def _other_colour(colour, i, k):
 def _boundary_rows(ticket, seen, colour, below, right):
     points = points_of(seen)
     h, w = below.shape
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(w):
-                face = seen.face[y, x]
-                for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
-                    out[y, x] = NO_BOUNDARY
-                    if v < h and u < w and seen.face[v, u] != face:
-                        other = seen.face[v, u]
-                        if min(face, other) < 0:
-                            out[y, x] = OUTLINE
-                        elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
-                            out[y, x] = INNER
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(w):
+            face = seen.face[y, x]
+            for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
+                out[y, x] = NO_BOUNDARY
+                if v < h and u < w and seen.face[v, u] != face:
+                    other = seen.face[v, u]
+                    if min(face, other) < 0:
+                        out[y, x] = OUTLINE
+                    elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
+                        out[y, x] = INNER
 
 
 def boundaries(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:

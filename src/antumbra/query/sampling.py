@@ -9,6 +9,7 @@ hemisphere each set is rotated around the normal by its own angle; on other doma
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -170,14 +171,19 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
+    choice(sampler, "sampler", SAMPLERS)  # before it is looked up among kept sets
     sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
     if isinstance(light, LightList):  # (a, b, c) is the world position of a near light, and points to a distant one
         return np.ascontiguousarray(light.points[light.sets])
     return sets
 
 
+@lru_cache(64)
 def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
-    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`."""
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`.
+
+    Equal arguments get the same array: do not write to it.
+    """
     square = sample_sets(n, sampler)
     if domain == "hemisphere" and sampler in ROTATIONS:
         return _rotated_halton(n, ROTATIONS[sampler])

@@ -7,13 +7,15 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.exact import exact_plane_side
 from ..kernels.predicate.filters import plane, widest
 from ..kernels.simd import get, popcount, ptr, put
 from ..scene.lights import AMBIENT, LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
+
+_FEW_WORDS = 4096  # for fewer, a kernel costs more than it saves
 
 CULL_FACES = {None: 0, "front": -1, "back": 1}
 """Name -> sign of d . n of the triangles that do not block; d: the ray's direction, n: the triangle's normal."""
@@ -192,18 +194,17 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
 def _fraction_kernel(ticket, bits, spp, out):
     """Worker: for each row of words, the share of the spp samples whose bit is not set."""
     p, words = ptr(bits), bits.shape[1]
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            occluded = 0
-            for k in range(words):
-                occluded += popcount(get(p, i * words + k))
-            out[i] = np.float32(1.0 - np.float64(occluded) / spp)
-        first = take(ticket)
+    for i in items(ticket):
+        occluded = 0
+        for k in range(words):
+            occluded += popcount(get(p, i * words + k))
+        out[i] = np.float32(1.0 - np.float64(occluded) / spp)
 
 
 def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(...) float32: the share of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
+    if bits.size <= _FEW_WORDS:
+        return (1.0 - np.bitwise_count(bits).sum(-1) / spp).astype(np.float32)
     out = np.empty(bits.shape[:-1], np.float32)
     ticket = new_ticket(out.size, 1 << 16)
     run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))

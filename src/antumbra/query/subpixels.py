@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
@@ -44,17 +44,14 @@ OFFSETS = _offsets()
 @kernel
 def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays, out):
     surface, width = surface_of(out), out.face.shape[1]
-    first = take(ticket)
-    while first >= 0:
-        for e in range(first, min(first + ticket[CHUNK], ticket[N])):
-            y, x = pixels[e]
-            v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
-            i = face[y, x]
-            if i >= 0:
-                out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
-                normal = face_normal(ptr(corners), np.int64(i))
-                fill_pixel(y, x, normal, t[y, x], rays, surface, v * width + u)
-        first = take(ticket)
+    for e in items(ticket):
+        y, x = pixels[e]
+        v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
+        i = face[y, x]
+        if i >= 0:
+            out.face[v, u], out.depth[v, u] = i, np.float32(t[y, x])
+            normal = face_normal(ptr(corners), np.int64(i))
+            fill_pixel(y, x, normal, t[y, x], rays, surface, v * width + u)
 
 
 def subpixel_gbuffer(
@@ -86,13 +83,10 @@ def subpixel_gbuffer(
 @kernel
 def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
     """Worker: write the directions of a sub-pixel of each pixel."""
-    first = take(ticket)
-    while first >= 0:
-        for e in range(first, min(first + ticket[CHUNK], ticket[N])):
-            v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
-            d = pixel_direction(rays, pixels[e, 1], pixels[e, 0])
-            directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
-        first = take(ticket)
+    for e in items(ticket):
+        v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
+        d = pixel_direction(rays, pixels[e, 1], pixels[e, 0])
+        directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
 
 
 def subpixel_rays(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import CHUNK, new_ticket, run, shares
 from ..kernels.simd import bits as bits_of
 from ..kernels.simd import (
     broadcast16,
@@ -145,10 +145,9 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
     for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)
-    first = take(ticket)
-    while first >= 0:
+    for first, end in shares(ticket):
         part, total = first // ticket[CHUNK], 0
-        for block in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for block in range(first, end):
             there = _block_ids(np.int32(block), w, h, ids)
             o = origins_of(asking, load16(ids, 0))
             d = relative16(view, o)
@@ -165,7 +164,6 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally
             store(out.blocks, at, splat16(np.int32(block)))
             total += n
         counts[part] = total
-        first = take(ticket)
     add_counters(tally, mine)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, take
+from ..kernels.parallel import shares
 from ..kernels.predicate.exact import segment
 from ..kernels.simd import (
     absolute,
@@ -227,10 +227,7 @@ def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counter
     clusters = Clusters(
         stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH)
     )  # fmt: skip
-    first = take(ticket)
-    while first >= 0:
-        last = min(first + ticket[CHUNK], ticket[N])
+    for first, last in shares(ticket):
         _write_clusters(soup, picked, first, last, clusters)
         _descend(tree, leaves, soup, clusters, facing, unit, waiting, mine)
-        first = take(ticket)
     add_counters(counters, mine)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bvh.radix_sort import radix_sort
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import CHUNK, N, items, new_ticket, run, shares
 from ..kernels.simd import bits as bits_of
 from ..kernels.simd import (
     get,
@@ -77,10 +77,9 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     asking, view, samples = asking_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
     ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
-    first = take(ticket)
-    while first >= 0:
+    for first, end in shares(ticket):
         n = 0
-        for i in range(first, min(first + ticket[CHUNK], ticket[N]), 16):
+        for i in range(first, end, 16):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
             d = relative16(view, origins_of(asking, load16(ids, 0)))
@@ -89,7 +88,6 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
             store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
             n += popcount(asks)
         counts[first // ticket[CHUNK]] = n
-        first = take(ticket)
     add_counters(tally, mine)
 
 
@@ -97,23 +95,20 @@ def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
 def _pack(ticket, keys, starts, to_keys, to_ids):
     """Worker: write the keys and ids of the active receivers without gaps; starts: output position of each part."""
     k, out_keys, out_ids = ptr(keys), ptr(to_keys), ptr(to_ids)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         at = starts[first // ticket[CHUNK]]
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             if get(k, i) >= 0:
                 put(out_keys, at, get(k, i))
                 put(out_ids, at, i)
                 at += 1
-        first = take(ticket)
 
 
 @kernel
 def _on_screen(ticket, keys, w, h, ids):
     """Worker: write the receivers tile by tile, in Z order within a tile; each tile is a work item."""
     columns = (w + _TILE - 1) // _TILE
-    tile = take(ticket)
-    while tile >= 0:
+    for tile in items(ticket):
         y0, x0 = tile // columns * _TILE, tile % columns * _TILE
         for i in range(_TILE * _TILE):
             x, y, k = x0, y0, 0
@@ -123,7 +118,6 @@ def _on_screen(ticket, keys, w, h, ids):
                 k += 1
             known = x < w and y < h and keys[y * w + x] >= 0
             ids[tile * _TILE * _TILE + i] = y * w + x if known else -1
-        tile = take(ticket)
 
 
 @kernel

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import bits as bits_of
 from ..kernels.simd import (
     gather,
@@ -56,22 +56,19 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
     """Worker: fill blocks with consecutive receivers of the order; starts: each face's first block."""
     asking, part, places = asking_of(query, bits), np.int64(0), stack_i32(16)
     blocks, ways = block_pointers(arrays), np.int64(arrays.ways)
-    first = take(ticket)
-    while first >= 0:
-        for block in range(first, min(first + ticket[CHUNK], ticket[N])):
-            part = part if starts[part] <= block else np.int64(0)
-            while starts[part + 1] <= block:
-                part += 1
-            at = order.starts[part] + (block - starts[part]) * ways
-            n, ids = min(ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
-            if at + 16 > len(order.ids):  # a load of 16 would read beyond the end
-                for lane in range(n):
-                    put(places, lane, get(ids, lane))
-                ids = places
-            lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
-            put(lanes_of, block, lanes)
-            _fill_block(asking, ids, lanes, blocks, block)
-        first = take(ticket)
+    for block in items(ticket):
+        part = part if starts[part] <= block else np.int64(0)
+        while starts[part + 1] <= block:
+            part += 1
+        at = order.starts[part] + (block - starts[part]) * ways
+        n, ids = min(ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
+        if at + 16 > len(order.ids):  # a load of 16 would read beyond the end
+            for lane in range(n):
+                put(places, lane, get(ids, lane))
+            ids = places
+        lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
+        put(lanes_of, block, lanes)
+        _fill_block(asking, ids, lanes, blocks, block)
 
 
 def rays_of(

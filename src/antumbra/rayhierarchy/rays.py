@@ -11,7 +11,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
 from ..kernels.vec import rows
@@ -123,16 +123,13 @@ def fetch_leaf(leaves, leaf):
 def _fill_ends(ticket, query, bits, rays):
     """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
     asking, leaves, ways = asking_of(query, bits), leaves_of(rays), np.int64(rays.ways)
-    first = take(ticket)
-    while first >= 0:
-        for block in range(first, min(first + ticket[CHUNK], ticket[N])):
-            anyone = np.int64(-1)
-            for lane in range(ways):
-                anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
-            for lane in range(ways if anyone >= 0 else 0):
-                i = np.int64(get(leaves.ids, block * ways + lane))
-                _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
-        first = take(ticket)
+    for block in items(ticket):
+        anyone = np.int64(-1)
+        for lane in range(ways):
+            anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
+        for lane in range(ways if anyone >= 0 else 0):
+            i = np.int64(get(leaves.ids, block * ways + lane))
+            _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
 
 
 @inlined
@@ -176,11 +173,8 @@ def _fill_leaf(asking, leaves, leaf):
 def _fill_dead(ticket, query, bits, rays):
     """Worker: mark the segments that are dead before the traversal."""
     asking, leaves = asking_of(query, bits), leaves_of(rays)
-    first = take(ticket)
-    while first >= 0:
-        for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
-            _fill_leaf(asking, leaves, leaf)
-        first = take(ticket)
+    for leaf in items(ticket):
+        _fill_leaf(asking, leaves, leaf)
 
 
 def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
@@ -227,18 +221,15 @@ def finished(rays: LeafRays) -> float:
 def _write_bits(ticket, rays, bits):
     """Worker: set the bits of the blocked segments."""
     leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
-    first = take(ticket)
-    while first >= 0:
-        for leaf in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for s in range(leaves.count):
-                blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
-                block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
-                while blocked != 0:
-                    i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
-                    blocked &= blocked - 1
-                    at = i * words + (n >> 6)
-                    put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
-        first = take(ticket)
+    for leaf in items(ticket):
+        for s in range(leaves.count):
+            blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
+            block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
+            while blocked != 0:
+                i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
+                blocked &= blocked - 1
+                at = i * words + (n >> 6)
+                put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
 
 
 def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, take
+from ..kernels.parallel import shares
 from ..kernels.simd import (
     atomic_and,
     get,
@@ -294,9 +294,7 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
     marks, pairs = memory.marks, memory.pairs
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
     rows, found, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
-    first = take(ticket)
-    while first >= 0:
-        last = min(first + ticket[CHUNK], ticket[N])
+    for first, last in shares(ticket):
         for i in range(first, last, LANES):
             for lane in range(LANES):
                 put(slots, lane, picks[min(i + lane, last - 1)])
@@ -308,5 +306,4 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
             for block in range((last - first + LANES - 1) // LANES):
                 _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
             _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
-        first = take(ticket)
     add_counters(counters, mine)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import get, ptr, ptr_at, put
 from .memory import Empty
 from .nodes import bound_leaf, bound_node
@@ -72,23 +72,20 @@ def _bound(ticket, arrays, beam, rays, part, level):
     n, start, ways = size_of(tree, part, level), groups_of(tree, part, level), np.int64(tree.ways)
     below = groups_of(tree, part, max(level - 1, 0))
     face, first_leaf = get(tree.faces, part), get(tree.leaves, part)
-    first = take(ticket)
-    while first >= 0:
-        for g in range(first, min(first + ticket[CHUNK], ticket[N])):
-            group, alive = group_at(tree, start + g), np.int64(0)
-            for lane in range(min(ways, n - g * ways)):
-                i = g * ways + lane
-                if level == 0:
-                    known = bound_leaf(tree.nodes, view, face, leaves, first_leaf + i, group, lane)
-                else:
-                    live = np.int64(get(tree.alive, below + i))
-                    known = live != 0
-                    if known:
-                        bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)
+    for g in items(ticket):
+        group, alive = group_at(tree, start + g), np.int64(0)
+        for lane in range(min(ways, n - g * ways)):
+            i = g * ways + lane
+            if level == 0:
+                known = bound_leaf(tree.nodes, view, face, leaves, first_leaf + i, group, lane)
+            else:
+                live = np.int64(get(tree.alive, below + i))
+                known = live != 0
                 if known:
-                    alive |= np.int64(1) << lane
-            put(tree.alive, start + g, alive)
-        first = take(ticket)
+                    bound_node(tree.nodes, group_at(tree, below + i), live, ways, group, lane)
+            if known:
+                alive |= np.int64(1) << lane
+        put(tree.alive, start + g, alive)
 
 
 def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:

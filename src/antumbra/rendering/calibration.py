@@ -10,16 +10,16 @@ import numpy as np
 from ..auto.rates import BEST, GOOD, QUICK, Machine, keep_machine, reference
 from ..auto.ways import WAYS, Forms, answer
 from ..bvh.nodes import Bvh
+from ..engine.choosing import best_tree
+from ..engine.scene import procedural
+from ..engine.see import see
 from ..kernels.parallel import thread_count
 from ..methods import BUILDERS
 from ..query.picture import shadow_queries
 from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery, ray_count
-from ..scene.generated import procedural
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
-from .choosing import best_tree
-from .see import see
 
 _TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
 

@@ -12,19 +12,23 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import whole_number
+from ..engine.any_scene import AnyScene
 from ..errors import InputError
 from ..plan import Plan, parse_plan
 from ..query.receivers import NOTHING
-from ..scene.any_scene import AnyScene
 from ..scene.lights import check_lights
 from .frame import Frame
+from .keywords import values
 from .moments import Moment, Picture, build_for, picture_of
+from .options import EngineOptions, RenderOptions
 from .renderer import Renderer
-from .srdh_rays import SrdhRays, check_srdh_rays
 from .windows import WINDOW, trace_windows
 
 Say = Callable[[str, int, int], object]
 """Function of (what is done, steps done, all steps)."""
+
+PLAIN, BY_RASTER = RenderOptions(antialias=False), EngineOptions(gbuffer="raster")
+"""The usual options of a comparison."""
 
 _UNTIMED = 3  # steps of each plan that are not rounds: counters, warm-up, windows
 
@@ -90,23 +94,20 @@ class _Work(NamedTuple):
 
     scene: AnyScene
     moment: Moment
-    threads: int | None
-    gbuffer: str
-    srdh_rays: SrdhRays | None
-    asked: dict  # arguments of `Renderer.render`
+    options: RenderOptions
+    engine: EngineOptions  # without the plan
 
     def renderer(self, plan: Plan) -> Renderer:
-        return Renderer(self.scene, plan, self.threads, self.gbuffer, self.srdh_rays if plan.wants_rays else None)
+        return Renderer(self.scene, **values(self.engine) | {"plan": plan})
 
     def draw(self, plan: Plan, counters: bool = False) -> Frame:
         time, camera, lights = self.moment
-        asked = {"antialias": False, **self.asked}  # a pixel that differs shows in no other pixel
-        return self.renderer(plan).render(camera, lights, time=time, counters=counters, **asked)
+        return self.renderer(plan).render(camera, lights, options=self.options, time=time, counters=counters)
 
 
 def compare(
-    scene: AnyScene, moment: Moment, plans: Sequence[str | Plan], *, rounds: int = 5, threads: int | None = None,
-    gbuffer: str = "raster", srdh_rays: SrdhRays | None = None, say: Say | None = None, **asked,
+    scene: AnyScene, moment: Moment, plans: Sequence[str | Plan], options: RenderOptions = PLAIN,
+    engine: EngineOptions = BY_RASTER, *, rounds: int = 5, say: Say | None = None,
 ) -> Comparison:  # fmt: skip
     """Measure several plans on the same frame.
 
@@ -115,13 +116,14 @@ def compare(
     scene : Scene or PagedScene
     moment : Moment
     plans : list of str or Plan, two or more
+    options : RenderOptions
+        Those of the picture, without its time. By default edges are not smoothed: a pixel that differs shows in no
+        other pixel then.
+    engine : EngineOptions
+        Its plan is left out.
     rounds : int
         Timed frames of each plan, 1 to 1000.
-    threads, gbuffer, srdh_rays
-        As in `antumbra.render`; `srdh_rays` are for the plans that want rays.
     say : function of (what is done, steps done, all steps), optional
-    **asked
-        Further arguments of `Renderer.render`: spp, sampler, filter, adaptive, bounce, cull_faces, antialias (False).
 
     Raises
     ------
@@ -129,11 +131,8 @@ def compare(
         If a value is out of range, or a plan is unknown, named twice, or unable to render the scene.
     """
     plans = compared_plans(plans)
-    check_srdh_rays(srdh_rays, *plans)
     whole_number(rounds, "rounds", 1, 1000)
-    work = _Work(
-        scene, moment._replace(lights=check_lights(moment.lights, scene.up)), threads, gbuffer, srdh_rays, asked
-    )
+    work = _Work(scene, moment._replace(lights=check_lights(moment.lights, scene.up)), options, engine)
     for plan in plans:
         work.renderer(plan)  # refuses a plan before the others are measured
     steps = _Steps(say, len(plans) * (_UNTIMED + rounds))
@@ -235,9 +234,7 @@ def _windows(work: _Work, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray,
 
 
 def _picture(work: _Work, plan: Plan) -> Picture:
-    renderer, asked = work.renderer(plan), {"spp": 16, **work.asked}
-    sampler = {name: asked[name] for name in ("spp", "sampler", "cull_faces") if name in asked}
-    return picture_of(work.scene, work.moment, threads=renderer.threads, plan=plan, **sampler)
+    return picture_of(work.scene, work.moment, work.options, work.renderer(plan).threads, plan)
 
 
 def _tests_of(work: _Work, plan: Plan, picture: Picture, rays: np.ndarray) -> np.ndarray | None:

@@ -10,19 +10,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.choosing import accelerator_of
+from ..engine.engine import Engine
+from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
+from ..engine.scene import Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..scene.lights import check_lights
 from ..trace.rays.orders import BUILT, Ordered
 from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
-from .accelerate import Accelerated, Accelerator
-from .choosing import accelerator_of
 from .moments import Moment, Picture, build_for, picture_of
-from .ready import Job, fixed_job, make_ready, small_scene, small_view
+from .options import RenderOptions
 from .render_jobs import warm_up, warm_up_bounce
-from .renderer import Renderer, source_kind
-from .srdh_rays import check_srdh_rays
 from .windows import WINDOW, trace_windows
 
 
@@ -69,7 +70,7 @@ class _Walked(NamedTuple):
     ids: np.ndarray | None = None  # indices in the scene of the triangles that `steps` counts; None: all triangles
 
 
-def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=None) -> Explanation:
+def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explanation:
     """Count the traversal steps of a picture's shadow rays under several plans.
 
     Parameters
@@ -82,33 +83,29 @@ def explain(scene, moments, plans, *, spp=16, threads=None, srdh_rays=None, say=
     plans : list of str or Plan, one or more
     spp, threads
         As in `antumbra.render`.
-    srdh_rays : SrdhRays or None
-        The rays that ray-guided builders are shown.
     say : function of (plan, its number), optional
         Called before each plan.
 
     Raises
     ------
     InputError
-        If a value is out of range, or a plan is unknown or has no BVH. If `srdh_rays` is given and no plan is
-        ray-guided.
+        If a value is out of range, or a plan is unknown or has no BVH.
     RuntimeError
         If two plans differ in a bit, which is a bug.
     """
     plans = explained_plans(plans)
-    check_srdh_rays(srdh_rays, *plans)
-    kind = source_kind(scene)
-    for plan in plans if kind.keeps_read else ():
-        Renderer(scene, plan, threads)  # a store has its own tree
+    source = scene.engine.source
+    for plan in plans if source.in_store else ():
+        Engine(scene, plan, threads)  # a store has its own tree
     moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
     for plan in plans:
-        warm_up(plan, "rays" if kind.keeps_read else "raster")
-    if kind.keeps_read:
-        Renderer(scene, None, threads).source.warm_up()
+        warm_up(plan, "rays" if source.in_store else "raster")
+    if source.in_store:
+        source.warm_up()
     make_ready(steps_job)
-    if srdh_rays is not None and srdh_rays.bounce:
+    if any(plan.sample is not None and plan.sample.bounce for plan in plans):
         warm_up_bounce()
-    return explain_compiled(scene, moments, plans, spp, thread_count(threads), srdh_rays, say)
+    return explain_compiled(scene, moments, plans, spp, thread_count(threads), say)
 
 
 def steps_job() -> Job:
@@ -116,7 +113,7 @@ def steps_job() -> Job:
 
     def work():
         camera, lights = small_view()
-        explain_compiled(small_scene(), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
+        explain_compiled(Scene.of_data(small_scene()), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
 
     return fixed_job("counted steps", work)
 
@@ -130,13 +127,13 @@ def explained_plans(plans) -> list[Plan]:
     return plans
 
 
-def explain_compiled(scene, moments, plans, spp, threads, srdh_rays=None, say=None) -> Explanation:
+def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_of(scene, moment, spp, threads) for moment in moments], []
+    pictures, told = [picture_of(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
-        walked = _walk(accelerator_of(plan, threads, srdh_rays if plan.wants_rays else None), pictures)
+        walked = _walk(accelerator_of(plan, threads), pictures)
         if i == 0:
             first, frequent = walked, _frequent(walked.steps.hits)
         _check_bits(first, walked)
@@ -168,7 +165,7 @@ def _walk_store(accelerator: Accelerator, picture: Picture) -> _Walked:
 
     The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
     """
-    from .paged_tree import tree_for
+    from ..engine.paged_tree import tree_for
 
     bvh, ids = tree_for(picture.source, picture.queries)
     whole = picture.source.accelerated

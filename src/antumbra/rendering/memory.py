@@ -1,7 +1,6 @@
 """The memory of a frame: an estimate by what is asked, so that the chunks of a store get all the rest."""
 
-from typing import NamedTuple
-
+from ..engine.memory import CELL_BYTES, FrameMemory, ray_sets
 from .request import Request
 
 PASS_BYTES = 48  # of a pass of diffuse rays, for each pixel: directions, hits, cells, numbers of triangles
@@ -9,7 +8,6 @@ SURFACE_BYTES = 48  # of the surfaces that a pass meets, for each pixel
 LIGHT_BYTES = 44  # of a shadow query with one word of bits, and its share, for each pixel
 SUBPIXELS = 16
 _EDGES = 4  # every so manieth pixel is divided, as a guess
-_CELL_BYTES = 4  # of the cells of a ray set, for each pixel
 _PICTURE_BYTES = 72  # of rays, hits, surfaces, receivers, the triangles that pixels see, the image and its inputs
 _BAND_BYTES = 40  # of surfaces in bands, while they are put together
 _SMOOTH_BYTES = 64
@@ -18,21 +16,13 @@ _FINER_BYTES = 96  # of the pixels whose penumbrae are refined
 _BOUNCE_BYTES = 80
 
 
-class FrameMemory(NamedTuple):
-    """Bytes of a frame."""
-
-    fixed: int  # what the frame takes in any case
-    cells: int  # cells of all shadow rays, if all are asked together
-    passes: int  # all diffuse passes, if all are traced together; or the sub-pixels of all edges
-
-
 def frame_memory(request: Request) -> FrameMemory:
     """The memory of a frame."""
     pixels, bytes_ = request.camera.width * request.camera.height, _PICTURE_BYTES + _BAND_BYTES
     bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
-    bytes_ += _EDGE_BYTES * request.smooths_edges
-    cells = sum(_CELL_BYTES * _sets(light, samples) for light, samples in zip(request.lights, request.samples))
+    bytes_ += _EDGE_BYTES * request.options.smooths_edges
+    cells = sum(CELL_BYTES * ray_sets(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:
         bytes_ += _FINER_BYTES * len(request.samples)
@@ -47,13 +37,3 @@ def frame_memory(request: Request) -> FrameMemory:
 def edge_bytes(lights: int) -> int:
     """The memory of the sub-pixels of a pixel."""
     return SUBPIXELS * (PASS_BYTES + SURFACE_BYTES + _PICTURE_BYTES // 2 + LIGHT_BYTES * lights)
-
-
-def points_memory(points: int, light, samples) -> FrameMemory:
-    """The memory of a query of points."""
-    words = -(-samples.shape[1] // 64)
-    return FrameMemory((96 + 8 * words) * points, _CELL_BYTES * _sets(light, samples) * points, 0)
-
-
-def _sets(light, samples) -> int:
-    return samples.shape[1] if light.domain == "hemisphere" else 1

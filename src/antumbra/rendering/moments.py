@@ -1,23 +1,22 @@
 """The surfaces and shadow queries of a picture at one moment, and the tree of a plan for them."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.see import see
+from ..engine.srdh_rays import bounced_queries
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.picture import shadow_queries, surface_queries
-from ..query.rays import cull_value
-from ..query.sampling import light_samples
 from ..query.shadow import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator
 from .memory import frame_memory
-from .renderer import Renderer, source_kind
-from .request import Request
-from .see import see
-from .srdh_rays import bounced_queries
+from .options import RenderOptions
+from .request import Request, request_of
 
 
 class Moment(NamedTuple):
@@ -39,29 +38,27 @@ class Picture(NamedTuple):
     queries: list[ShadowQuery]
 
 
-def picture_of(
-    scene, moment: Moment, spp: int, threads: int, sampler: str = "larcher-pillichshammer", plan: Plan | None = None,
-    cull_faces: str | None = None,
-) -> Picture:  # fmt: skip
+def picture_of(scene, moment: Moment, options: RenderOptions, threads: int, plan: Plan | None = None) -> Picture:
     """The surfaces and queries of a moment, whose lights are checked already.
 
+    options : those of shadow rays; refinement and bounced light are left out
     plan : the plan whose tracer a store is prepared for; None: the default
     """
-    samples, facing = [light_samples(light, spp, sampler) for light in moment.lights], cull_value(cull_faces)
-    if source_kind(scene).keeps_read:
-        return _picture_of_store(scene, moment, samples, facing, threads, plan)
+    request = request_of(moment.camera, moment.lights, replace(options, adaptive=None, bounce=None))
+    if scene.engine.source.in_store:
+        return _picture_of_store(scene, request, threads, plan)
     triangles = scene.triangles(moment.time, threads)
     gbuffer = see(triangles, moment.camera, None, threads)
-    queries = shadow_queries(triangles, gbuffer, moment.lights, samples, facing, threads)
-    return Picture(None, triangles, gbuffer, moment.lights, samples, queries)
+    queries = shadow_queries(triangles, gbuffer, request.lights, request.samples, request.facing, threads)
+    return Picture(None, triangles, gbuffer, request.lights, request.samples, queries)
 
 
-def _picture_of_store(scene, moment: Moment, samples: list[np.ndarray], facing: int, threads: int, plan) -> Picture:
-    source = Renderer(scene, plan, threads).source
-    source.begin(frame_memory(Request(moment.camera, moment.lights, samples)))
-    surfaces = source.look(moment.camera, *source.moment(0.0))
-    queries = surface_queries(surfaces, moment.lights, samples, facing, threads)
-    return Picture(source, surfaces.triangles, surfaces.gbuffer, moment.lights, samples, queries)
+def _picture_of_store(scene, request: Request, threads: int, plan: Plan | None) -> Picture:
+    source = scene.engine.with_options(plan, threads, None).source
+    source.begin(frame_memory(request))
+    surfaces = source.look(request.camera, *source.moment(0.0))
+    queries = surface_queries(surfaces, request.lights, request.samples, request.facing, threads)
+    return Picture(source, surfaces.triangles, surfaces.gbuffer, request.lights, request.samples, queries)
 
 
 def build_for(accelerator: Accelerator, picture: Picture) -> Accelerated:

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.engine import Engine
+from ..engine.srdh_rays import bounced_queries
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import Visible, as_needed, finer_query, refined, visible
@@ -18,7 +20,6 @@ from ..scene.lights import is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.bounce import Nearest
-from .accelerate import Accelerator
 from .antialias import antialias
 from .frame import Frame, Ground
 from .ground import ShadowCatcher
@@ -26,8 +27,6 @@ from .indirect import indirect_light
 from .layers import layers_of
 from .memory import edge_bytes, frame_memory
 from .request import Request, rays_of
-from .source import RenderSource
-from .srdh_rays import bounced_queries
 from .state import (
     FrameState,
     KeptRows,
@@ -46,12 +45,17 @@ from .state import (
 )
 
 
-def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None) -> Frame:
+def draw(engine: Engine, request: Request, kept: KeptRows | None = None) -> Frame:
     """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
 
     kept : what the rays of this frame found, if they were traced before; no tree is built then
     """
-    state = FrameState(source, accelerator, request, kept)
+    with engine.lock:
+        return _draw(FrameState(engine, request, kept))
+
+
+def _draw(state: FrameState) -> Frame:
+    request = state.request
     evaluate(state)
     surfaces, traced = look_and_trace(state)
     surfaces = dressed(state, surfaces)
@@ -66,18 +70,18 @@ def draw(source: RenderSource, accelerator: Accelerator, request: Request, kept:
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
     ground = None if catcher is None else catcher.picture(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = layers_of(state, surfaces, seen, traced, shares, indirect) if request.layers else None
+    layers = layers_of(state, surfaces, seen, traced, shares, indirect) if request.options.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         divide(state, edge, Shown(image, coverage, ground, catcher), ambient, indirect)
-    if request.smooths_edges:
+    if request.options.smooths_edges:
         coverage = antialias(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     ran, choices, scheduled = _ran(state)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
-        scheduled, source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
+        scheduled, state.source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
         behind(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
 
@@ -97,7 +101,7 @@ def evaluate(state: FrameState) -> None:
     source = state.source
     source.begin(frame_memory(state.request))
     state.accelerator.begin(*rays_of(state.request))
-    state.triangles, state.whole = source.moment(state.request.time)
+    state.triangles, state.whole = source.moment(state.request.options.time)
     state.clock.lap("evaluate")
     if by_rays and state.whole is None:
         state.whole = state.accelerator.of_all(state.triangles)
@@ -239,14 +243,14 @@ def behind(
 ) -> np.ndarray | None:
     """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
-    if not state.request.background or _seen_skies(state) or (coverage == 1.0).all():
+    if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
     shown = backdrop(state.view, coverage, state.source.scene.up)
     return shown if ground is None else shown * ground.share
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:
-    return skies_of(state.request.lights) if state.request.background else []
+    return skies_of(state.request.lights) if state.request.options.background else []
 
 
 class Shown(NamedTuple):

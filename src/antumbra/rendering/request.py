@@ -5,36 +5,53 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.diffuse import Passes
-from ..query.refine import FinerSamples
+from ..image.background import skies_of
+from ..query.diffuse import Passes, diffuse_passes
+from ..query.refine import FinerSamples, finer_samples
+from ..query.sampling import light_samples
+from ..query.shadow import CULL_FACES
 from ..scene.camera import Camera
+from .options import RenderOptions
 
 
 class Request(NamedTuple):
-    """The checked arguments of a frame."""
+    """The checked arguments of a frame, and the samples that its options ask for."""
 
     camera: Camera
     lights: list
+    options: RenderOptions  # its time is a moment of the scene
     samples: list[np.ndarray]  # per light (16, n, 3), from `light_samples`
-    facing: int = 0  # a value of CULL_FACES
-    time: float = 0.0  # seconds
-    counters: bool = False
-    progress: Callable | None = None
-    smooth: bool = False  # the argument `filter`
     finer: FinerSamples | None = None  # samples of refined pixels; None: no refinement
     passes: Passes | None = None  # passes of diffuse rays; None: no bounced light
-    background: bool = True  # whether skies are seen
-    smooth_skies: bool = False  # whether the light of skies is smoothed, as that of all lights is if `smooth`
-    layers: bool = False  # whether the frame gets its `Layers`
-    textures: bool = True  # whether pixels show textures and colours of vertices, not mean colours of faces
-    smooth_normals: bool = True  # whether the normals of vertices shade, not those of faces
     ground: float | None = None  # height of the ground that catches shadows, world; None: there is none
-    antialias: bool = True  # see `smooths_edges`
+    progress: Callable | None = None
 
     @property
-    def smooths_edges(self) -> bool:
-        """Whether edges are smoothed without another ray. Finer samples divide them instead."""
-        return self.antialias and self.finer is None
+    def facing(self) -> int:
+        """The value of CULL_FACES."""
+        return CULL_FACES[self.options.cull_faces]
+
+    @property
+    def smooth(self) -> bool:
+        """Whether the visibility of all lights is smoothed."""
+        return bool(self.options.filter)
+
+    @property
+    def smooth_skies(self) -> bool:
+        """Whether the light of skies is smoothed, as that of all lights is if `smooth`."""
+        return self.options.filter is not False and bool(skies_of(self.lights))
+
+
+def request_of(camera: Camera, lights: list, options: RenderOptions, ground: float | None = None) -> Request:
+    """The request of a picture, with the samples of its lights.
+
+    lights : checked
+    ground : height of the ground, world; None: there is none
+    """
+    samples = [light_samples(light, options.spp, options.sampler) for light in lights]
+    finer = None if options.adaptive is None else finer_samples(lights, options.adaptive, options.sampler)
+    passes = None if options.bounce is None else diffuse_passes(lights, options.bounce, options.sampler)
+    return Request(camera, lights, options, samples, finer, passes, ground)
 
 
 def rays_of(request: Request) -> tuple[int, int]:

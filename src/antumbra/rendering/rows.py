@@ -6,6 +6,8 @@ existed. docs/design/shards.md compares this with bands that hold finished pixel
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated
+from ..engine.engine import Engine
 from ..image.fraction import as_needed, finer_query
 from ..query.picture import Surfaces
 from ..query.receivers import NOTHING
@@ -13,11 +15,9 @@ from ..query.refine import edges
 from ..query.subpixels import blocks_of, picture_of
 from ..query.surface import seen_by
 from ..trace.rays.bounce import Nearest
-from .accelerate import Accelerated, Accelerator
 from .indirect import indirect_light
 from .passes import evaluate, look, open_to_all, trace
 from .request import Request
-from .source import RenderSource
 from .state import FrameState, KeptRows, TracedLights, accelerate, ask, ask_all, edge_colours, queries_of
 
 BAND = 32
@@ -45,8 +45,8 @@ class Rows:
     A store has no such picture of surfaces: it reads only what a band's rays meet.
     """
 
-    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request):
-        self._state = FrameState(source, accelerator, request)
+    def __init__(self, engine: Engine, request: Request):
+        self._state = FrameState(engine, request)
         evaluate(self._state)
         self._seen: Surfaces | None = None  # by the whole picture
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
@@ -71,7 +71,7 @@ class Rows:
 
     def _look(self, rows: slice) -> Surfaces:
         state = self._state
-        if state.source.keeps_read:
+        if state.source.in_store:
             return look(state, rows)
         if self._seen is None:
             self._seen = look(state, slice(0, state.request.camera.height))

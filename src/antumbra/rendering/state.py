@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated
+from ..engine.engine import Engine
+from ..engine.srdh_rays import Shown
 from ..image.albedo import albedo, eye_of
 from ..image.corners import places_of
 from ..image.normals import shading_normals
@@ -19,11 +22,8 @@ from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
 from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
-from .accelerate import Accelerated, Accelerator
 from .frame import Clock
 from .request import Request
-from .source import RenderSource
-from .srdh_rays import Shown
 
 
 class TracedLights(NamedTuple):
@@ -46,6 +46,7 @@ class FrameState:
     """The state of one frame during rendering.
 
     source : RenderSource
+        That of the engine, like the next.
     accelerator : Accelerator
     request : Request
     clock : Clock
@@ -72,10 +73,10 @@ class FrameState:
     view: CameraRays | ListedRays
     ready: Accelerated
 
-    def __init__(self, source: RenderSource, accelerator: Accelerator, request: Request, kept: KeptRows | None = None):
-        self.source, self.accelerator, self.request = source, accelerator, request
-        self.clock, self.threads, self.rays = Clock(), accelerator.threads, 0
-        self.tally = new_counters() if request.counters else None
+    def __init__(self, engine: Engine, request: Request, kept: KeptRows | None = None):
+        self.source, self.accelerator, self.request = engine.source, engine.accelerator, request
+        self.clock, self.threads, self.rays = Clock(), engine.threads, 0
+        self.tally = new_counters() if request.options.counters else None
         self.whole: Accelerated | None = None
         self.shown: Shown | None = None
         self.kept = kept
@@ -168,10 +169,10 @@ def dressed(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
     if appearance is None:
         return surfaces
     places = places_of(surfaces)
-    if request.textures and (appearance.textured.any() or appearance.colours is not None):
+    if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
         eye = eye_of(state.view, parts)
         surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
-    if request.smooth_normals and appearance.normals is not None:
+    if request.options.smooth_normals and appearance.normals is not None:
         surfaces = surfaces._replace(shading=shading_normals(places, appearance, state.threads))
     state.clock.lap("shade")
     return surfaces
@@ -187,7 +188,7 @@ def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient
 def edge_colours(state: FrameState) -> np.ndarray:
     """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
     colour, appearance = state.triangles.colour, state.source.scene.appearance
-    if appearance is None or not state.request.textures:
+    if appearance is None or not state.request.options.textures:
         return colour
     factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
     own = appearance.material_of_face[state.triangles.face_id]

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..checks import flag, whole_number
+from ..engine.loading import SceneLike, scene_of
 from ..errors import InputError
-from ..loading import SceneLike, scene_of
 from ..query.receivers import surface_receivers
 from ..scene.lights import (
     DirectionalLight,
@@ -18,7 +18,6 @@ from ..scene.lights import (
 )
 from ..scene.point_lights import PointLights
 from ..scene.sky import Sky
-from .queries import surfaces_hit
 
 
 def virtual_point_lights(
@@ -70,12 +69,13 @@ def virtual_point_lights(
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = _sobol(n, seed)
     origins, directions, power = _emitted(light, xi, centre, radius)
-    t, triangles, face = surfaces_hit(scene, origins, directions, scene.clamped(time), threads)
-    met = face >= 0
+    hit = scene.closest_hit(origins, directions, time=time, threads=threads)
+    met = hit.mask
     if not met.any():
         what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
         raise InputError(f"{what}; move the light nearer, or take more")
-    face, points = face[met], origins[met] + t[met, None] * directions[met]
+    triangles, face = hit.surfaces()
+    face, points = face[met], origins[met] + hit.t[met, None] * directions[met]
     positions, normals = _off_surface(points, directions[met], face, triangles, threads)
     return PointLights(
         positions,

@@ -2,14 +2,16 @@
 
 from collections.abc import Iterable
 
+from ..engine.building import store_job
+from ..engine.choosing import best_tree_job
+from ..engine.looking import camera_rays_job
+from ..engine.paged import paged_job
+from ..engine.precompile import wide_lights_job
+from ..engine.ray_lists import rays_job
+from ..engine.ready import Job
+from ..engine.see import cutouts_job
 from ..plan import Plan, covering_plans
-from .building import store_job
-from .choosing import best_tree_job
 from .explanation import steps_job
-from .looking import camera_rays_job
-from .paged import paged_job
-from .queries import rays_job
-from .ready import Job
 from .render_jobs import (
     antialias_job,
     bounce_job,
@@ -19,9 +21,7 @@ from .render_jobs import (
     listed_job,
     quality_job,
     rendering_job,
-    wide_lights_job,
 )
-from .see import cutouts_job
 
 
 def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:

@@ -4,9 +4,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from ..engine.accelerate import Accelerated, Accelerator
 from ..query.shadow import ShadowQuery, with_receivers
 from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
-from .accelerate import Accelerated, Accelerator
 
 WINDOW = 16  # pixels; no ray bundle crosses the border of a window
 

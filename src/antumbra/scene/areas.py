@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import has_area
 from ..kernels.simd import get, load8, ptr, put, store
 from .triangles import Triangles
@@ -15,16 +15,15 @@ _AT_A_TIME = 8192  # triangles
 def _find_areas(ticket, corners, found, faults):
     """Worker: whether each triangle has an area."""
     # Out: found, (n,) bool; faults, (1,) bool, set if a triangle has none
-    v, first = ptr(corners), take(ticket)
-    while first >= 0:
+    v = ptr(corners)
+    for first, last in shares(ticket):
         all_have = True
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             has = has_area(v, i)
             found[i] = has
             all_have &= has
         if not all_have:
             faults[0] = True
-        first = take(ticket)
 
 
 def with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
@@ -40,13 +39,11 @@ def with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
 @kernel
 def _copy_rows(ticket, corners, rows, out):
     """Worker: copy the corners of some triangles to the front of `out`."""
-    source, target, first = ptr(corners), ptr(out), take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            row = np.int64(rows[i]) * 9
-            store(target, i * 9, load8(source, row))
-            put(target, i * 9 + 8, get(source, row + 8))
-        first = take(ticket)
+    source, target = ptr(corners), ptr(out)
+    for i in items(ticket):
+        row = np.int64(rows[i]) * 9
+        store(target, i * 9, load8(source, row))
+        put(target, i * 9 + 8, get(source, row + 8))
 
 
 def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take
+from ..kernels.parallel import new_ticket, run, shares
 from ..kernels.simd import f32_at, f64_at, get, i32_at, put
 from .recentre import MAX_EXTENT, NEAREST
 from .source import Piece
@@ -43,26 +43,22 @@ def _recentre(ticket, single, a, b, share, origin, out, faults):
     # In: share, of b, float64; origin, (3,) float64
     # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far
     zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
-    first = take(ticket)
-    while first >= 0:
-        last = min(first + ticket[CHUNK], ticket[N])
+    for first, last in shares(ticket):
         if single:
             fine = _recentre_rows(first, last, f32_at(a), f32_at(b), share, zero, p)
         else:
             fine = _recentre_rows(first, last, f64_at(a), f64_at(b), share, zero, p)
         if not fine:
             faults[0] = True
-        first = take(ticket)
 
 
 @kernel
 def _gather(ticket, local, vertices, faces, n, out):
     """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces a copy."""
     positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
-    first = take(ticket)
-    while first >= 0:
+    for first, last in shares(ticket):
         copy, face = first // n, first % n
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
+        for i in range(first, last):
             for corner in range(3):
                 vertex = copy * vertices + get(indices, 3 * face + corner)
                 for k in range(3):
@@ -70,7 +66,6 @@ def _gather(ticket, local, vertices, faces, n, out):
             face += 1
             if face == n:
                 copy, face = copy + 1, 0
-        first = take(ticket)
 
 
 def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:

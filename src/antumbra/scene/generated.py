@@ -1,4 +1,4 @@
-"""Procedural scenes as `Scene` objects."""
+"""Procedural scenes with a camera and a light."""
 
 from collections.abc import Iterator
 
@@ -6,8 +6,8 @@ import numpy as np
 
 from .camera import Camera
 from .lights import QuadLight
+from .memory import MemoryData
 from .mesh import MeshInfo, ObjectInfo, make_mesh
-from .scene import Scene
 from .source import Piece, StaticMeshes
 
 
@@ -25,29 +25,15 @@ class _Generated(StaticMeshes):
         return [self._light]
 
 
-def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:
-    """A procedural scene with a camera and a quad light. Equal arguments give the same scene on every machine.
-
-    Parameters
-    ----------
-    name : "atrium", "city", "forest", or the name of a scene that a package adds (``antumbra scenes`` lists all)
-    triangles : int, optional
-        Number of triangles, met within 10 %. Each scene has its own default.
-    seed : int
-        Another seed scatters the clutter differently.
-
-    Raises
-    ------
-    InputError
-        On an unknown name, or a number of triangles out of range.
-    """
+def generated(name: str, triangles: int | None, seed: int) -> MemoryData:
+    """What the procedural scene of this name holds; `engine.scene.procedural` documents the arguments."""
     from .procedural import generate
 
     made = generate(name, triangles, seed)
     colour = np.asarray(made.palette, np.float32)[made.colour]
     mesh = make_mesh(name, made.vertices, made.faces, colour, f"procedural {name}")
     camera, light = Camera(**made.camera), QuadLight(**made.light)
-    return Scene(_Generated([mesh], f"procedural {name}", camera, light), name=name)
+    return MemoryData(_Generated([mesh], f"procedural {name}", camera, light), name=name)
 
 
 class StreamedCity:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from .triangles import Triangles
 
 
 class HitFaces(NamedTuple):
@@ -24,15 +25,23 @@ class Hit(HitFaces):
     has none of them.
     """
 
-    _corners: Callable[[], np.ndarray] | None = None  # the world corners of the faces of hits, (m, 3, 3) float64
+    _find: Callable[[], tuple[Triangles, np.ndarray]] | None = None
     _object_of_face: Callable[[], np.ndarray] | None = None
 
     @classmethod
-    def of_scene(cls, faces: HitFaces, corners: Callable, object_of_face: Callable) -> "Hit":
-        """A `Hit` that can find its triangles and objects."""
+    def of_scene(cls, faces: HitFaces, find: Callable, object_of_face: Callable) -> "Hit":
+        """A `Hit` that can find its triangles and objects; `find()` is called for `surfaces`, at most once."""
         made = cls(*faces)
-        made._corners, made._object_of_face = corners, object_of_face
+        made._find, made._object_of_face = find, object_of_face
         return made
+
+    def surfaces(self) -> tuple[Triangles, np.ndarray]:
+        """The triangles that were hit, and others; and (...) int: the index of each ray's triangle in them, or -1."""
+        if self._find is None:
+            raise _refusal()
+        if not hasattr(self, "_kept"):
+            self._kept = self._find()
+        return self._kept
 
     @property
     def mask(self) -> np.ndarray:
@@ -73,11 +82,9 @@ class Hit(HitFaces):
         return found
 
     def _corners_of_hits(self) -> np.ndarray:
-        if self._corners is None:
-            raise _refusal()
-        if not hasattr(self, "_kept"):
-            self._kept = self._corners()
-        return self._kept
+        """(m, 3, 3) float64, world: the corners of the faces of hits."""
+        triangles, index = self.surfaces()
+        return triangles.vertices[index[index >= 0]].astype(np.float64) + triangles.origin
 
     def _spread(self, values: np.ndarray) -> np.ndarray:
         out = np.full((*self.face.shape, 3), np.nan)

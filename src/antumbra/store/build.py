@@ -11,13 +11,13 @@ import numpy as np
 from ..errors import InputError
 from ..output import replacing
 from ..scene.generated import StreamedCity
+from ..scene.memory import MemoryData
 from ..scene.recentre import frame_origin
-from ..scene.scene import Scene
 from ..scene.source import Source
 from .chunks import chunks_of
 from .columns import gathered
+from .data import StoreData
 from .meta import Meta
-from .scene import PagedScene
 from .sort import Sorting, grid_over, groups
 from .space import check_space
 from .spool import MOST, Spool
@@ -79,9 +79,9 @@ class _Build:
         """Spool all pieces; return the name, up axis, CRS, cameras, lights and notes of all scenes."""
         names, ups, systems, cameras, lights, notes = [], set(), set(), [], [], []
         for scene in scenes:
-            if isinstance(scene, PagedScene):
+            if isinstance(scene, StoreData):
                 raise scene.refusal()
-            if not isinstance(scene, Scene | StreamedCity):
+            if not isinstance(scene, MemoryData | StreamedCity):
                 raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
             check_space(self.folder, spool.survey.file, spool.survey.n_triangles + scene.n_triangles, spool.size)
             self._spool(scene.source, spool)

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS, BlockTree, block_tree
+from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.links import ROWS
 from ..errors import InputError
 from ..trace.forest import ADDRESSES, addresses
 from .layout import NODE_BYTES, Chunk

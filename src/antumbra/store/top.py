@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh import binned_sah
+from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
 from ..bvh.nodes import EMPTY
 from ..bvh.reinsertion import reinsert
 
@@ -25,7 +26,7 @@ def top_tree(boxes: np.ndarray, threads: int) -> Top:
     lower, upper = boxes[:, :3], boxes[:, 3:]
     bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
     bvh = reinsert(bvh, threads)
-    ends = bvh.links[:, 12:14]
+    ends = bvh.links[:, CHILDREN]
     leaf = (ends < 0) & (ends != EMPTY)
-    ends[leaf] = ~(8 * bvh.prim_ids[~ends[leaf] >> 3])
+    ends[leaf] = bvh_link(bvh.prim_ids[bvh_leaf(ends[leaf]).first], 1)
     return Top(bvh.nodes, bvh.links)

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import ROWS, BlockPointers
+from ..bvh.blocks import BlockPointers
+from ..bvh.links import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, prefetch, ptr_at
@@ -29,23 +30,23 @@ class Block(NamedTuple):
 def fetch(tree, link):
     """Prefetch the node or the block behind a link. In large scenes, waiting for memory takes longest."""
     if link >= 0:
-        prefetch(tree.nodes, link * 16)
+        prefetch(tree.nodes, line_at(link))
         return
-    block = ~link >> 5
+    block = block_leaf(link).block
     for row in range(ROWS):
-        prefetch(tree.blocks, (block * ROWS + row) * 16)
-    prefetch(tree.slots, block * 16)
+        prefetch(tree.blocks, row_at(block, row))
+    prefetch(tree.slots, slots_at(block))
 
 
 @inlined
 def numbers_of(b):
-    return ptr_at(b.tree.blocks, b.number * (ROWS * 16))
+    return ptr_at(b.tree.blocks, rows_at(b.number))
 
 
 @inlined
 def slot_of(b, i):
     """The slot of triangle i: its place in the BVH's arrays."""
-    return np.int64(get(b.tree.slots, b.number * 16 + i))
+    return np.int64(get(b.tree.slots, slot_at(b.number, i)))
 
 
 @inlined

@@ -14,14 +14,14 @@ from ..bvh import binned_sah
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, tree_of
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.exact import ray_along, segment
 from ..kernels.predicate.filters import BEYOND, is_nearer
 from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec import scalars
 from ..query.diffuse import RayPass
-from ..query.rays import Arguments, HitArrays
+from ..query.rays import HitArrays, RayArrays
 from ..query.shadow import new_bits, patch_of, query_pointers, sample_of, set_bit
 from ..scene.areas import with_area
 from ..scene.triangles import Triangles
@@ -78,23 +78,20 @@ def _shadows(ticket, bvh, texels, query, met, bits):
     """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
     tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
     found, out, last = ptr(met), ptr(bits), np.int64(-1)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            skip = np.int64(get(asked.ids, i))
-            for k in range(asked.words):
-                left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
-                if left == 0:
-                    continue
-                patch = patch_of(asked, i)
-                while left != 0:
-                    s = 64 * k + lowest_bit(left)
-                    left &= left - np.uint64(1)
-                    slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
-                    if slot >= 0:
-                        last = slot
-                        set_bit(asked, out, i, s)
-        first = take(ticket)
+    for i in items(ticket):
+        skip = np.int64(get(asked.ids, i))
+        for k in range(asked.words):
+            left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
+            if left == 0:
+                continue
+            patch = patch_of(asked, i)
+            while left != 0:
+                s = 64 * k + lowest_bit(left)
+                left &= left - np.uint64(1)
+                slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
+                if slot >= 0:
+                    last = slot
+                    set_bit(asked, out, i, s)
 
 
 def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
@@ -126,7 +123,7 @@ def rays_of_pass(rays: RayPass) -> CutoutRays:
     return CutoutRays(*rays, np.zeros(m), np.full(m, np.inf))
 
 
-def rays_of_arguments(rays: Arguments, cull_faces: int) -> CutoutRays:
+def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
     """`CutoutRays` of a checked ray list."""
     ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
     return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
@@ -135,25 +132,22 @@ def rays_of_arguments(rays: Arguments, cull_faces: int) -> CutoutRays:
 @kernel
 def _nearest(ticket, bvh, texels, rays, out):
     tree, holes = tree_of(bvh), texel_pointers(texels)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
-            if rays.segments:
-                ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
-            else:
-                tmax = min(rays.tmax[i], out.t[i] * BEYOND)
-                ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
-            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:
-                continue
-            slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
-            if slot < 0:
-                continue
-            prim = np.int64(get(tree.prim_ids, slot))
-            if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
-                u, v = single_weights(ray, tree.corners, slot)
-                out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
-        first = take(ticket)
+    for i in items(ticket):
+        o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
+        if rays.segments:
+            ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
+        else:
+            tmax = min(rays.tmax[i], out.t[i] * BEYOND)
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
+        if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:
+            continue
+        slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
+        if slot < 0:
+            continue
+        prim = np.int64(get(tree.prim_ids, slot))
+        if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
+            u, v = single_weights(ray, tree.corners, slot)
+            out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
 
 
 def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
@@ -176,7 +170,7 @@ def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
 
 
 def add_hits(
-    tree: CutoutTree, rays: Arguments, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
+    tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
 ) -> None:
     """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
     if not any_hit:
@@ -192,12 +186,9 @@ def add_hits(
 def _stops(ticket, bvh, texels, origins, ends, rays, slots, stops):
     """Worker: whether segments that meet cut-outs meet solid texels."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
-    first = take(ticket)
-    while first >= 0:
-        for k in range(first, min(first + ticket[CHUNK], ticket[N])):
-            o, e = origins[rays[k]], ends[rays[k]]
-            stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
-        first = take(ticket)
+    for k in items(ticket):
+        o, e = origins[rays[k]], ends[rays[k]]
+        stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
 
 
 def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:

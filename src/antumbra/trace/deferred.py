@@ -6,6 +6,7 @@ that another triangle blocks in the meantime needs no exact test.
 
 import numpy as np
 
+from ..bvh.links import slot_at
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.exact import segment
 from ..kernels.simd import get, lowest_bit, ptr_at, put
@@ -46,7 +47,7 @@ def defer(deferred, slot, place, step, unsure):
 def defer_triangles(deferred, tree, block, own, place, unsure):
     """Note the triangles of a block (bits) that may block the ray at `place`, except its receiver's `own` triangle."""
     while unsure != 0:
-        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(unsure)))
+        slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
         unsure &= unsure - 1
         if get(tree.prim_ids, slot) != own:
             defer(deferred, slot, place, 0, np.int64(1))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bvh.links import block_leaf, box_at, line_at, link_at, sibling_at
 from ..bvh.nodes import MAX_DEPTH
 from ..kernels.fields import F32Ptr, I32Ptr
 from ..kernels.jit import inlined
@@ -48,7 +49,7 @@ class At(NamedTuple):
     """The state of a walk. The lanes in `mask` are about to visit `link`; mask 0: the walk is over."""
 
     link: int
-    place: int  # where the link is stored: node * 16 + 12 for a left child, + 13 for a right one; -1: the root
+    place: int  # where the link is stored: `links.link_at`; -1: the root
     mask: int
     height: int  # int32 on the stack: place and mask, alternating
 
@@ -158,7 +159,7 @@ def popped(links, at, stack, alive):
 @inlined
 def entered(links, at, left, right, stack):
     """Go to the left child first, and push the right one. left, right: bits of the lanes that meet each."""
-    return entered_first(links, at, at.link * 16 + 12, left, right, stack)
+    return entered_first(links, at, link_at(at.link, 0), left, right, stack)
 
 
 @inlined
@@ -166,10 +167,10 @@ def entered_first(links, at, first, one, other, stack):
     """Go to the child at the place `first`, and push its sibling. one, other: bits of the lanes that meet each."""
     height = at.height
     if one != 0 and other != 0:
-        put(stack, height, first ^ 1)
+        put(stack, height, sibling_at(first))
         put(stack, height + 1, other)
         height += 2
-    place = first if one != 0 else first ^ 1
+    place = first if one != 0 else sibling_at(first)
     return At(np.int64(get(links, place)), place, one if one != 0 else other, height)
 
 
@@ -181,7 +182,7 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
         for child in range(2):  # before it is known which of them are met; the links of leaves are no addresses
-            prefetch(tree.nodes, np.int64(get(tree.links, at.link * 16 + 12 + child)) * 16)
+            prefetch(tree.nodes, line_at(np.int64(get(tree.links, link_at(at.link, child)))))
         left, right = children(tree.nodes, at.link, slabs)
         at = popped(tree.links, entered(tree.links, at, left & at.mask, right & at.mask, stack), stack, alive)
     return at
@@ -223,16 +224,16 @@ def visited(at):
 @inlined
 def _nearer_child(tree, slabs, at, waiting, far, counters):
     """Go to the child whose box most lanes enter first. Push the other child if some lane enters it before `far`."""
-    line = at.link * 16
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, 2)
-    left, a = entry(tree.nodes, line, slabs, far)
-    right, b = entry(tree.nodes, line + 1, slabs, far)
+    left, a = entry(tree.nodes, box_at(at.link, 0), slabs, far)
+    right, b = entry(tree.nodes, box_at(at.link, 1), slabs, far)
     left &= at.mask
     right &= at.mask
     if left | right == 0:
         return visited(at)
-    first, second = np.int64(get(tree.links, line + 12)), np.int64(get(tree.links, line + 13))
+    first = np.int64(get(tree.links, link_at(at.link, 0)))
+    second = np.int64(get(tree.links, link_at(at.link, 1)))
     if left != 0:
         fetch(tree, first)
     if right == 0:
@@ -252,7 +253,7 @@ def _nearer_child(tree, slabs, at, waiting, far, counters):
 def next_block(tree, slabs, at, waiting, far, counters):
     """Walk from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
     at = _popped_near(at, waiting, far)
-    while at.mask != 0 and (at.link >= 0 or ~at.link & 31 == 0):
+    while at.mask != 0 and (at.link >= 0 or block_leaf(at.link).count == 0):
         at = _nearer_child(tree, slabs, at, waiting, far, counters) if at.link >= 0 else visited(at)
         at = _popped_near(at, waiting, far)
     return at

@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bvh.links import box_at
 from ..kernels.fields import F32x16
 from ..kernels.jit import inlined
 from ..kernels.simd import absolute, bits, broadcast16, fma, maximum, minimum, select, splat16
@@ -191,10 +192,10 @@ def meets_mixed(nodes, at, x, y, z):
 @inlined
 def children_uniform(nodes, node, x, y, z):
     """(bits of the lanes that meet the left child's box, bits of the lanes that meet the right child's box)."""
-    return bits(meets_uniform(nodes, node * 16, x, y, z)), bits(meets_uniform(nodes, node * 16 + 1, x, y, z))
+    return bits(meets_uniform(nodes, box_at(node, 0), x, y, z)), bits(meets_uniform(nodes, box_at(node, 1), x, y, z))
 
 
 @inlined
 def children_mixed(nodes, node, x, y, z):
     """`children_uniform` for lanes of any direction."""
-    return bits(meets_mixed(nodes, node * 16, x, y, z)), bits(meets_mixed(nodes, node * 16 + 1, x, y, z))
+    return bits(meets_mixed(nodes, box_at(node, 0), x, y, z)), bits(meets_mixed(nodes, box_at(node, 1), x, y, z))

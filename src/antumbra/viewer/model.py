@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import instance, number
+from ..engine.any_scene import AnyScene
+from ..engine.scene import Scene
 from ..errors import InputError
 from ..image.save import frame_exposure
 from ..jobs.sun.place import Place, checked_place
@@ -15,10 +17,8 @@ from ..jobs.sun.positions import solar_angles
 from ..jobs.sun.times import zone_of
 from ..rendering.frame import Frame
 from ..rendering.renderer import Renderer
-from ..scene.any_scene import AnyScene
 from ..scene.camera import Camera
 from ..scene.lights import DirectionalLight, Light, check_lights, light_names
-from ..scene.scene import Scene
 from . import lamps
 from .lamps import Lamp
 from .stage import Stage

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..image.tonemap import to_srgb8
 from ..rendering.frame import Frame
+from ..rendering.options import RenderOptions
 from ..scene.camera import Camera
 from ..scene.light_list import N_SETS
 from ..scene.lights import Light
@@ -31,6 +32,11 @@ class Step(NamedTuple):
     coarse: int  # pixels of the page along the side of one of the picture
     spp: int  # shadow rays for each pixel and light
     adaptive: bool = False  # sixteen sub-pixels at edges, and more rays in penumbrae
+
+    def options(self, time: float) -> RenderOptions:
+        """The options of the picture of a time: coarse pictures are smoothed."""
+        refined = self.spp if self.adaptive else None
+        return RenderOptions(spp=self.spp, time=time, filter=None if self.adaptive else True, adaptive=refined)
 
     def __str__(self) -> str:
         size = "full size" if self.coarse == 1 else f"1/{self.coarse} of the size"
@@ -87,10 +93,7 @@ def traced(model: Model, camera: Camera, step: Step, check: Check = lambda *_: N
 
 
 def _frame(model: Model, camera: Camera, lights: list[Light], step: Step, check: Check) -> Frame:
-    return model.renderer.render(
-        camera, lights, spp=step.spp, time=model.time, filter=not step.adaptive or None,
-        adaptive=step.spp if step.adaptive else None, progress=check,
-    )  # fmt: skip
+    return model.renderer.render(camera, lights, options=step.options(model.time), progress=check)
 
 
 def at_quality(light: Light, spp: int) -> Light:

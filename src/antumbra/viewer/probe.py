@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..engine.points import visibility
 from ..jobs.dataset.blockers import has_centre, towards_centre
 from ..query.receivers import point_receivers
-from ..rendering.queries import visibility
 from ..scene.lights import DirectionalLight
 from .lamps import FAR
 from .model import Model

@@ -7,13 +7,13 @@ from html import escape
 from time import sleep
 
 from ..checks import flag, items, quoted, text, whole_number
+from ..engine.loading import SceneLike, scene_of
+from ..engine.ray_lists import rays_job
+from ..engine.ready import make_ready
 from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
-from ..loading import SceneLike, scene_of
 from ..plan import Plan
-from ..rendering.queries import warm_up_rays
-from ..rendering.ready import make_ready
 from ..rendering.render_jobs import warm_up_quality
 from ..scene.camera import Camera
 from ..scene.lights import Light
@@ -159,7 +159,7 @@ def view(
 
 def prepare(model: Model) -> None:
     """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
-    warm_up_rays()
+    make_ready(rays_job)
     warm_up_quality()
     make_ready(points_job)
     traced(model, model.first_camera(1280, 800), Step(4, 4))

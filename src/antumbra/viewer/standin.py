@@ -7,7 +7,7 @@ import numpy as np
 
 from ..image.shade import SIDEWAYS
 from ..image.tonemap import roll_off
-from ..jobs.bake.measure import Asked, Meter, Receivers
+from ..jobs.bake.measure import Asked, Meter, SurfacePoints
 from ..query.order import morton_codes
 from ..scene.triangles import Triangles
 from .model import Model
@@ -106,7 +106,7 @@ def light_of(model: Model, pieces: Pieces, check: Callable = lambda *_: None) ->
         for start in range(0, n, _AT_ONCE):
             check()
             part = slice(start, start + _AT_ONCE)
-            receivers = Receivers(pieces.points[part], sign * pieces.normals[part])
+            receivers = SurfacePoints(pieces.points[part], sign * pieces.normals[part])
             out[side, part] = meter.values(receivers)
     return out
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine.see import see
 from antumbra.jobs.dataset import drawn
 from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
-from antumbra.rendering.see import see
 from antumbra.scene.framing import bounding_sphere
-from rendering.test_wrapping import BOXES, MAP
+from engine.test_wrapping import BOXES, MAP
 
 ATRIUM = place_of(at.procedural("atrium", triangles=2000), 0.0, None)
 SIZE = 16, 12

@@ -15,6 +15,7 @@ from PIL import Image
 import antumbra as at
 from antumbra.jobs.dataset import make
 from antumbra.jobs.dataset.sheet import contact_sheet
+from antumbra.rendering.keywords import deciding
 from killed import run, run_killed
 from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 
@@ -94,6 +95,7 @@ def test_the_manifest_lists_each_file_with_its_digest(whole):
     settings = found["settings"]
     assert settings["scene"]["sha256"] == digest.hexdigest()
     assert found["complete"] and settings["version"] == at.__version__ and settings["seed"] == 7
+    assert settings["options"] == deciding(at.RenderOptions(spp=4))
     assert [f["made"] for f in found["frames"]] == ["orbit", "random", "random"]
     assert [light["type"] for light in settings["lights"]] == ["DirectionalLight", "SphereLight"]
     assert found["objects"] == [{"name": "atrium", "mesh": "atrium", "instance": 0}]
@@ -106,7 +108,7 @@ def test_the_docs_name_every_key_of_the_manifest(whole):
         if isinstance(value, dict):
             for key, inner in value.items():
                 yield key
-                yield from keys(inner) if key not in ("lights", "files") else ()
+                yield from keys(inner) if key not in ("lights", "files", "options") else ()
         elif isinstance(value, list) and value:
             yield from keys(value[0])
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import oracle
-from antumbra.rendering.queries import receivers_of
+from receivers import receivers_of
 from sight_scenes import scene_of
 
 

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from antumbra.chcrt.options import Options
+from antumbra.engine.building import build_store
+from antumbra.engine.loading import load
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.loading import load
 from antumbra.papers.chc_rt import measure as chcrt
 from antumbra.papers.chc_rt import published as published_chcrt
 from antumbra.papers.chc_rt import stores as chcrt_store
@@ -13,9 +15,7 @@ from antumbra.papers.chc_rt.measure import CHCRT, InCore, Pace, Turn
 from antumbra.papers.chc_rt.rays import DIFFUSE, PRIMARY, SOFT, differing
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
-from antumbra.rendering.building import build_store
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
 
 SIZE = 24
 AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"

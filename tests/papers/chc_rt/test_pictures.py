@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.chc_rt import coverage
 from antumbra.papers.chc_rt.culled import culled, options_of
@@ -12,7 +13,6 @@ from antumbra.papers.chc_rt.rays import AO, PRIMARY, timed
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
 
 SIZE = 160, 100
 BENCH = "bench", "chc-rt", "--table", "queries", "--frames", "1"

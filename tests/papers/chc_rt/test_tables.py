@@ -3,8 +3,10 @@
 import pytest
 
 from antumbra.chcrt.options import WHOLE, Options
+from antumbra.engine.building import build_store
+from antumbra.engine.loading import load
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.loading import load
 from antumbra.papers.chc_rt import ablation, measure, published, session, sizes
 from antumbra.papers.chc_rt.kinds import Table
 from antumbra.papers.chc_rt.measure import InCore, Pace
@@ -12,8 +14,6 @@ from antumbra.papers.chc_rt.plot import shares
 from antumbra.papers.chc_rt.rays import AO, DIFFUSE, KINDS, PRIMARY, SOFT
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
-from antumbra.rendering.building import build_store
-from antumbra.scene.generated import procedural
 
 SIZE = 24
 PACE = Pace(3, 1, 60.0)

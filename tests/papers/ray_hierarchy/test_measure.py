@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.answers import agree
 from antumbra.papers.ray_hierarchy import measure as bench
@@ -13,7 +14,6 @@ from antumbra.papers.ray_hierarchy.views import Picture, pictures, with_point
 from antumbra.papers.views import own_view
 from antumbra.plan import parse_plan
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
 
 SIZE = 24
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.ray_hierarchy.views import (
     MADE,
@@ -18,7 +19,6 @@ from antumbra.papers.ray_hierarchy.views import (
     with_point,
 )
 from antumbra.papers.views import own_view
-from antumbra.scene.generated import procedural
 from antumbra.scene.lights import PointLight
 
 INFO = {

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from antumbra.engine.scene import procedural
+from antumbra.engine.srdh_rays import segments_of
 from antumbra.errors import InputError
 from antumbra.papers.srdh import measure as srdh
 from antumbra.papers.srdh import published as published_srdh
@@ -19,9 +21,7 @@ from antumbra.papers.srdh.measure import (
 )
 from antumbra.papers.srdh.times import BuildTimes
 from antumbra.papers.views import View, own_view
-from antumbra.rendering.srdh_rays import segments_of
 from antumbra.scene.camera import Camera
-from antumbra.scene.generated import procedural
 from antumbra.trace.rays.steps import FALSE, PATH, UNOCCLUDED
 
 SIZE = 24

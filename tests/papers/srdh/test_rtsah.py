@@ -5,11 +5,11 @@ import pytest
 
 from antumbra.bvh import binned_sah
 from antumbra.bvh.quality import validate
+from antumbra.engine.scene import procedural
 from antumbra.papers.srdh.measure import Workload
 from antumbra.papers.srdh.rtsah import check_rtsah, even_lines, opposite
 from antumbra.papers.views import own_view
 from antumbra.query.shadow import segments
-from antumbra.scene.generated import procedural
 
 
 @pytest.fixture(scope="module", params=["cellar", "atrium", "blinds"])

@@ -12,9 +12,9 @@ from antumbra.bvh.widen import widen
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import ray_along
 from antumbra.methods import BUILDERS
-from antumbra.query.rays import HitArrays, ray_arguments
+from antumbra.query.rays import hit_arrays, rays_of
 from antumbra.trace.counters import COUNTERS, new_counters
-from antumbra.trace.rays.batch import trace_batch
+from antumbra.trace.rays.batch import RayTracer
 from antumbra.trace.rays.orders import CLOSEST
 from antumbra.trace.rays.traverse import walk
 from strategies import soups
@@ -37,14 +37,15 @@ def _compare(soup, origins, directions, tmin=0.0, tmax=np.inf, skip=None, cull_f
     wide = widen(bvh, 1)
     skip = np.full(n, -1, np.int32) if skip is None else skip.astype(np.int32)
     face, t = np.empty(n, np.int32), np.empty(n)
-    arguments, _, facing = ray_arguments(origins, directions, tmin, tmax, skip, cull_faces, np.zeros(3), len(soup))
-    _walk_all(bvh, origins, directions, float(tmin), float(tmax), skip, facing, face, t)
-    empty = HitArrays(np.empty(0, bool), *(np.empty(0, d) for d in (np.int32, np.float64, np.float32, np.float32)))
-    any_hit, counters = empty._replace(blocked=np.empty(n, bool)), new_counters()
-    assert trace_batch(wide, arguments.ray_list(facing), True, any_hit, 2, counters)
+    rays, tracer = (
+        rays_of(origins, directions, tmin, tmax, skip, cull_faces, (0.0, 0.0, 0.0), len(soup)),
+        RayTracer(wide),
+    )
+    _walk_all(bvh, origins, directions, float(tmin), float(tmax), skip, rays.cull_faces, face, t)
+    any_hit, nearest, counters = hit_arrays(n, True), hit_arrays(n, False), new_counters()
+    assert tracer.trace(rays, True, any_hit, 2, counters)
     np.testing.assert_array_equal(any_hit.blocked, face >= 0)
-    nearest = HitArrays(empty.blocked, *(np.empty(n, a.dtype) for a in empty[1:]))
-    assert trace_batch(wide, arguments.ray_list(facing), False, nearest, 2, new_counters())
+    assert tracer.trace(rays, False, nearest, 2, new_counters())
     np.testing.assert_array_equal(nearest.face, face)
     np.testing.assert_array_equal(nearest.t, t)
     return (face >= 0).mean(), dict(zip(COUNTERS, counters.tolist()))

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from ...checks import choice
+from ...engine.loading import SceneLike
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike
 from ...scene.lights import Light
 from ..engines import engine_of
 from .options import check, check_output, own_lights

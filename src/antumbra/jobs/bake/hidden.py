@@ -1,4 +1,4 @@
-"""Receivers inside solids, which nobody sees, though interpolation would spread their darkness.
+"""SurfacePoints inside solids, which nobody sees, though interpolation would spread their darkness.
 
 A receiver is inside if the rays of its hemisphere meet back faces first. So the direction of the faces decides what is
 solid.
@@ -6,10 +6,10 @@ solid.
 
 import numpy as np
 
+from ...engine.scene import Scene
 from ...query.sampling import light_samples
 from ...scene.lights import AmbientOcclusion
-from ...scene.scene import Scene
-from .measure import Receivers
+from .measure import SurfacePoints
 
 _RAYS, _ENOUGH = 16, 15  # one ray may leak through a gap
 _BATCH = 1 << 16
@@ -26,7 +26,7 @@ class Solids:
         self._outward = np.cross(b - a, c - a)
         self._samples = light_samples(AmbientOcclusion(), _RAYS, "larcher-pillichshammer")[0]
 
-    def hold(self, receivers: Receivers) -> np.ndarray:
+    def hold(self, receivers: SurfacePoints) -> np.ndarray:
         """(n,) bool: which receivers are inside a solid."""
         inside = np.zeros(len(receivers.positions), bool)
         for start in range(0, len(inside), _BATCH):
@@ -34,7 +34,7 @@ class Solids:
             inside[part] = self._hold(receivers.at(part))
         return inside
 
-    def _hold(self, receivers: Receivers) -> np.ndarray:
+    def _hold(self, receivers: SurfacePoints) -> np.ndarray:
         local = receivers.positions - self._scene.origin
         far = np.abs(local).max(-1, keepdims=True)
         origins = receivers.positions + _LIFT * far * receivers.normals

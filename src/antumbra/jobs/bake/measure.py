@@ -9,20 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.scene import Scene
 from ...image.open_directions import open_directions
 from ...image.shade import arriving
 from ...image.shares import shares
 from ...image.terminator import facing_of
 from ...query.gbuffer import GBuffer
 from ...query.order import morton_codes
-from ...query.receivers import NOTHING, point_receivers
+from ...query.receivers import NOTHING, Receivers
 from ...query.sampling import light_samples
 from ...query.shadow import ShadowQuery, fraction_lit
-from ...rendering.memory import points_memory
-from ...rendering.points import PointQueries
-from ...rendering.renderer import Renderer
 from ...scene.lights import Light
-from ...scene.scene import Scene
 from ..dataset.manifest import light_record
 from ..parts import Parts, about_parts, inexact
 from ..scenedigest import scene_digest
@@ -41,14 +38,14 @@ QUANTITIES = {
 """Name of what a bake measures -> its meaning."""
 
 
-class Receivers(NamedTuple):
+class SurfacePoints(NamedTuple):
     """Points on surfaces."""
 
     positions: np.ndarray  # (n, 3) float64, world
     normals: np.ndarray  # (n, 3) float64, unit
 
-    def at(self, index) -> "Receivers":
-        return Receivers(self.positions[index], self.normals[index])
+    def at(self, index) -> "SurfacePoints":
+        return SurfacePoints(self.positions[index], self.normals[index])
 
 
 class Asked(NamedTuple):
@@ -99,11 +96,10 @@ class Meter:
 
     def __init__(self, scene: Scene, asked: Asked, receivers: int):
         self.scene, self.asked, self._samples, self.rays = scene, asked, asked.samples(), 0
-        total = receivers * sum(samples.shape[1] for samples in self._samples)
-        self._points = PointQueries(Renderer(scene, asked.plan, asked.threads), total, asked.time)
-        self._points.begin(points_memory(0, asked.lights[0], self._samples[0]))
+        self._later = receivers * sum(samples.shape[1] for samples in self._samples)
+        self._engine = scene.engine.with_options(asked.plan, asked.threads, None)
 
-    def values(self, receivers: Receivers) -> np.ndarray:
+    def values(self, receivers: SurfacePoints) -> np.ndarray:
         """(n, c) float32: what each of a few receivers gets, at once."""
         out = np.zeros((len(receivers.positions), self.asked.channels), np.float32)
         grid = _grid(curve_blocks(receivers.positions))
@@ -112,18 +108,16 @@ class Meter:
         return out
 
     def answered(
-        self, receivers: Receivers, grid: np.ndarray, there: np.ndarray
+        self, receivers: SurfacePoints, grid: np.ndarray, there: np.ndarray
     ) -> list[tuple[ShadowQuery, np.ndarray]]:
         """The query and the bits of each light, of the receivers of a grid."""
-        world, normals = receivers.positions[grid], np.ascontiguousarray(receivers.normals[grid])
-        flat = world.reshape(-1, 3)
-        origins = point_receivers(flat - self._points.triangles.origin, normals.reshape(-1, 3), flat, False)
-        origins, sides = origins.reshape(world.shape), np.where(there, 1, NOTHING).astype(np.int8)
-        found = []
-        for light, samples in zip(self.asked.lights, self._samples):
-            query = self._points.query(origins, sides, normals, light, samples)
-            found.append((query, self._points.answer(query)))
-            self.rays += int(there.sum()) * samples.shape[1]
+        world, normals = receivers.positions[grid], receivers.normals[grid]
+        asking = Receivers.moved_off(world, normals, self.scene.origin)
+        asking = asking._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
+        found = self._engine.shadows(
+            asking, self.asked.lights, self._samples, time=self.asked.time, later=self._later
+        )  # fmt: skip
+        self.rays += int(there.sum()) * sum(samples.shape[1] for samples in self._samples)
         return found
 
     def worth(self, answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
@@ -142,7 +136,7 @@ class Meter:
 
     def _arrived(self, light: Light, query: ShadowQuery, bits: np.ndarray, tint) -> np.ndarray:
         """(h, w, 1 or 3) float32: the irradiance from a light with its shadows; ambient light is a uniform sky."""
-        threads, surfaces = self.asked.threads, _surfaces(query, self._points.triangles.origin)
+        threads, surfaces = self.asked.threads, _surfaces(query, self.scene.origin)
         if light.domain == "list":  # it has intensities and colours of its own
             return arriving(surfaces, light, query, bits, threads=threads)
         share = shares(facing_of(surfaces, None), query, bits, threads)
@@ -158,7 +152,7 @@ class Measurement:
     """A measurement of many receivers, part by part.
 
     meter : Meter
-    receivers : Receivers
+    receivers : SurfacePoints
     blocks : (m, 16) int64
         From `curve_blocks`, or blocks of texels.
     counted : bool
@@ -167,7 +161,7 @@ class Measurement:
         Where parts are kept; None: in memory.
     """
 
-    def __init__(self, meter: Meter, receivers: Receivers, blocks: np.ndarray, counted: bool, folder: Path | None):
+    def __init__(self, meter: Meter, receivers: SurfacePoints, blocks: np.ndarray, counted: bool, folder: Path | None):
         self.receivers, self.blocks = receivers, blocks
         self._meter, self._counted = meter, counted
         asked, about = meter.asked, None

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...checks import choice, flag, is_number, number, quoted, text, whole_number
+from ...engine.scene import Scene
 from ...errors import InputError
 from ...extras import needed
 from ...image.save import checked_exposure
@@ -16,7 +17,6 @@ from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.sampling import sample_sets
 from ...scene.light_list import in_full
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
-from ...scene.scene import Scene
 from ...scene.view import sun
 from .measure import QUANTITIES, Asked
 

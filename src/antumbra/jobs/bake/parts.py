@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...engine.scene import Scene
 from ...scene.gltf.accessors import Accessors
 from ...scene.gltf.document import Document
 from ...scene.gltf.fields import Fields
-from ...scene.scene import Scene
 from .asset import Asset
 
 

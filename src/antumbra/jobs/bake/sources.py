@@ -6,14 +6,15 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from ...loading import GLTF_SUFFIXES, load
-from ...scene.any_scene import AnyScene
+from ...engine.any_scene import AnyScene
+from ...engine.loading import load
+from ...engine.opening import GLTF_SUFFIXES
+from ...engine.paged_scene import PagedScene
+from ...engine.scene import Scene
 from ...scene.framing import axes
 from ...scene.gltf.accessors import Accessors
 from ...scene.gltf.document import open_document
 from ...scene.gltf.pack import upright
-from ...scene.scene import Scene
-from ...store.scene import PagedScene
 from ...temporary import temporary_folder
 from .asset import Asset, open_asset
 from .parts import Part, read_parts

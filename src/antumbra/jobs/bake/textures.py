@@ -12,7 +12,7 @@ from ...query.receivers import NOTHING
 from ...query.surface import PictureSurfaces
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
 from .hidden import Solids
-from .measure import SIDE, Measurement, Meter, Receivers, nearby
+from .measure import SIDE, Measurement, Meter, SurfacePoints, nearby
 from .parts import face_vectors
 from .texels import Cover, closest_weights
 from .vertices import suspects
@@ -37,7 +37,7 @@ def surface_of(sheet: Sheet) -> Surface:
     return Surface(positions, normals, uv)
 
 
-def receivers_at(surface: Surface, face: np.ndarray, weights: np.ndarray) -> Receivers:
+def receivers_at(surface: Surface, face: np.ndarray, weights: np.ndarray) -> SurfacePoints:
     """Points on faces. On smooth surfaces they lie on the curve that the normals describe, not on the facets.
 
     So facets that bulge do not shade their neighbours [Hanika 2021].
@@ -47,7 +47,7 @@ def receivers_at(surface: Surface, face: np.ndarray, weights: np.ndarray) -> Rec
     normal = np.einsum("nk,nki->ni", weights, normals)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     below = np.minimum(np.einsum("nki,nki->nk", points[:, None] - corners, normals), 0.0)
-    return Receivers(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
+    return SurfacePoints(points - np.einsum("nk,nk,nki->ni", weights, below, normals), normal)
 
 
 class Texels:
@@ -193,7 +193,7 @@ def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
     return binary_dilation(picture, np.ones((3, 3), bool)).reshape(-1)[cover.texel]
 
 
-def _smoothed(sheet: Sheet, surface: Surface, receivers: Receivers, counts: np.ndarray, meter: Meter) -> np.ndarray:
+def _smoothed(sheet: Sheet, surface: Surface, receivers: SurfacePoints, counts: np.ndarray, meter: Meter) -> np.ndarray:
     """(n,) float32: the share of a light that is visible, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.asked.spp
     shape = cover.size, cover.size

@@ -8,7 +8,7 @@ import numpy as np
 from ...kernels.progress import reported
 from ...scene.lights import AmbientOcclusion
 from .hidden import Solids
-from .measure import Meter, Receivers
+from .measure import Meter, SurfacePoints
 from .parts import Part, face_vectors
 
 _TOWARDS = 0.125, 0.25, 0.5, 0.75, 1.0  # of the way from a hidden vertex to the centre of a face
@@ -22,13 +22,13 @@ class Faces(NamedTuple):
     normals: np.ndarray  # (f, 3) float64, unit, outward
 
 
-def receivers_of(parts: Sequence[Part]) -> Receivers:
+def receivers_of(parts: Sequence[Part]) -> SurfacePoints:
     """The vertices of all parts, one part after the other."""
-    return Receivers(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
+    return SurfacePoints(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
 
 
 def replace_hidden(
-    values: np.ndarray, receivers: Receivers, parts: Sequence[Part], meter: Meter, solids: Solids | None
+    values: np.ndarray, receivers: SurfacePoints, parts: Sequence[Part], meter: Meter, solids: Solids | None
 ) -> int:
     """Replace the values of vertices inside solids; return how many these are.
 
@@ -61,7 +61,9 @@ def _faces_of(parts: Sequence[Part]) -> Faces:
     return Faces(faces, areas, vectors / np.maximum(areas, 1e-300)[:, None])
 
 
-def _replace(values, hidden: np.ndarray, receivers: Receivers, all_faces: Faces, meter: Meter, solids: Solids) -> None:
+def _replace(
+    values, hidden: np.ndarray, receivers: SurfacePoints, all_faces: Faces, meter: Meter, solids: Solids
+) -> None:
     """Give hidden vertices the mean, by area, of the nearest visible points on the faces around them.
 
     A vertex whose faces are hidden too keeps its value: nobody sees it.
@@ -74,7 +76,7 @@ def _replace(values, hidden: np.ndarray, receivers: Receivers, all_faces: Faces,
             return
         vertex = all_faces.faces[face, corner]
         centre = receivers.positions[all_faces.faces[face]].mean(1)
-        points = Receivers((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
+        points = SurfacePoints((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
         seen = ~solids.hold(points)
         if seen.any():
             found, weight = meter.values(points.at(seen)), all_faces.areas[face[seen]]

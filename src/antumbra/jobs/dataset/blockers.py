@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
 from ...query.gbuffer import GBuffer
 from ...query.receivers import point_receivers
-from ...scene.any_scene import AnyScene
 from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 
 

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
+from ...engine.paged_scene import PagedScene
 from ...errors import InputError
-from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.framing import AZIMUTH, axes, bounding_sphere, default_camera
 from ...scene.hit import Hit
 from ...scene.lights import DirectionalLight, Light, SphereLight
 from ...scene.room import Room
-from ...store.scene import PagedScene
 
 TRIES = 512
 """Places that are tried for a camera or a light."""

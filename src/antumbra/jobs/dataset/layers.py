@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
 from ...image.save import stored
 from ...rendering.frame import Frame
-from ...scene.any_scene import AnyScene
 from ...scene.lights import Light
 from .blockers import blockers, has_centre
 

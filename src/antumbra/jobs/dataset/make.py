@@ -7,12 +7,13 @@ from time import perf_counter
 from typing import NamedTuple
 
 from ...checks import flag
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...output import checked_folder
-from ...query.sampling import sample_sets
+from ...rendering.keywords import deciding
+from ...rendering.options import RenderOptions
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light
@@ -95,14 +96,14 @@ def dataset(
     start = perf_counter()
     path = checked_folder(folder)
     scene, threads = scene_of(scene), thread_count(threads)
-    sample_sets(spp, sampler)
+    options = RenderOptions(spp=spp, sampler=sampler, time=scene.clamped(time))
     share, overwrite = checked_share(shard), flag(overwrite, "overwrite")
     if keep is not None:
         keep = engine_of(keep)
-    place = place_of(scene, scene.clamped(time), threads)
+    place = place_of(scene, options.time, threads)
     views = views_of(scene, cameras, orbit, random, seed, size, place.time)
-    renderer, quality = Renderer(scene, plan, threads, max_memory=max_memory), {"spp": spp, "sampler": sampler}
-    work = _Work(place, views, lights_of(place, lights, random_lights, seed), quality, renderer)
+    renderer = Renderer(scene, plan, threads, max_memory=max_memory)
+    work = _Work(place, views, lights_of(place, lights, random_lights, seed), options, renderer)
     work.open(path, overwrite)
     if keep is None:
         do_all(work, range(share.number, len(work), share.of))
@@ -118,8 +119,8 @@ class _Work:
     what = "frames"
     folder: Folder
 
-    def __init__(self, place: Place, views: Views, lights: list[Light], quality: dict, renderer: Renderer):
-        self.place, self.views, self.lights, self.quality = place, views, lights, quality
+    def __init__(self, place: Place, views: Views, lights: list[Light], options: RenderOptions, renderer: Renderer):
+        self.place, self.views, self.lights, self.options = place, views, lights, options
         self.rendered = self.finished = 0  # frames
         self._renderer, self._again = renderer, set[int]()  # frames to render, finished or not
         self._objects: Objects | None = None
@@ -130,7 +131,7 @@ class _Work:
             "seed": views.seed,
             "cameras": views.record(),
             "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
-            **quality,
+            "options": deciding(options),
             **({} if plan.tracer.exact else {"plan": str(plan)}),  # an exact plan changes no bit
         }
         self.settings = json.loads(json.dumps(settings))
@@ -188,7 +189,7 @@ class _Work:
         """Render and write frame k."""
         scene, time, threads = self.place[:3]
         made, camera = self.views.camera(self.place, k)
-        frame = self._renderer.render(camera, self.lights, time=time, **self.quality)
+        frame = self._renderer.render(camera, self.lights, options=self.options)
         self._objects = self._objects or objects_of(scene)
         blocked = blocked_by(scene, frame, self.lights, time, threads)
         seen = frame.mask

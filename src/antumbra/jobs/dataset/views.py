@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...checks import items, listed, whole_number
+from ...engine.any_scene import AnyScene
 from ...errors import InputError
-from ...scene.any_scene import AnyScene
 from ...scene.camera import MAX_SIZE, Camera
 from ...scene.lights import Light, check_lights
 from .drawn import Place, orbit_camera, random_camera, random_light

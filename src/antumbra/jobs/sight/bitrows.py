@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...kernels.jit import kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, ptr, put
 
 WORD = 64
@@ -54,16 +54,13 @@ def transposed(words: np.ndarray, columns: int) -> np.ndarray:
 def _reorder_rows(ticket, words, places, out):
     source, at, target = ptr(words), ptr(places), ptr(out)
     n, wide, width = len(places), words.shape[1], out.shape[1]
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for w in range(width):
-                word = np.uint64(0)
-                for j in range(64 * w, min(64 * w + 64, n)):
-                    p = np.int64(get(at, j))
-                    word |= (get(source, i * wide + (p >> 6)) >> np.uint64(p & 63) & np.uint64(1)) << np.uint64(j & 63)
-                put(target, i * width + w, word)
-        first = take(ticket)
+    for i in items(ticket):
+        for w in range(width):
+            word = np.uint64(0)
+            for j in range(64 * w, min(64 * w + 64, n)):
+                p = np.int64(get(at, j))
+                word |= (get(source, i * wide + (p >> 6)) >> np.uint64(p & 63) & np.uint64(1)) << np.uint64(j & 63)
+            put(target, i * width + w, word)
 
 
 def reordered(words: np.ndarray, places: np.ndarray, threads: int | None = None) -> np.ndarray:

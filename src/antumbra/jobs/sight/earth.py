@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...checks import number
-from ...scene.any_scene import AnyScene
-from ...scene.scene import Scene
+from ...engine.any_scene import AnyScene
+from ...engine.scene import Scene
 from ..sensors import Sensors, corners_of
 
 EARTH_RADIUS = 6_371_000.0

@@ -1,40 +1,26 @@
 """Points as ends of sightlines, in the float32 frame in which sightlines are exact."""
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import as_array
 from ...checks import points as checked_points
+from ...engine.any_scene import AnyScene
 from ...errors import InputError
-from ...rendering.queries import receivers_of
-from ...scene.any_scene import AnyScene
+from ...query.receivers import Receivers
 from ..sensorfields import check_on_scene
 from ..sensors import Sensors, point_sensors
 
 
-class Ends(NamedTuple):
-    """Ends of sightlines."""
-
-    at: np.ndarray  # (n, 3) float32, recentred, moved off their surfaces
-    unit: np.ndarray | None  # (n, 3) float64 unit normals; ends see nothing below them. None: free points
-
-    def __len__(self) -> int:
-        return len(self.at)
-
-    def take(self, places) -> "Ends":
-        """Some of the ends: a slice, or (m,) indices."""
-        return Ends(self.at[places], None if self.unit is None else self.unit[places])
-
-
-def ends_of(scene: AnyScene, sensors: Sensors) -> Ends:
+def ends_of(scene: AnyScene, sensors: Sensors) -> Receivers:
     """The ends of sensors. Those with normals lie on surfaces, and are moved off them (docs/design/receivers.md).
 
     The cells of a raster are moved up, off the surfaces below them, but they see all around: the surface may be steep.
     """
-    at, unit = receivers_of(scene, sensors.points, sensors.normals)
-    return Ends(at, None if sensors.kind == "raster" else unit)
+    if sensors.normals is None:
+        return Receivers.in_space(sensors.points, scene.origin)
+    ends = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+    return ends.seeing_all_around() if sensors.kind == "raster" else ends
 
 
 def sensors_from(scene: AnyScene, given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:

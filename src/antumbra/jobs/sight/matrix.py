@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
+from ...engine.any_scene import AnyScene
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
-from ...scene.any_scene import AnyScene
+from ...query.receivers import Receivers
 from ..engines import checked_keep, engine_of
 from ..parts import Parts, about_parts, inexact
 from ..readsensors import sensors_of
@@ -24,7 +25,7 @@ from ..rowfile import RowFile, row_file_size, write_rows
 from ..scenedigest import scene_digest
 from ..sensors import Sensors
 from .bitrows import reordered, transposed, unpacked, words_of
-from .ends import Ends, ends_of, sensors_from
+from .ends import ends_of, sensors_from
 from .sparse import sparse_matrix, write_sparse
 from .tiles import STRIP, Tracing
 
@@ -93,8 +94,8 @@ class VisibilityMatrix:
 class _Grid(NamedTuple):
     """The tiles of a matrix; both sets of points in the order of a curve."""
 
-    rows: Ends
-    columns: Ends
+    rows: Receivers
+    columns: Receivers
     row_order: np.ndarray  # (n,) int64: number of each row before it was sorted
     column_order: np.ndarray
     tiles: list[tuple[int, int]]  # strip of rows, strip of columns
@@ -186,15 +187,15 @@ def _named(given, scene: AnyScene, threads: int):
     return sensors_of(given, scene, threads) if isinstance(given, str) else given
 
 
-def _grid(rows: Ends, columns: Ends, square: bool) -> _Grid:
-    row_order, column_order = (np.argsort(morton_codes(ends.at), kind="stable") for ends in (rows, columns))
-    high, wide = (-(-len(ends) // STRIP) for ends in (rows, columns))
+def _grid(rows: Receivers, columns: Receivers, square: bool) -> _Grid:
+    row_order, column_order = (np.argsort(morton_codes(ends.origins[0]), kind="stable") for ends in (rows, columns))
+    high, wide = (-(-ends.n // STRIP) for ends in (rows, columns))
     tiles = [(i, j) for i in range(high) for j in range(i if square else 0, wide)]
     return _Grid(rows.take(row_order), columns.take(column_order), row_order, column_order, tiles, square)
 
 
 def _about(scene: AnyScene, grid: _Grid, time: float, plan) -> dict[str, str]:
-    ends = [array for end in (grid.rows, grid.columns) for array in end if array is not None]
+    ends = [array for end in (grid.rows, grid.columns) for array in end]
     return about_parts("lines of sight", scene_digest(scene, scene.clamped(time)), inexact(plan), grid.square, *ends)
 
 
@@ -204,7 +205,7 @@ def _tile(tracing: Tracing, grid: _Grid, k: int) -> np.ndarray:
     rows, columns = grid.rows.take(_strip(i)), grid.columns.take(_strip(j))
     bits = tracing.visible(rows, columns)
     if grid.square and i == j:
-        own = np.arange(len(rows))
+        own = np.arange(rows.n)
         bits[own, own // 64] &= ~(np.uint64(1) << (own % 64).astype(np.uint64))
     return bits
 
@@ -217,7 +218,7 @@ def _strips(grid: _Grid, parts: Parts):
     """Yield (numbers of rows, their bits), in pieces of a few hundred rows; columns in the order of the caller."""
     back = np.argsort(grid.column_order)
     at = {tile: k for k, tile in enumerate(grid.tiles)}
-    n, m = len(grid.rows), len(grid.columns)
+    n, m = grid.rows.n, grid.columns.n
     for i in range(-(-n // STRIP)):
         numbers = grid.row_order[_strip(i)]
         tiles = []

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import as_array
+from ...engine.accelerate import Accelerated
+from ...engine.any_scene import AnyScene
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
-from ...rendering.accelerate import Accelerated
-from ...rendering.queries import accelerated, receivers_of
-from ...scene.any_scene import AnyScene
+from ...query.receivers import Receivers
 from ...trace.cutouts import all_stops
 from ...trace.rays.intersections import intersections
 from ..engines import Whole
@@ -93,7 +93,7 @@ def line_of_sight(
     """
     scene, threads = scene_of(scene), thread_count(threads)
     pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
-    ready = accelerated(scene, time, threads, _PLAN)
+    ready = scene.engine.with_options(_PLAN, threads, None).accelerated(time)
     n = len(pairs.begin)
     work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
     parts = Parts(f"{n} lines of sight", n, _PART, work)
@@ -127,9 +127,13 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
         wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
         if normals is not None:
             normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
-        moved, unit = receivers_of(scene, wide, normals)
-        ends.append(moved)
-        units.append(unit)
+        made = (
+            Receivers.in_space(wide, scene.origin)
+            if normals is None
+            else Receivers.on_surface(wide, normals, scene.origin)
+        )
+        ends.append(made.origins[0])
+        units.append(None if normals is None else made.normals[0])
         own.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
     return _Pairs(*ends, *units, *own), shape
 

@@ -6,14 +6,12 @@ of a space-filling curve, so that their sightlines form thin bundles.
 
 import numpy as np
 
-from ...rendering.memory import points_memory
-from ...rendering.points import AskingPoints
-from ...rendering.queries import renderer_of
-from ...scene.any_scene import AnyScene
+from ...engine.any_scene import AnyScene
+from ...query.horizon import below_horizon
+from ...query.receivers import Receivers
 from ...scene.lights import MAX_SPP
 from ...scene.point_lights import PointLights
 from .bitrows import ones, transposed, words_of
-from .ends import Ends
 
 STRIP = 4096
 """Points of a strip: a multiple of MAX_SPP. A tile has 2 MiB of bits."""
@@ -27,30 +25,32 @@ class Tracing:
     """
 
     def __init__(self, scene: AnyScene, plan, time: float, threads: int | None, sightlines: int):
-        renderer = renderer_of(scene, plan, threads, None, None)
-        light = _Recentred(np.zeros((MAX_SPP, 3)))
-        self._asking = AskingPoints(renderer, time, sightlines, points_memory(STRIP, light, _samples(light)))
+        self._engine, self._time, self._sightlines = scene.engine.with_options(plan, threads, None), time, sightlines
 
-    def visible(self, rows: Ends, columns: Ends) -> np.ndarray:
+    def visible(self, rows: Receivers, columns: Receivers) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where points i and j see each other."""
-        blocked = np.empty((len(rows), words_of(len(columns))), np.uint64)
+        blocked = np.empty((rows.n, words_of(columns.n)), np.uint64)
         for first, light in self._lists(columns):
-            bits = self._asking.bits(rows.at, rows.unit, light, _samples(light))
-            blocked[:, first : first + bits.shape[1]] = bits
-        if columns.unit is not None:
-            blocked |= transposed(self._below(columns, rows), len(rows))
-        return ~blocked & ones(len(columns))
+            ((_, bits),) = self._engine.shadows(
+                rows, [light], [_samples(light)], time=self._time, later=self._sightlines
+            )
+            blocked[:, first : first + bits.shape[2]] = bits[0]
+        if columns.normals.size:
+            blocked |= transposed(self._below(columns, rows), rows.n)
+        return ~blocked & ones(columns.n)
 
-    def _below(self, ends: Ends, others: Ends) -> np.ndarray:
+    def _below(self, ends: Receivers, others: Receivers) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where the surface of end i hides point j."""
-        assert ends.unit is not None
-        found = [self._asking.below(ends.at, ends.unit, light, _samples(light)) for _, light in self._lists(others)]
+        found = []
+        for _, light in self._lists(others):
+            (query,) = self._engine.queries(ends, [light], [_samples(light)], time=self._time)
+            found.append(below_horizon(query, self._engine.threads)[0])
         return np.hstack(found)
 
-    def _lists(self, ends: Ends):
+    def _lists(self, ends: Receivers):
         """Yield (first word, lights) of lists of at most MAX_SPP of the ends."""
-        for first in range(0, len(ends), MAX_SPP):
-            yield words_of(first), _Recentred(ends.at[first : first + MAX_SPP])
+        for first in range(0, ends.n, MAX_SPP):
+            yield words_of(first), _Recentred(ends.origins[0, first : first + MAX_SPP])
 
 
 class _Recentred(PointLights):

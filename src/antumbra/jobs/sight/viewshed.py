@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import as_array, flag, number, points
+from ...engine.any_scene import AnyScene
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed, reported
-from ...loading import SceneLike, scene_of
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...query.order import morton_codes
-from ...scene.any_scene import AnyScene
 from ...scene.lights import MAX_SPP
 from ..readsensors import sensors_of
 from ..sensors import Sensors, on_top, point_sensors
@@ -174,7 +174,7 @@ def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
 def _straight(asked: _Asked, scene: AnyScene, tracing: Tracing, progress) -> None:
     """All observers, in lists; sensors beyond the reach of a list are not asked."""
     ends, eyes = ends_of(scene, asked.sensors), ends_of(scene, point_sensors(asked.eyes))
-    curve, order = (np.argsort(morton_codes(each.at), kind="stable") for each in (ends, eyes))
+    curve, order = (np.argsort(morton_codes(each.origins[0]), kind="stable") for each in (ends, eyes))
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
         places = curve[_within(asked.sensors.points[curve], asked.eyes[some], asked.limits.max_distance)]

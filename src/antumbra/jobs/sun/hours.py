@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
+from ...engine.ready import Job, fixed_job, make_ready
 from ...plan import Plan
-from ...rendering.queries import visibility
-from ...rendering.ready import Job, fixed_job, make_ready
-from ...scene.any_scene import AnyScene
+from ...query.receivers import Receivers
 from ...scene.directional_lights import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
 from ..engines import Whole
@@ -33,6 +33,7 @@ class Asked(NamedTuple):
 
     scene: AnyScene
     sensors: Sensors
+    receivers: Receivers  # the sensors, off their surfaces
     calendar: Calendar
     columns: int  # bins of the calendar
     order: np.ndarray  # (m,) int64: bundled order of the calendar's directions, (k * samples)
@@ -76,7 +77,12 @@ def ask(
         np.zeros(len(suns.hours)) if energy is None else np.ascontiguousarray(energy, np.float64),
         np.ascontiguousarray(suns.directions, np.float64),
     )
-    return Asked(scene, sensors, calendar, columns, order, towards[order], plan, threads)
+    receivers = (
+        Receivers.in_space(sensors.points, scene.origin)
+        if sensors.normals is None
+        else Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+    )
+    return Asked(scene, sensors, receivers, calendar, columns, order, towards[order], plan, threads)
 
 
 def _starts(suns: Suns) -> np.ndarray:
@@ -150,7 +156,7 @@ def answer(asked: Asked, kept: Path | None = None, what: str = "suns") -> Tally:
 def _bits_of(asked: Asked, which: np.ndarray) -> np.ndarray:
     """(n, w) uint64: the bits of some sensors, in the order of bundles. Suns behind all of them are not traced."""
     sensors, m = asked.sensors, len(asked.towards)
-    points = sensors.points[which]
+    receivers, engine = asked.receivers.take(which), asked.scene.engine.with_options(asked.plan, asked.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
     bundles = _in_front(asked.towards, normals)
@@ -160,7 +166,7 @@ def _bits_of(asked: Asked, which: np.ndarray) -> np.ndarray:
         if not len(places):
             continue
         lights = DirectionalLights(-asked.towards[places])
-        found = visibility(asked.scene, points, lights, normals, plan=asked.plan, threads=asked.threads).bits
+        found = engine.visibility(receivers, [lights]).bits[:, 0]
         bits.view(np.uint16)[:, some] = found.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
     return bits
 

@@ -3,9 +3,9 @@
 from typing import Any, NamedTuple
 
 from ...checks import number, text
+from ...engine.loading import scene_of
 from ...errors import InputError
 from ...extras import needed
-from ...loading import scene_of
 from ...scene.crs import checked_crs
 from .zones import parse_zone
 

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
+from ...engine.any_scene import AnyScene
+from ...engine.loading import SceneLike, scene_of
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
-from ...scene.any_scene import AnyScene
 from ..readsensors import sensors_of
 from ..sensors import Sensors
 from ..sight.ends import sensors_from

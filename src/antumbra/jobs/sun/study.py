@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import choice, flag, instance, items, whole_number
+from ...engine.loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
-from ...loading import SceneLike, scene_of
 from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ..areas import SPACING

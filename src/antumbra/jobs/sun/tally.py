@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 
 
 class Calendar(NamedTuple):
@@ -52,29 +52,26 @@ def _cosine(normals, i, directions, k):
 @kernel
 def _tally_rows(ticket, bits, normals, calendar, tally):
     n_suns, n_bins = calendar.bins.shape
-    at = take(ticket)
-    while at >= 0:
-        for i in range(at, min(at + ticket[CHUNK], ticket[N])):
-            total = energy = run_hours = longest = 0.0
-            first = last = -1
-            for k in range(n_suns):
-                share = _seen(bits[i], calendar.places, k)
-                if calendar.starts[k] or share < 0.5:
-                    run_hours = 0.0
-                if share == 0.0:
-                    continue
-                hours = share * calendar.hours[k]
-                total += hours
-                for b in range(n_bins):
-                    tally.binned[i, calendar.bins[k, b]] += hours
-                energy += share * calendar.energy[k] * _cosine(normals, i, calendar.directions, k)
-                if share >= 0.5:
-                    run_hours += calendar.hours[k]
-                    longest = max(longest, run_hours)
-                    first, last = k if first < 0 else first, k
-            tally.hours[i], tally.energy[i], tally.longest[i] = total, energy, longest
-            tally.first[i], tally.last[i] = first, last
-        at = take(ticket)
+    for i in items(ticket):
+        total = energy = run_hours = longest = 0.0
+        first = last = -1
+        for k in range(n_suns):
+            share = _seen(bits[i], calendar.places, k)
+            if calendar.starts[k] or share < 0.5:
+                run_hours = 0.0
+            if share == 0.0:
+                continue
+            hours = share * calendar.hours[k]
+            total += hours
+            for b in range(n_bins):
+                tally.binned[i, calendar.bins[k, b]] += hours
+            energy += share * calendar.energy[k] * _cosine(normals, i, calendar.directions, k)
+            if share >= 0.5:
+                run_hours += calendar.hours[k]
+                longest = max(longest, run_hours)
+                first, last = k if first < 0 else first, k
+        tally.hours[i], tally.energy[i], tally.longest[i] = total, energy, longest
+        tally.first[i], tally.last[i] = first, last
 
 
 def tally_of(bits: np.ndarray, normals: np.ndarray | None, calendar: Calendar, columns: int, threads=None) -> Tally:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree
+from ...bvh.links import CHILDREN, block_leaf, is_leaf
 from ...chcrt.fronts import INNER, VISIBLE, Fronts
 from ...chcrt.parts import Parts
 from ...chcrt.tiles import Tiles
@@ -52,8 +53,8 @@ def _slots(tree: BlockTree, root: int) -> np.ndarray:
     """The slots below a link, in the order of the blocks."""
     blocks, links = [], np.array([root])
     while len(links):
-        blocks.append(~links[links < 0] >> 5)
-        links = tree.links[links[links >= 0], 12:14].ravel()
+        blocks.append(block_leaf(links[is_leaf(links)]).block)
+        links = tree.links[links[links >= 0], CHILDREN].ravel()
     slots = tree.slots[np.sort(np.concatenate(blocks))].ravel()
     return slots[slots >= 0]
 

@@ -15,7 +15,7 @@ from ...bvh.blocks import BlockTree
 from ...bvh.nodes import Bvh
 from ...chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
 from ...kernels.jit import kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take
+from ...kernels.parallel import items, new_ticket, run
 from ...plan import parse_plan
 from ...query.diffuse import RayPass, diffuse_passes, diffuse_rays
 from ...query.picture import Surfaces, surface_queries
@@ -88,14 +88,11 @@ def asked_of(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: str,
 def _pixel_rays(ticket, rays, origins, directions):
     """Worker: make the rays of rows of pixels."""
     o = rays.origin
-    y0 = take(ticket)
-    while y0 >= 0:
-        for y in range(y0, min(y0 + ticket[CHUNK], ticket[N])):
-            for x in range(rays.width):
-                at = y * rays.width + x
-                origins[at, 0], origins[at, 1], origins[at, 2] = o[0], o[1], o[2]
-                directions[at, 0], directions[at, 1], directions[at, 2] = pixel_direction(rays, x, y)
-        y0 = take(ticket)
+    for y in items(ticket):
+        for x in range(rays.width):
+            at = y * rays.width + x
+            origins[at, 0], origins[at, 1], origins[at, 2] = o[0], o[1], o[2]
+            directions[at, 0], directions[at, 1], directions[at, 2] = pixel_direction(rays, x, y)
 
 
 def _camera_pass(rays: CameraRays, threads: int) -> RayPass:

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
+from ...engine.paged import MAX_MEMORY
+from ...engine.paged_scene import PagedScene
 from ...errors import InputError
-from ...rendering.paged import MAX_MEMORY
 from ...store.layout import places
-from ...store.scene import PagedScene
 from .measure import InCore
 from .views import WalkPlace
 

@@ -14,17 +14,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ...chcrt.trace import Scheduled
+from ...engine.paged import Paged
+from ...engine.paged_scene import PagedScene
 from ...errors import InputError
 from ...query.diffuse import diffuse_passes
 from ...query.sampling import light_samples
 from ...rendering.memory import PASS_BYTES, frame_memory
-from ...rendering.paged import Paged
+from ...rendering.options import RenderOptions
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
 from ...rendering.request import Request
 from ...scene.camera import Camera
 from ...scene.lights import AmbientOcclusion
-from ...store.scene import PagedScene
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
 from .rays import DIFFUSE, KINDS, PASSES, SAMPLER, SPP, Culling, FrameRays, asked_of, timed
@@ -116,7 +117,7 @@ def _request(place: WalkPlace, camera: Camera) -> Request:
     """A frame with the rays of the benchmark."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, SAMPLER), light_samples(lights[1], SPP)]
-    return Request(camera, lights, samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
+    return Request(camera, lights, RenderOptions(), samples, passes=diffuse_passes([place.light], PASSES, SAMPLER))
 
 
 def _moved(before: NamedTuple, paged: Paged) -> dict[str, int]:

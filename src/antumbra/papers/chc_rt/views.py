@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.any_scene import AnyScene
+from ...engine.paged_scene import PagedScene
 from ...errors import InputError
-from ...scene.any_scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.procedural.city import PITCH
-from ...store.scene import PagedScene
 from .. import views
 from ..views import View, real_path, square
 

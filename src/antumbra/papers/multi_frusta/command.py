@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ...cli import arguments, report
-from ...cli.options import CullFaces, Json, Quiet
+from ...cli.options import Json, Quiet
 from ...cli.outputs import writes
 from ...cli.progress import ProgressDisplay
 from ...cli.results import Results, benchmark
+from ...rendering.options import CullFaces
 
 if TYPE_CHECKING:
     from .measure import Case

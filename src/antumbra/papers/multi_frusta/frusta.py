@@ -21,8 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import block_pointers
+from ...bvh.links import block_leaf, box_at, box_of_link_at
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import bits, get, lowest_bit, ptr, splat16, stack_f32, stack_i32, stack_i64
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
 from ...trace.deferred import DEFERRED
@@ -71,7 +72,7 @@ def open_frusta(rays):
 @kernel
 def _reach_box(tree, place, mask, rays, counters):
     """Bits of the frusta in `mask` with an unblocked ray that meets a leaf's box."""
-    reached, box = np.int64(0), (place >> 4) * 16 + (place & 1)
+    reached, box = np.int64(0), box_of_link_at(place)
     while mask != 0:
         r = lowest_bit(mask)
         mask &= mask - 1
@@ -94,8 +95,8 @@ def _next_leaf(tree, slabs, at, stack, alive, counters):
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
-        in_left, near_left = entry(tree.nodes, at.link * 16, slabs, end)
-        in_right, near_right = entry(tree.nodes, at.link * 16 + 1, slabs, end)
+        in_left, near_left = entry(tree.nodes, box_at(at.link, 0), slabs, end)
+        in_right, near_right = entry(tree.nodes, box_at(at.link, 1), slabs, end)
         in_left, in_right = in_left & at.mask, in_right & at.mask
         turn = prefers_right(near_left, near_right, in_left & in_right) > 0
         at = popped(tree.links, entered_nearer(tree.links, at, in_left, in_right, turn, stack), stack, alive)
@@ -113,10 +114,10 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
             save(scratch.at, at)
             return True
         mask = at.mask
-        if shrinking.leaf_boxes and ~at.link & 31 != 0:
+        if shrinking.leaf_boxes and block_leaf(at.link).count != 0:
             mask = _reach_box(tree, at.place, mask, rays, counters)
         if mask != 0:
-            leaf = trace_block(tree, ~at.link, mask, rays, frusta, facing, work, scratch.deferred, counters)
+            leaf = trace_block(tree, at.link, mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
             if shrinking.corners and leaf.struck != 0:
                 shrink(rays, frusta, leaf.struck, shrinking.directions, counters)
@@ -133,18 +134,16 @@ def _trace_frusta(ticket, arrays, query, samples, job, out, counters, shrinking)
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            frusta = make_frusta(chunk, samples, job, rays, own)
-            save(scratch.at, root(open_frusta(rays)))
-            while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, mine):
-                if np.int64(get(scratch.deferred, 0)) > DEFERRED:
-                    settle(tree, chunk, rays, scratch, mine)
-            settle(tree, chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        frusta = make_frusta(chunk, samples, job, rays, own)
+        save(scratch.at, root(open_frusta(rays)))
+        while _walk(tree, rays, frusta, shrinking, chunk.query.facing, work, scratch, mine):
+            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+                settle(tree, chunk, rays, scratch, mine)
+        settle(tree, chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

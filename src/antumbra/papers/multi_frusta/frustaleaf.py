@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import ROWS
+from ...bvh.links import block_leaf, rows_at, slot_at
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
 from ...kernels.vec import Vec, dot, largest, rows, scalars
@@ -95,11 +95,12 @@ def _test_frustum(slot, rays, r, facing, work, deferred, counters):
 
 
 @kernel
-def trace_block(tree, code, mask, rays, frusta, facing, work, deferred, counters):
+def trace_block(tree, link, mask, rays, frusta, facing, work, deferred, counters):
     """Test the frusta in `mask` against a block; return the `Leaf`. The lanes of `rays` are samples."""
-    block, done, struck = ptr_at(tree.blocks, (code >> 5) * (ROWS * 16)), np.int64(0), np.int64(0)
-    for i in range(code & 31):
-        slot = np.int64(get(tree.slots, (code >> 5) * 16 + i))
+    leaf, done, struck = block_leaf(link), np.int64(0), np.int64(0)
+    block = ptr_at(tree.blocks, rows_at(leaf.block))
+    for i in range(leaf.count):
+        slot = np.int64(get(tree.slots, slot_at(leaf.block, i)))
         count(counters, TRIANGLES, 1)
         active = _cull(tree, slot, block, i, mask, rays, frusta, facing, work)
         if active == 0:

@@ -8,8 +8,9 @@ child that more rays enter first comes first. The tree, corner culling and the r
 import numpy as np
 
 from ...bvh.blocks import block_pointers
+from ...bvh.links import box_at
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import (
     bits,
     get,
@@ -121,8 +122,8 @@ def _packets_in(tree, at, rays, packets, ways, counters):
         waiting &= waiting - 1
         count(counters, BOX_TESTS, 2)
         packet, way, alive = ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS), open_rays(rays, r)
-        a, near_a = _entry(tree.nodes, at.link * 16, packet, way)
-        b, near_b = _entry(tree.nodes, at.link * 16 + 1, packet, way)
+        a, near_a = _entry(tree.nodes, box_at(at.link, 0), packet, way)
+        b, near_b = _entry(tree.nodes, box_at(at.link, 1), packet, way)
         if a & alive != 0:
             in_left |= np.int64(1) << r
         if b & alive != 0:
@@ -144,7 +145,7 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
                 save(scratch.at, at)
                 return True
-            leaf = trace_block(tree, ~at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
+            leaf = trace_block(tree, at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
             at = left(at)
         at = popped(tree.links, at, scratch.stack, alive)
@@ -158,18 +159,16 @@ def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
     packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
     tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
-            _prepare(rays, alive, packets, ways)
-            save(scratch.at, root(alive))
-            while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
-                settle(tree, chunk, rays, scratch, mine)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
+        _prepare(rays, alive, packets, ways)
+        save(scratch.at, root(alive))
+        while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
             settle(tree, chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+        settle(tree, chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree, block_pointers, block_tree
+from ...bvh.links import block_leaf, slot_at
 from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.filters import is_nearer, meets
 from ...kernels.simd import (
     absolute,
@@ -135,12 +136,13 @@ def _keep_hits(tree, slot, rays, packet, sure, maybe):
 
 
 @kernel
-def _trace_leaf(tree, code, mask, rays, packet, counters):
+def _trace_leaf(tree, link, mask, rays, packet, counters):
     """Test the triangles of a leaf against the rays in `mask`."""
     o, d = _origins(rays), rows(packet.rows, 0, 16)
     span = length1(d)
-    for i in range(code & 31):
-        slot = np.int64(get(tree.slots, (code >> 5) * 16 + i))
+    leaf = block_leaf(link)
+    for i in range(leaf.count):
+        slot = np.int64(get(tree.slots, slot_at(leaf.block, i)))
         count(counters, TRIANGLES, 1)
         count(counters, CANDIDATES, 1)
         count(counters, TRIANGLE_TESTS, 1)
@@ -157,7 +159,7 @@ def _trace_packet(tree, alive, rays, packet, waiting, counters):
     at = Near(np.int64(0), alive, np.int64(0))
     at = next_block(tree, slabs, at, waiting, load16(packet.rows, _FAR), counters)
     while at.mask != 0:
-        _trace_leaf(tree, ~at.link, at.mask, rays, packet, counters)
+        _trace_leaf(tree, at.link, at.mask, rays, packet, counters)
         at = next_block(tree, slabs, visited(at), waiting, load16(packet.rows, _FAR), counters)
 
 
@@ -166,20 +168,18 @@ def _trace_packets(ticket, arrays, rays, face, t, counters):
     """Worker: trace packets."""
     tree, mine, across = block_pointers(arrays), cleared(stack_i64(N_COUNTERS)), (rays.width + 3) // 4
     memory, ts, faces = stack_f32(_FLOATS), stack_f64(16), stack_i32(16)
-    waiting, first = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS)), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            packet = Packet(memory, ts, faces, n % across * 4, n // across * 4)
-            alive = _load(rays, packet)
-            _trace_packet(tree, alive, rays, packet, waiting, mine)
-            while alive != 0:
-                lane = lowest_bit(alive)
-                alive &= alive - 1
-                x, y = _pixel(packet, lane)
-                count(mine, RAYS, 1)
-                put(ptr(face), y * rays.width + x, get(faces, lane))
-                put(ptr(t), y * rays.width + x, get(ts, lane))
-        first = take(ticket)
+    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    for n in items(ticket):
+        packet = Packet(memory, ts, faces, n % across * 4, n // across * 4)
+        alive = _load(rays, packet)
+        _trace_packet(tree, alive, rays, packet, waiting, mine)
+        while alive != 0:
+            lane = lowest_bit(alive)
+            alive &= alive - 1
+            x, y = _pixel(packet, lane)
+            count(mine, RAYS, 1)
+            put(ptr(face), y * rays.width + x, get(faces, lane))
+            put(ptr(t), y * rays.width + x, get(ts, lane))
     add_counters(counters, mine)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...bvh.nodes import aligned_empty
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from .denormals import FLUSH, control, set_control
 from .embree import HIT_WORDS, RAY_WORDS, EmbreeScene, arguments, functions
 from .ray_sets import RaySet, ray_set
@@ -54,11 +54,8 @@ def _loop(ask: str, lanes: int, size: int):
     def work(ticket, scene, records, args):
         before = control()
         set_control(before | FLUSH)
-        first = take(ticket)
-        while first >= 0:
-            for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-                each(scene, records + size * i, args)
-            first = take(ticket)
+        for i in items(ticket):
+            each(scene, records + size * i, args)
         set_control(before)
 
     work(new_ticket(0, 1), 0, 0, 0)
@@ -81,18 +78,15 @@ def _write(ticket, flat, whole, words, ids, rays):
     """Worker: write the records of ids, (n, lanes)."""
     lanes = ids.shape[1]
     size = len(flat) // len(ids)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            for lane in range(lanes):
-                at = i * size + lane
-                if lanes > 1:
-                    whole[at] = -1 if ids[i, lane] >= 0 else 0
-                    at += lanes
-                _write_ray(flat, whole, at, lanes, rays, max(ids[i, lane], 0))
-                for k in range(RAY_WORDS, words):
-                    whole[at + k * lanes] = -1  # no hit
-        first = take(ticket)
+    for i in items(ticket):
+        for lane in range(lanes):
+            at = i * size + lane
+            if lanes > 1:
+                whole[at] = -1 if ids[i, lane] >= 0 else 0
+                at += lanes
+            _write_ray(flat, whole, at, lanes, rays, max(ids[i, lane], 0))
+            for k in range(RAY_WORDS, words):
+                whole[at + k * lanes] = -1  # no hit
 
 
 def write(rays: RaySet, ids: np.ndarray, hits: bool = False, threads=None) -> Records:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...cull.grid import cell_at
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import new_ticket, run, take
+from ...kernels.parallel import items, new_ticket, run
 
 
 def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:
@@ -62,11 +62,9 @@ def _walk(ax, ay, az, bx, by, bz, met):
 @kernel
 def _walk_all(ticket, sources, ends, met):
     """Worker: walk the lines from each source cell. All threads write 1, so their order does not matter."""
-    i = take(ticket)
-    while i >= 0:
+    for i in items(ticket):
         for k in range(len(ends)):
             _walk(sources[i, 0], sources[i, 1], sources[i, 2], ends[k, 0], ends[k, 1], ends[k, 2], met)
-        i = take(ticket)
 
 
 def mark_lines(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...cull.cull import STEPS, cull
+from ...engine.accelerate import Accelerator
 from ...errors import InputError
 from ...query.picture import shadow_queries
 from ...query.sampling import light_samples
-from ...rendering.accelerate import Accelerator
 from ...rendering.renderer import Renderer
 from ..answers import digest
 from .convex import mark_convex

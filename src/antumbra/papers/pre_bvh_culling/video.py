@@ -7,9 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...engine.scene import Scene, procedural
 from ...scene.camera import Camera
-from ...scene.generated import procedural
-from ...scene.scene import Scene
 from ...scene.source import Piece
 from .views import CullingView
 

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.loading import load
+from ...engine.scene import Scene, procedural
 from ...errors import InputError
-from ...loading import load
 from ...scene.camera import Camera
-from ...scene.generated import procedural
 from ...scene.lights import Light, QuadLight
-from ...scene.scene import Scene
 from ..views import real_path
 
 _SPONZA = {

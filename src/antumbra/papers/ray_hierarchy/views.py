@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.scene import Scene
 from ...scene.camera import Camera
 from ...scene.lights import Light, PointLight
-from ...scene.scene import Scene
 from .. import views
 from ..views import View, point, real_path, told_view
 

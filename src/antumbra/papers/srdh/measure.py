@@ -13,13 +13,13 @@ import numpy as np
 
 from ...bvh import binned_sah, srdh
 from ...bvh.nodes import Bvh
+from ...engine.srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...query.picture import shadow_queries
 from ...query.sampling import MAX_SPP, light_samples
 from ...query.shadow import ShadowQuery
 from ...rendering.renderer import Renderer
-from ...rendering.srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ...trace.rays.bounce import bounced
 from ...trace.rays.orders import BUILT, SRDH, Ordered
 from ...trace.rays.steps import UNOCCLUDED, count_steps

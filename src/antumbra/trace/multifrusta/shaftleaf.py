@@ -13,6 +13,7 @@ and one stratum. If few rays of a stratum meet the block's box, each of them is 
 
 import numpy as np
 
+from ...bvh.links import bounds_at
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import plane
 from ...kernels.simd import (
@@ -243,7 +244,7 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
     # In: tile, tree, number, triangles, strata, valid, facing. Out: work, deferred, counters, `tile.dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
-    bounds = ptr_at(tree.bounds, b.number * 8)
+    bounds = ptr_at(tree.bounds, bounds_at(b.number))
     box, near = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
     c, e = box.middle, box.half
     if near:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import bounds_at
 from ...bvh.nodes import middle_and_half
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
@@ -308,7 +309,7 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
-    bounds = ptr_at(tree.bounds, b.number * 8)
+    bounds = ptr_at(tree.bounds, bounds_at(b.number))
     box = box_at(bounds)
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
 from ...scene.lights import is_list
 from ..beams import make_beams
@@ -146,8 +146,7 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     parts, n_tiles, room = parts_at(scratch.parts), regions * MAX_TILES, tile_at(scratch.tiles, 0, chunk)
     put(scratch.deferred, 0, 0)
     forget_trials(scratch.trials)
-    at = take(ticket)
-    while at >= 0:
+    for at in items(ticket):
         y, x = corner_of(layout, at * regions)
         idle = is_idle(forest, y * shape.height, x * shape.width)
         expect(parts, n_tiles, 0 if idle else 0xFFFF)
@@ -163,7 +162,6 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
                     y0, x0 = first_pixel(scratch.places, g)
                     write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
             n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
-        at = take(ticket)
     add_counters(counters, mine)
 
 

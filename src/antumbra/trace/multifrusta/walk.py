@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import block_leaf, bounds_at, is_leaf
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
 from ..blocktest import fetch
@@ -37,25 +38,25 @@ from .tilegroup import (
 
 
 @inlined
-def _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters):
+def _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
     """Test a block against the segments of a tile to some strata (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
-        block, triangles, facing = code >> 5, code & 31, chunk.query.facing
+        (block, triangles), facing = block_leaf(link), chunk.query.facing
         trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.deferred, counters)
 
 
 @inlined
-def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
+def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
     """Test a block against some strata (bits) of a tile group.
 
     Return bits of the strata to which the group has no segment left.
     """
-    tile_group, block = tile_group_of(scratch, chunk), code >> 5
+    tile_group, (block, triangles) = tile_group_of(scratch, chunk), block_leaf(link)
     be_filled(tile_group, chunk)
-    live = tiles_by_beams(tile_group, ptr_at(tree.bounds, block * 8), strata, chunk)
+    live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
     if live < 0:
-        trace_tile_group(tile_group, tree, block, code & 31, strata, chunk, scratch.work, scratch.deferred, counters)
+        trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
         live = np.int64(0)
     changed = np.int64(0)
     while live != 0:
@@ -64,7 +65,7 @@ def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
         tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
         give_to_tile(tile_group, g, tile.dead)
         before = load16(tile.dead, 0)
-        _trace_tile(tree, code, tile, valid, strata, chunk, scratch, counters)
+        _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
         if bits(load16(tile.dead, 0) != before) != 0:
             changed |= np.int64(1) << g
     if changed != 0:
@@ -73,10 +74,10 @@ def _tile_group_leaf(tree, code, strata, chunk, scratch, counters):
 
 
 @inlined
-def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
+def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
     """Test a block against the lanes in `mask`. Return bits of the lanes that have no segment left."""
     if bundle.is_tile_group:
-        return _tile_group_leaf(tree, code, mask, chunk, scratch, counters)
+        return _tile_group_leaf(tree, link, mask, chunk, scratch, counters)
     done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
     for slot in range(bundle.tiles):
         groups = mask >> (slot * bundle.groups) & all_groups
@@ -84,7 +85,7 @@ def _leaf(tree, code, mask, chunk, bundle, scratch, counters):
             g = np.int64(get(scratch.slots, slot))
             tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
             have_shafts(tile)
-            _trace_tile(tree, code, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
+            _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
 
@@ -109,17 +110,17 @@ def forget_blockers(scratch, tree):
     """Note that no block of a tree is known to block all segments of a lane."""
     put(scratch.at, BLOCKERS, tree)
     for k in range(N_BLOCKERS):
-        put(scratch.at, BLOCKERS + 1 + k, -1)
+        put(scratch.at, BLOCKERS + 1 + k, 0)  # the root: no leaf
 
 
 @inlined
-def _remember_blocker(scratch, code):
+def _remember_blocker(scratch, link):
     """Put a block that blocks all segments of a lane in front of those known."""
-    moved = np.int32(code)
+    moved = np.int32(link)
     for k in range(N_BLOCKERS):
         old = get(scratch.at, BLOCKERS + 1 + k)
         put(scratch.at, BLOCKERS + 1 + k, moved)
-        if old == code:
+        if old == link:
             return
         moved = old
 
@@ -130,7 +131,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
     First it tests blocks that blocked all segments of a lane in the bundles before.
     """
-    code, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
+    link, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     known = np.int64(N_BLOCKERS)
     if at.place == -1:
         known = np.int64(0)
@@ -140,26 +141,26 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
         if known >= N_BLOCKERS:
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
             if at.mask != 0:
-                prefetch(tree.bounds, (~at.link >> 5) * 8)
+                prefetch(tree.bounds, bounds_at(block_leaf(at.link).block))
                 fetch(tree, at.link)
         if mask & alive != 0:
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
-                put(scratch.at, WAITING, code)
+                put(scratch.at, WAITING, link)
                 put(scratch.at, WAITING + 1, mask)
                 return at, alive
-            done = _leaf(tree, code, mask & alive, job.chunk, job.bundle, scratch, counters)
+            done = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
             if done != 0:
-                _remember_blocker(scratch, code)
+                _remember_blocker(scratch, link)
                 alive &= ~done
         if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
             return nowhere(), alive
         if known < N_BLOCKERS:
-            code = np.int64(get(scratch.at, BLOCKERS + 1 + known))
-            mask = alive if code >= 0 else np.int64(0)
+            link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
+            mask = alive if is_leaf(link) else np.int64(0)
             known += 1
         else:
-            code, mask = ~at.link, at.mask if ~at.link & 31 != 0 else np.int64(0)
+            link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else np.int64(0)
             at = left(at)
 
 

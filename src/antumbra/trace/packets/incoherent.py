@@ -10,6 +10,7 @@ Packets also trace far scenes. Shafts multiply three lengths, and float32 overfl
 
 import numpy as np
 
+from ...bvh.links import block_leaf
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import kernel
 from ...kernels.simd import get, lowest_bit
@@ -72,15 +73,16 @@ def is_far(query, box) -> bool:
 
 
 @kernel
-def trace_block(tree, rays, r, code, mask, facing, deferred, counters):
+def trace_block(tree, rays, r, link, mask, facing, deferred, counters):
     """Test the rays of row r in `mask` (bits) against a block. Return bits of the rays that it blocks."""
-    # In: tree, rays, r, code, mask, facing. Out: deferred, counters.
-    b = Block(tree, code >> 5, (np.int64(1) << (code & 31)) - 1, np.int64(0), facing, None, deferred)
+    # In: tree, rays, r, link, mask, facing. Out: deferred, counters.
+    block, triangles = block_leaf(link)
+    b = Block(tree, block, (np.int64(1) << triangles) - 1, np.int64(0), facing, None, deferred)
     hits = np.int64(0)
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
-        count(counters, TRIANGLES, code & 31)
+        count(counters, TRIANGLES, triangles)
         o, place = broadcasts(rays.origins, r * rays.stride + lane, 16), r * rays.row_place + lane * rays.lane_place
         d = minus(broadcasts(rays.points, r * 48 + lane, 16), o)
         if blocks_ray(b, o, d, get(rays.tile.faces, r if rows_are_receivers(rays) else lane), place, counters):

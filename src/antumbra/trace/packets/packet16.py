@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree
+from ...bvh.links import bvh_leaf
 from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ...kernels.jit import inlined, kernel, overload
-from ...kernels.parallel import CHUNK, N, take
+from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
 from ..deferred import DEFERRED, defer
@@ -69,7 +70,7 @@ def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
     """In kernels: trace a row through trees i .. end. Return (the tree to go on with, bits of the rays left)."""
 
 
-def trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
+def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
     """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the rays that it blocks."""
 
 
@@ -119,13 +120,13 @@ def _chosen(argument, kind, one, other):
 
 
 @overload(trace_leaf)
-def _trace_leaf(tree, rays, r, code, mask, facing, deferred, counters):
+def _trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
     if tree.instance_class is Tree:
-        return lambda tree, rays, r, code, mask, facing, deferred, counters: _trace_triangles(
-            tree, rays, r, code, mask, facing, deferred, counters
+        return lambda tree, rays, r, link, mask, facing, deferred, counters: _trace_triangles(
+            tree, rays, r, link, mask, facing, deferred, counters
         )
-    return lambda tree, rays, r, code, mask, facing, deferred, counters: trace_block(
-        tree, rays, r, code, mask, facing, deferred, counters
+    return lambda tree, rays, r, link, mask, facing, deferred, counters: trace_block(
+        tree, rays, r, link, mask, facing, deferred, counters
     )
 
 
@@ -138,14 +139,14 @@ def _own(tree, rays, r, slot):
 
 
 @kernel
-def _trace_triangles(tree, rays, r, code, mask, facing, deferred, counters):
+def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
     """`trace_leaf` for a `Tree`, triangle by triangle."""
     hits = np.int64(0)
-    if ~code == EMPTY:
+    if link == EMPTY:
         return hits
     o, d = origins_of(rays, r), directions_of(rays, r)
-    span, first = length1(d), code >> 3
-    for slot in range(first, first + (code & 7) + 1):
+    span, leaf = length1(d), bvh_leaf(link)
+    for slot in range(leaf.first, leaf.first + leaf.count):
         count(counters, TRIANGLES, 1)
         tested = mask & ~hits & ~_own(tree, rays, r, slot)
         if tested == 0:
@@ -172,7 +173,7 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     """`walk_tree` of a row."""
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
-        alive &= ~trace_leaf(tree, row.rays, row.number, ~at.link, at.mask, row.facing, scratch.deferred, counters)
+        alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else nowhere(), alive
 
@@ -201,27 +202,25 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
     """Worker: trace tiles, packet by packet."""
     scratch, trees = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS)), pointers(prepared)
     mine = cleared(stack_i64(N_COUNTERS))
-    chunk, places, first = query_chunk_in(query, samples, job), ptr(out), take(ticket)
-    while first >= 0:
-        for n in range(first, min(first + ticket[CHUNK], ticket[N])):
-            y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
-            if nothing_for(trees, y, x):
-                continue
-            rays = start_tile(job, chunk, n, scratch, places, mine)
-            put(scratch.at, TREE, 0)
-            left_rows = rays.rows
-            while left_rows != 0:
-                r = lowest_bit(left_rows)
-                left_rows &= left_rows - 1
-                i, end = trees_for(trees, y, x, r)
-                save(scratch.at, nowhere())
-                while i < end:
-                    i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
-                    if i < end:
-                        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
-            settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
-            finish_tile(chunk, rays, places)
-        first = take(ticket)
+    chunk, places = query_chunk_in(query, samples, job), ptr(out)
+    for n in items(ticket):
+        y, x = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
+        if nothing_for(trees, y, x):
+            continue
+        rays = start_tile(job, chunk, n, scratch, places, mine)
+        put(scratch.at, TREE, 0)
+        left_rows = rays.rows
+        while left_rows != 0:
+            r = lowest_bit(left_rows)
+            left_rows &= left_rows - 1
+            i, end = trees_for(trees, y, x, r)
+            save(scratch.at, nowhere())
+            while i < end:
+                i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
+                if i < end:
+                    settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+        settle(tree_number(trees, np.int64(get(scratch.at, TREE))), chunk, rays, scratch, mine)
+        finish_tile(chunk, rays, places)
     add_counters(counters, mine)
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import block_leaf, slot_at
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (
@@ -113,9 +114,9 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
         wins = candidate & covers & (key_low > high)
         unsure = bits(candidate & ~wins)
         if unsure != 0:
-            defer(pixels.deferred, get(tree.slots, block * 16 + i), cell, unsure, bits(covers))
+            defer(pixels.deferred, get(tree.slots, slot_at(block, i)), cell, unsure, bits(covers))
         low, high = select(wins, key_low, low), select(wins, key_high, high)
-        slot = select(wins, broadcast16(tree.slots, block * 16 + i), slot)
+        slot = select(wins, broadcast16(tree.slots, slot_at(block, i)), slot)
         winners |= np.int64(bits(wins) != 0) << i
     if winners != 0:
         store(pixels.low, at, low)
@@ -126,12 +127,9 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 
 
 @kernel
-def trace_block(frame, tree, code, frusta, pixels, work, counters):
-    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles.
-
-    code : the block * 32 + its triangles
-    """
-    block, triangles, winners, tested = code >> 5, code & 31, np.int64(0), np.int64(0)
+def trace_block(frame, tree, link, frusta, pixels, work, counters):
+    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles."""
+    (block, triangles), winners, tested = block_leaf(link), np.int64(0), np.int64(0)
     left = set_up_block(frame, tree, block, triangles, work)
     count(counters, TRIANGLES, triangles)
     if left == 0:
@@ -151,7 +149,7 @@ def trace_block(frame, tree, code, frusta, pixels, work, counters):
     count(counters, CANDIDATES, popcount(tested))
     seen = winners != 0
     while winners != 0:  # prefetch the corners for the float64 t
-        slot = np.int64(get(tree.slots, block * 16 + lowest_bit(winners)))
+        slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(winners))))
         winners &= winners - 1
         prefetch(tree.corners, 9 * slot)
         prefetch(tree.corners, 9 * slot + 8)

@@ -29,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import ROWS
+from ...bvh.links import rows_at, slot_at
 from ...kernels.fields import F32x16
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import plane_side
@@ -228,7 +228,7 @@ def _settle_turns(frame, tree, block, flat, work):
     while flat != 0:
         i = lowest_bit(flat)
         flat &= flat - 1
-        turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, np.int64(get(tree.slots, block * 16 + i)))
+        turn = -frame.turn * plane_side(e.x, e.y, e.z, tree.corners, np.int64(get(tree.slots, slot_at(block, i))))
         put(work, SIGN + i, turn)
         if turn == 0:
             none |= np.int64(1) << i
@@ -238,7 +238,7 @@ def _settle_turns(frame, tree, block, flat, work):
 @kernel
 def set_up_block(frame, tree, block, triangles, work):
     """Set up a block's triangles for their tests. Return bits of the triangles that some pixel of the tile may see."""
-    numbers = ptr_at(tree.blocks, block * (ROWS * 16))
+    numbers = ptr_at(tree.blocks, rows_at(block))
     a3, p3, q3 = rows(numbers, 0, 16), rows(numbers, 48, 16), rows(numbers, 96, 16)
     e = frame.eye
     a3 = Vec(a3.x - e.x, a3.y - e.y, a3.z - e.z)

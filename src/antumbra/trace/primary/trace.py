@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree, block_tree
+from ...bvh.links import box_at
 from ...bvh.nodes import boxes_of
 from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, ptr, stack_f32, stack_f64, stack_i32, stack_i64
 from ...query.raster_setup import RasterView, direction_error, make_view
 from ...scene.camera import CameraRays
@@ -73,7 +74,7 @@ def _walk(forest, k, alive, picture, tile, scratch, counters):
     while True:
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
         if last.mask != 0:
-            seen = trace_block(tile.frame, tree, ~last.link, last.mask, pixels, scratch.work, counters)
+            seen = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
                 settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
                 seen = True
@@ -111,7 +112,7 @@ def _trace_tile(forest, begin, end, picture, tile, scratch, counters):
     pixels, new = scratch.pixels, forest.fresh
     for i in range(begin, end):
         k = item(forest, i)
-        met = entry(forest.heads, k * 16, tile.slabs, load16(pixels.far, 0))[0] & tile.alive
+        met = entry(forest.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
             _walk(forest, k, met, picture, tile, scratch, counters)
             new |= keep(pixels, k)
@@ -133,15 +134,13 @@ def _trace_tiles(ticket, arrays, picture, across, counters):
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     scratch = _Scratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), waiting)
     forest, mine = forest_pointers(arrays), cleared(stack_i64(N_COUNTERS))
-    k = take(ticket)
-    while k >= 0:
+    for k in items(ticket):
         x0, y0 = _place(k, across)
         if x0 < picture.rays.width and y0 < picture.rays.height:
             begin, end = list_of(forest, y0, x0, np.int64(0))
             if begin < end:
                 tile = _start(picture, x0, y0, forest.fresh, scratch)
                 _trace_tile(forest, begin, end, picture, tile, scratch, mine)
-        k = take(ticket)
     add_counters(counters, mine)
 
 

@@ -1,12 +1,11 @@
 """Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ...bvh.wide import wide_tree_of
+from ...kernels.arguments import packed
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import CHUNK, STOP, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
 from ...kernels.predicate.expansion import two_diff
 from ...kernels.simd import (
     absolute,
@@ -34,6 +33,7 @@ from ...kernels.simd import (
     to_f32,
     to_f64,
 )
+from ...query.rays import HitArrays, Rays
 from ...scene.recentre import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .finish import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
@@ -63,30 +63,6 @@ _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_
 _CHUNK = 16  # times as many blocks, which a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
-
-
-class Operand(NamedTuple):
-    """The memory of an argument, as scalars: see `query.rays.RayList`."""
-
-    address: int
-    row: int
-    column: int
-    double: int  # 1 for float64, 0 for float32 or int32
-
-
-class Operands(NamedTuple):
-    """All arguments of a ray list."""
-
-    origins: Operand
-    directions: Operand  # targets, for segments
-    tmin: Operand
-    tmax: Operand
-    skip: Operand
-
-
-@inlined
-def _operand(rays, k):
-    return Operand(rays.layout[k, 0], rays.layout[k, 1], rays.layout[k, 2], rays.layout[k, 3])
 
 
 @inlined
@@ -129,15 +105,17 @@ def _fill_points(operand, first, last, shift, rows, at):
 
 
 @inlined
-def _fill_ends(operand, first, last, block, k):
+def _fill_ends(number, first, last, block, k):
     """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are legal."""
     rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
-    for i in range(1 if operand.row == 0 else LANES):
-        t = _number(operand, operand.address + min(first + i, last) * operand.row)
+    for i in range(1 if number.row == 0 else LANES):
+        t = number.shared
+        if number.address != 0:
+            t = _number(number, number.address + min(first + i, last) * number.row)
         put(ends, i, t)
         put(rows, i, np.float32(t))
         good &= t == t and (k == 1 or (t >= 0.0 and t < np.inf))
-    if operand.row == 0:  # all rays share it
+    if number.row == 0:  # all rays share it
         store(ends, 0, broadcast16(ends, 0))
         store(rows, 0, broadcast16(rows, 0))
     return good
@@ -163,20 +141,20 @@ def _settle(rows, at):
 
 
 @inlined
-def _load(args, frame, first, last, block):
+def _load(args, first, last, block):
     """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
 
     Return (whether all are legal, bits of the rays that go anywhere). A ray needs a direction, a segment does not.
     """
-    f, rows, skip, zero = np.float32, block.rows, block.skip, np.float64(0.0)
+    f, rows, skip, zero, frame = np.float32, block.rows, block.skip, np.float64(0.0), args.frame
     _fill_points(args.origins, first, last, frame, rows, OX)
     _fill_points(args.directions, first, last, frame if block.segments else (zero, zero, zero), rows, DX)
     _settle(rows, OX)
     if block.segments:
         _settle(rows, DX)
     good = _fill_ends(args.tmin, first, last, block, 0) and _fill_ends(args.tmax, first, last, block, 1)
-    if args.skip.row == 0:
-        store(skip, 0, splat16(get(i32_at(args.skip.address), 0)))
+    if args.skip.address == 0:
+        store(skip, 0, splat16(np.int32(args.skip.shared)))
     else:
         for i in range(LANES):
             put(skip, i, get(i32_at(args.skip.address + min(first + i, last) * args.skip.row), 0))
@@ -238,50 +216,71 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     report = Report(stack_f32(CORNER_WORDS), stack_f64(REPORT_WORDS))
     block, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
-    args = Operands(_operand(rays, 0), _operand(rays, 1), _operand(rays, 2), _operand(rays, 3), _operand(rays, 4))
-    frame = (rays.frame[0], rays.frame[1], rays.frame[2])
-    begin = take(ticket)
-    while begin >= 0:
-        for b in range(begin, min(begin + ticket[CHUNK], ticket[N])):
-            first = b * _RAYS
-            n = min(_RAYS, rays.n - first)
-            count(mine, RAYS, n)
-            n_blocks = (n + LANES - 1) // LANES
-            alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
-            for j in range(n_blocks):
-                own = block_of(block, j)
-                good, moving = _load(args, frame, first + j * LANES, rays.n - 1, own)
-                if not good:
-                    faults[0], ticket[STOP] = True, 1
-                    break
-                alive &= moving << (j * LANES) | ~rays_of_block(j)
-                prepare(own.rows, tree.reach)
-                start(hits_of(found, j), own)
-            if faults[0]:
+    for b in items(ticket):
+        first = b * _RAYS
+        n = min(_RAYS, rays.n - first)
+        count(mine, RAYS, n)
+        n_blocks = (n + LANES - 1) // LANES
+        alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
+        for j in range(n_blocks):
+            own = block_of(block, j)
+            good, moving = _load(rays, first + j * LANES, rays.n - 1, own)
+            if not good:
+                faults[0], ticket[STOP] = True, 1
                 break
-            blocked = _trace(tree, block, alive, query, found, mine)
+            alive &= moving << (j * LANES) | ~rays_of_block(j)
+            prepare(own.rows, tree.reach)
+            start(hits_of(found, j), own)
+        if faults[0]:
+            break
+        blocked = _trace(tree, block, alive, query, found, mine)
+        for j in range(n_blocks):
+            hits = hits_of(found, j)
+            if get(hits.deferred, 0) > 0:
+                settle_block(tree, block_of(block, j), query, hits, mine)
+            blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
+        if any_hit:
+            _write_blocked(blocked, n, out.blocked, first)
+        else:
             for j in range(n_blocks):
-                hits = hits_of(found, j)
-                if get(hits.deferred, 0) > 0:
-                    settle_block(tree, block_of(block, j), query, hits, mine)
-                blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
-            if any_hit:
-                _write_blocked(blocked, n, out.blocked, first)
-            else:
-                for j in range(n_blocks):
-                    at, left = j * LANES, min(LANES, n - j * LANES)
-                    write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
-        begin = take(ticket)
+                at, left = j * LANES, min(LANES, n - j * LANES)
+                write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
     add_counters(counters, mine)
 
 
-def trace_batch(wide, rays, any_hit, out, threads=None, counters=None, progress=None) -> bool:
-    """Trace a `query.rays.RayList` over a `WideBvh` and fill `out`, a `query.rays.HitArrays`.
+class _Scratch:
+    """What threads write while they trace one list, besides its answers: made once, and used again."""
 
-    Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The
-    nearest hit is for rays only, not for segments.
-    """
-    counters = new_counters() if counters is None else counters
-    ticket, faults = new_ticket(-(-rays.n // _RAYS), _CHUNK), np.zeros(1, np.bool_)
-    run(_blocks, thread_count(threads), ticket, wide, rays, any_hit, out, faults, counters, progress=progress)
-    return not faults[0]
+    def __init__(self) -> None:
+        self.ticket, self.faults, self.counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
+        self.packed = packed(self.ticket), (packed(self.faults), packed(self.counters))
+
+    def begin(self, blocks: int) -> None:
+        self.ticket[:3], self.faults[0] = (0, 0, blocks), False
+
+
+class RayTracer:
+    """Traces ray lists through a `WideBvh`, which is packed once. Threads of Python may share it."""
+
+    def __init__(self, wide):
+        self.wide, self._tree = wide, packed(wide)
+        self._spare: list[_Scratch] = []  # no two calls have the same: a list hands out items atomically
+
+    def trace(self, rays: Rays, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
+        """Trace rays and fill `out`.
+
+        Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The
+        nearest hit is for rays only, not for segments.
+        """
+        scratch = self._spare.pop() if self._spare else _Scratch()
+        blocks = -(-rays.n // _RAYS)
+        scratch.begin(blocks)
+        ticket, (faults, own) = scratch.packed
+        rest = self._tree, rays.packed(), any_hit, out.packed(), faults, own if counters is None else counters
+        if blocks <= _CHUNK:  # no second thread would get any
+            _blocks(ticket, *rest)
+        else:
+            run(_blocks, thread_count(threads), scratch.ticket, *rest)
+        legal = not scratch.faults[0]
+        self._spare.append(scratch)
+        return legal

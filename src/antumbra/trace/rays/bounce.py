@@ -6,7 +6,7 @@ import numpy as np
 
 from ...bvh.nodes import Bvh, tree_of
 from ...kernels.jit import kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import ray_along
 from ...kernels.simd import ptr
 from ...query.diffuse import RayPass, diffuse_rays
@@ -27,17 +27,14 @@ Show = Callable[[RayPass, np.ndarray, np.ndarray], None]
 def _nearest(ticket, bvh, rays, faces, ts):
     """Worker: find the nearest hit of each ray."""
     tree = tree_of(bvh)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            o, d = rays.origins[i], rays.directions[i]
-            if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
-                continue
-            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
-            slot, t = walk(tree, ray, np.int64(rays.skip[i]), 0, np.int64(CLOSEST), None, None)
-            if slot >= 0:
-                faces[i], ts[i] = bvh.prim_ids[slot], t
-        first = take(ticket)
+    for i in items(ticket):
+        o, d = rays.origins[i], rays.directions[i]
+        if d[0] == 0.0 and d[1] == 0.0 and d[2] == 0.0:
+            continue
+        ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+        slot, t = walk(tree, ray, np.int64(rays.skip[i]), 0, np.int64(CLOSEST), None, None)
+        if slot >= 0:
+            faces[i], ts[i] = bvh.prim_ids[slot], t
 
 
 def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -57,17 +54,14 @@ def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None
 def _surfaces(ticket, rays, ts, out, corners):
     """Worker: write the point and the surface of each ray's hit."""
     surface, triangles = surface_of(out), ptr(corners)
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            face = np.int64(out.face[i])
-            if face >= 0:
-                o, d = rays.origins[i], rays.directions[i]
-                start = np.float64(o[0]), np.float64(o[1]), np.float64(o[2])
-                along = np.float64(d[0]), np.float64(d[1]), np.float64(d[2])
-                out.depth[i] = np.float32(ts[i])
-                fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
-        first = take(ticket)
+    for i in items(ticket):
+        face = np.int64(out.face[i])
+        if face >= 0:
+            o, d = rays.origins[i], rays.directions[i]
+            start = np.float64(o[0]), np.float64(o[1]), np.float64(o[2])
+            along = np.float64(d[0]), np.float64(d[1]), np.float64(d[2])
+            out.depth[i] = np.float32(ts[i])
+            fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
 
 
 def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:

@@ -5,7 +5,7 @@ import numpy as np
 from ...bvh.nodes import Bvh, tree_of
 from ...bvh.rayset import Intersections
 from ...kernels.jit import kernel
-from ...kernels.parallel import CHUNK, N, new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import segment
 from ...kernels.simd import atomic_add, get, put, stack_i32
 from .orders import LEFT_FIRST
@@ -24,21 +24,18 @@ def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spa
     # In: bvh, origins, ends, skip, cull_faces. Out: next_free, prims, spans.
     tree, found, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
     hits = HitList(found, n, np.int64(MOST_HITS))
-    first = take(ticket)
-    while first >= 0:
-        for i in range(first, min(first + ticket[CHUNK], ticket[N])):
-            put(n, 0, 0)
-            o, e = origins[i], ends[i]
-            ray = segment(o[0], o[1], o[2], e[0], e[1], e[2])
-            if ray.dx != 0.0 or ray.dy != 0.0 or ray.dz != 0.0:
-                walk(tree, ray, np.int64(skip[i]), cull_faces, np.int64(LEFT_FIRST), hits, None)
-            start, count = np.int64(0), np.int64(get(n, 0))
-            if count > 0:
-                start = atomic_add(next_free, 0, count)
-            for k in range(min(count, len(prims) - start)):
-                prims[start + k] = get(found, k)
-            spans[i, 0], spans[i, 1] = start, count
-        first = take(ticket)
+    for i in items(ticket):
+        put(n, 0, 0)
+        o, e = origins[i], ends[i]
+        ray = segment(o[0], o[1], o[2], e[0], e[1], e[2])
+        if ray.dx != 0.0 or ray.dy != 0.0 or ray.dz != 0.0:
+            walk(tree, ray, np.int64(skip[i]), cull_faces, np.int64(LEFT_FIRST), hits, None)
+        start, count = np.int64(0), np.int64(get(n, 0))
+        if count > 0:
+            start = atomic_add(next_free, 0, count)
+        for k in range(min(count, len(prims) - start)):
+            prims[start + k] = get(found, k)
+        spans[i, 0], spans[i, 1] = start, count
 
 
 def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cull_faces: int = 0) -> Intersections:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import line_at, order_at
 from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, Bvh
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import as_i32, extract, get, load4, put, stack_f32, swap_halves
@@ -30,7 +31,7 @@ def _squared(nodes, at, o):
 @inlined
 def _left_is_closer(nodes, node, o):
     """Whether the centre of the left child's box is closer to the ray's origin."""
-    b = node * 16
+    b = line_at(node)
     away = _squared(nodes, b, o[0]) + _squared(nodes, b + 4, o[1]) + _squared(nodes, b + 8, o[2])
     return extract(away, 0) <= extract(away, 1)
 
@@ -69,7 +70,7 @@ def left_comes_first(order, nodes, links, node, a, b, o, d):
     a, b : entry t of the boxes of the left and the right child
     """
     if order == BUILT or order == SRDH:
-        chosen = np.int64(get(links, node * 16 + 14))
+        chosen = np.int64(get(links, order_at(node)))
         if chosen == LEFT_FIRST:
             return True
         if chosen == UNORDERED and order == BUILT:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import wide_leaf
 from ...bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
 from ...kernels.fields import I32Ptr, I64Ptr
 from ...kernels.jit import inlined
@@ -152,8 +153,8 @@ def _keep_each(tree, rays, hits, at, query, found):
 @inlined
 def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
     """Test each triangle of a leaf against all active rays. Return bits of the rays whose any-hit query is answered."""
-    group, done = ~link >> 4, np.int64(0)
-    for k in range(~link & 15):
+    (group, n), done = wide_leaf(link), np.int64(0)
+    for k in range(n):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
@@ -187,7 +188,7 @@ def _leaf_by_ray(tree, rays, active, link, query, found, counters):
 @inlined
 def _leaf(tree, rays, active, link, query, found, counters):
     """Test a leaf against the active rays. Return bits of the rays whose any-hit query is answered."""
-    if popcount(active) < (~link & 15):
+    if popcount(active) < wide_leaf(link).count:
         return _leaf_by_ray(tree, rays, active, link, query, found, counters)
     return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
 

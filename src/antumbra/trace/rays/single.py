@@ -12,7 +12,7 @@ from ...bvh.nodes import Tree, tree_of
 from ...bvh.wide import WideBvh, wide_tree_of
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel, overload
-from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import segment
 from ...kernels.simd import get, ptr, stack_i64
 from ...kernels.vec import scalars
@@ -110,15 +110,13 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     h, w = chunk.h, chunk.w
     columns = (w + TILE - 1) // TILE
     mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
-    tile = take(ticket)
-    while tile >= 0:
+    for tile in items(ticket):
         y0, x0 = tile // columns * TILE, tile % columns * TILE
         last = np.int64(-1)  # reset for each tile, so that counts do not depend on threads
         for y in range(y0, min(y0 + TILE, h)):
             for x in range(x0, min(x0 + TILE, w)):
                 if get(chunk.sides, y * w + x) != NOTHING:
                     last = _shadow_pixel(tree, chunk, y * w + x, out, last, mine)
-        tile = take(ticket)
     add_counters(counters, mine)
 
 

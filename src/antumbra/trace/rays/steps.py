@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import LINK, bvh_leaf
 from ...bvh.nodes import Bvh, parents_first, tree_of
 from ...kernels.jit import inlined, kernel
-from ...kernels.parallel import new_ticket, run, take, thread_count
+from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import segment
 from ...kernels.simd import atomic_add, get, stack_array
 from ...kernels.vec import scalars
@@ -45,12 +46,12 @@ def _count_boxes(bvh, order, inner, depths):
     """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
     for node in order:
         for side in range(2):
-            link, depth = bvh.links[node, 12 + side], inner[node] + 1
+            link, depth = bvh.links[node, LINK + side], inner[node] + 1
             if link >= 0:
                 inner[link] = depth
             else:
-                first = ~np.int64(link) >> 3
-                for slot in range(first, min(first + (~link & 7) + 1, len(depths))):
+                leaf = bvh_leaf(np.int64(link))
+                for slot in range(leaf.first, min(leaf.first + leaf.count, len(depths))):
                     depths[slot] = depth
 
 
@@ -89,12 +90,10 @@ def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
 @kernel
 def _walk_rows(ticket, bvh, order, query, depths, steps):
     counters, chunk = stack_array(np.int64, N_COUNTERS), query_pointers(query)
-    y = take(ticket)
-    while y >= 0:
+    for y in items(ticket):
         for x in range(chunk.w):
             if get(chunk.sides, y * chunk.w + x) != NOTHING:
                 _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
-        y = take(ticket)
 
 
 def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import bvh_leaf, line_at, link_at
 from ...bvh.nodes import EMPTY, MAX_DEPTH
 from ...kernels.fields import F32x4, I32Ptr
 from ...kernels.jit import inlined, kernel, overload
@@ -128,7 +129,7 @@ def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
 @inlined
 def _enter(nodes, node, box, limit):
     """Test both children of a node: (bits of the boxes that the ray enters before `limit`, vector of entry t)."""
-    b = node * 16
+    b = line_at(node)
     tx, ty, tz = (
         (load4(nodes, b) - box.x) * box.ix,
         (load4(nodes, b + 4) - box.y) * box.iy,
@@ -202,7 +203,7 @@ def walk(tree, ray, skip, cull_faces, order, listener, counters):
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
             mask, near = _enter(nodes, link, box, splat4(limit))
             if mask or one_by_one:
-                left, right = np.int64(get(links, link * 16 + 12)), np.int64(get(links, link * 16 + 13))
+                left, right = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
                 if one_by_one:
                     left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
                 if mask == 3 or one_by_one:
@@ -216,9 +217,8 @@ def walk(tree, ray, skip, cull_faces, order, listener, counters):
                     link = left if mask == 1 else right
                 continue
         elif link != EMPTY:  # EMPTY: the child does not exist, or tests are counted and the ray misses it
-            code = ~link
-            start = code >> 3
-            for slot in range(start, start + (code & 7) + 1):
+            leaf = bvh_leaf(link)
+            for slot in range(leaf.first, leaf.first + leaf.count):
                 prim = np.int64(get(tree.prim_ids, slot))
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
                     if passed(listener, ray, tree.corners, slot, prim):

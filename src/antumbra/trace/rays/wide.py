@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...bvh.links import wide_leaf
 from ...bvh.nodes import MAX_DEPTH
 from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
 from ...kernels.fields import F32x8, F64Ptr, I32Ptr, I64Ptr
@@ -150,7 +151,7 @@ def facing(hits, positive, cull_faces):
 @inlined
 def visit_leaf(tree, rays, i, link, query, found, counters):
     """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
-    group, n = ~link >> 4, ~link & 15
+    group, n = wide_leaf(link)
     count(counters, TRIANGLE_TESTS, n)
     hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
     there = (1 << n) - 1
@@ -181,7 +182,7 @@ def defer(found, rays, at):
 @inlined
 def fetch(tree, link):
     """Prefetch the memory of a node or a leaf."""
-    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, (~link >> 4) * GROUP_WORDS)
+    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, wide_leaf(link).group * GROUP_WORDS)
     prefetch(p, 0)
     prefetch(p, _LINE)
     prefetch(p, 2 * _LINE)

@@ -1,0 +1,103 @@
+"""Small questions: what a call costs, beside trimesh with Embree.
+
+    python benchmarks/small.py [SCENE ...] [--rounds N] [--threads N] [--json FILE]
+
+Each round asks every question in turn; the table has the median over the rounds of the mean time of a call, in
+microseconds, and its ratio to trimesh's answer to one ray. Without a scene, a procedural one of 20,000 triangles is
+asked.
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+import antumbra as at
+from antumbra.kernels.parallel import thread_count
+from common import arguments, installed, machine
+
+_SECONDS = 0.03  # of a question in a round, about
+_RAYS = 100, 10_000
+
+
+def main() -> int:
+    parser = arguments(__doc__)
+    given = parser.parse_args()
+    threads = thread_count(given.threads)
+    scenes = [at.load(path) for path in given.scene] or [at.procedural("atrium", triangles=20_000)]
+    rows = [row for scene in scenes for row in rows_of(scene, threads, given.rounds)]
+    if given.json is not None:
+        given.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1) + "\n")
+    return 0
+
+
+def rows_of(scene, threads: int, rounds: int) -> list[dict]:
+    """The table of a scene, printed as well."""
+    asked = questions(scene, threads)
+    times: dict[str, list[float]] = {name: [] for name in asked}
+    for _ in range(rounds):
+        for name, call in asked.items():
+            times[name].append(seconds(call))
+    medians = {name: 1e6 * median(all_) for name, all_ in times.items()}
+    peer = next((value for name, value in medians.items() if name.startswith("trimesh")), None)
+    print(f"{scene.name}, {scene.n_triangles:,} triangles, {threads} threads")
+    rows = []
+    for name, value in medians.items():
+        ratio = None if peer is None else value / peer
+        print(f"  {name:34}{value:10.1f} us" + ("" if ratio is None else f"{ratio:8.2f} x"))
+        rows.append({"scene": scene.name, "question": name, "microseconds": value, "ratio": ratio})
+    return rows
+
+
+def questions(scene, threads: int) -> dict[str, Callable[[], object]]:
+    """Name -> call."""
+    rng = np.random.default_rng(1)
+    low, high = scene.bounds
+    rays = {n: (rng.uniform(low, high, (n, 3)), rng.normal(size=(n, 3))) for n in (1, *_RAYS)}
+    light, point = at.PointLight((low + high) / 2), rays[1][0]
+    found: dict[str, Callable[[], object]] = {
+        "occluded, 1 ray": lambda: scene.occluded(*rays[1]),
+        "closest_hit, 1 ray": lambda: scene.closest_hit(*rays[1]),
+        "occluded, 100 rays": lambda: scene.occluded(*rays[100]),
+        f"occluded, 10,000 rays, {threads} threads": lambda: scene.occluded(*rays[10_000], threads=threads),
+        "visibility, 1 point, 1 point light": lambda: at.visibility(scene, point, light),
+    }
+    if installed(_trimesh):
+        intersector = _trimesh()(scene)
+        for n in (1, *_RAYS):
+            found[f"trimesh with Embree, {n:,} ray{'s' * (n > 1)}"] = lambda n=n: intersector.intersects_any(*rays[n])
+    return found
+
+
+def seconds(call: Callable[[], object]) -> float:
+    """The mean time of a call."""
+    call()
+    start, count = perf_counter(), 0
+    while True:
+        call()
+        count += 1
+        if (spent := perf_counter() - start) > _SECONDS:
+            return spent / count
+
+
+def _trimesh() -> Callable:
+    """A function that makes trimesh's intersector of a scene, which Embree answers."""
+    try:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
+    except ImportError as error:
+        raise at.InputError(f"trimesh with Embree ({error}); pip install trimesh embreex") from None
+
+    def made(scene):
+        soup = scene.triangles().vertices.reshape(-1, 3) + scene.origin
+        mesh = trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False)
+        return RayMeshIntersector(mesh)
+
+    return made
+
+
+if __name__ == "__main__":
+    sys.exit(main())

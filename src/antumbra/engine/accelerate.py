@@ -1,0 +1,202 @@
+"""Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..auto.trace import Auto
+from ..bvh.blocks import block_tree
+from ..bvh.kept import part_of
+from ..bvh.nodes import Bvh
+from ..bvh.srdh_rays import SrdhRays
+from ..chcrt.trace import Scheduled
+from ..cull.cull import Culled
+from ..errors import InputError
+from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
+from ..plan import Plan
+from ..query.shadow import ShadowQuery, new_bits
+from ..rayhierarchy.soup import soup_of
+from ..scene.triangles import Triangles
+from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree
+from .solid import solid_of, solid_tree
+from .srdh_rays import Bounce, Showing, Shown
+
+
+class Accelerated(NamedTuple):
+    """A scene at one moment with its BVH, if the plan has one."""
+
+    triangles: Triangles  # all triangles, including culled ones
+    bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer walks no BVH
+    prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left
+    cutouts: CutoutTree | None = None  # faces with holes, which are not in the BVH; None: there are none
+
+    @property
+    def scheduled(self) -> Scheduled | None:
+        """The state of a tracer that remembers earlier frames; None for other tracers."""
+        return self.prepared if isinstance(self.prepared, Scheduled) else None
+
+    @property
+    def chosen(self) -> Auto | None:
+        """The state of the tracer `auto`; None for other tracers."""
+        return self.prepared if isinstance(self.prepared, Auto) else None
+
+    def begin(self) -> None:
+        """Tell the tracer that a new frame, or a new query of points, begins."""
+        if isinstance(self.prepared, (Scheduled, Auto)):
+            self.prepared.begin()
+
+
+class Accelerator:
+    """Builds the structure that a plan's tracer takes, and answers queries with it; keeps the state of updaters.
+
+    Parameters
+    ----------
+    plan : Plan
+    threads : int
+    """
+
+    def __init__(self, plan: Plan, threads: int):
+        self.plan, self.threads = plan, threads
+        self.showing = Showing(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
+        self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
+        self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
+        self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
+        self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # those asked for last
+        self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
+
+    def begin(self, rays: int, later: int = 0) -> None:
+        """Begin a frame, or a query of points.
+
+        rays, later : about so many rays in the queries for which a tree is built, and others in the same tree
+        """
+
+    @property
+    def builder(self) -> str:
+        """The name of the builder of the next tree."""
+        assert self.plan.build is not None
+        return self.plan.build
+
+    @property
+    def optimiser(self) -> str | None:
+        """The name of the optimiser of the next tree; None: it stays as it was built."""
+        return self.plan.optimise
+
+    def ran(self, accelerated: Accelerated) -> Plan:
+        """The plan with the methods of a frame that used this tree."""
+        return self.plan
+
+    def outgrown(self, accelerated: Accelerated) -> bool:
+        """Should a tree that was kept be built again, by a better builder?"""
+        return False
+
+    def culled(self, triangles: Triangles, queries) -> Culled | None:
+        """The triangles that segments of these queries can meet; None if the plan has no culler."""
+        return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
+
+    def show(self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown | None:
+        """The rays to show to this plan's builder for these queries; None if it takes none. See `Showing.show`."""
+        return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
+
+    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
+        """Prepare all triangles, or the culled set, for tracing; build a BVH unless the tracer walks none.
+
+        Parameters
+        ----------
+        triangles : Triangles
+            All triangles of the scene.
+        culled : Culled or None
+            The triangles left by culling; None: all.
+        shown : Shown or None
+            Rays for a ray-guided builder.
+
+        Raises
+        ------
+        InputError
+            If the builder is ray-guided and `shown` is None.
+        """
+        left = solid_of(triangles, culled, self.threads)
+        if not self.plan.tracer.builds:
+            return self.prepare(triangles, None, left)
+        if self.showing is not None:
+            if shown is None:
+                raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
+            kept = triangles.solid if left is None or self._kept is not None else left.kept
+            self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
+        try:
+            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, left)
+        finally:
+            self._rays = None
+        if self.showing is not None:
+            self.showing.built(bvh)
+        return self.prepare(triangles, bvh, left)
+
+    def _tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+        """A new BVH of all triangles, or of those that are left."""
+        if culled is None:
+            return self._new_tree(triangles.vertices, self.threads)
+        bvh = self._new_tree(culled.vertices, self.threads)
+        return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
+
+    def _updated_tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+        """The BVH of the solid triangles that the updater keeps, or its part with those that culling left."""
+        assert self._kept is not None
+        if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
+            self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
+        bvh = self._updated[1]
+        left = solid_of(triangles, culled, self.threads) if culled is not None else None
+        return bvh if left is None else part_of(bvh, left.kept, self.threads)
+
+    def _new_tree(self, vertices, threads) -> Bvh:
+        builder, name = BUILDERS[self.builder], self.optimiser
+        bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
+        if name is None:
+            return bvh
+        return OPTIMISERS[name].optimise(bvh, threads, **self._shown_to(OPTIMISERS[name], vertices, bvh))
+
+    def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
+        """The extra arguments of a ray-guided method, or none; `bvh`: a BVH of the triangles, if there is one."""
+        return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
+
+    def of_all(self, triangles: Triangles) -> Accelerated:
+        """All triangles, prepared for camera rays: in the plan's BVH, or in a separate one."""
+        return self.build(triangles) if self.one_tree else self.for_camera(triangles)
+
+    def for_camera(self, triangles: Triangles) -> Accelerated:
+        """A `bsah` BVH for camera rays, where the plan has no BVH or one specialised to shadow rays."""
+        bvh = solid_tree(BUILDERS["bsah"].build, triangles, self.threads)
+        return Accelerated(triangles, bvh, block_tree(bvh, self.threads), self.cutouts_of(triangles))
+
+    def cutouts_of(self, triangles: Triangles) -> CutoutTree | None:
+        """The tree of faces with holes; None if there are none. The last one is kept."""
+        if self._cutouts is None or self._cutouts[0] is not triangles:
+            self._cutouts = triangles, cutout_tree(triangles, self.threads)
+        return self._cutouts[1]
+
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
+        """Convert the BVH, or the triangles if the tracer walks no BVH, to the input of this plan's tracer.
+
+        `culled`: the triangles left by culling; None: all.
+        """
+        made = soup_of(triangles, culled, self.threads) if bvh is None else bvh
+        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads), self.cutouts_of(triangles))
+
+    def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
+        """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
+        return self.answer_all(accelerated, [query], tally, progress)[0]
+
+    def answer_all(
+        self, accelerated: Accelerated, queries: Sequence[ShadowQuery], tally=None, progress=None
+    ) -> list[np.ndarray]:
+        """Trace several queries of receivers of the same shape: the bits of each, as from `answer`."""
+        bits = [new_bits(query) for query in queries]
+        tracer, prepared, rest = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
+        if tracer.trace_all is not None:
+            tracer.trace_all(prepared, queries, bits, *rest)
+        else:
+            for query, found in zip(queries, bits):
+                tracer.trace(prepared, query, found, *rest)
+        if accelerated.cutouts is not None:
+            for query, found in zip(queries, bits):
+                add_shadows(accelerated.cutouts, query, found, self.threads)
+        return bits

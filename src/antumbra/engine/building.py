@@ -1,0 +1,94 @@
+"""The public function that builds a store."""
+
+import os
+from collections.abc import Iterator
+
+from ..checks import byte_count, quoted, whole_number
+from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..kernels.progress import Progress, followed, shown
+from ..output import checked_output
+from ..scene.data import SceneData
+from ..scene.foreign import is_mesh
+from ..scene.generated import StreamedCity
+from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
+from ..store.layout import STORE_SUFFIX
+from ..temporary import temporary_folder
+from .any_scene import AnyScene
+from .loading import scene_of
+from .ready import Job, fixed_job, make_ready, small_scene
+
+
+@followed
+def build_store(
+    scenes,
+    path,
+    *,
+    max_memory: int = 4 << 30,
+    threads: int | None = None,
+    chunk: int = CHUNK,
+    progress: Progress = None,
+) -> BuildReport:
+    """Merge scenes and write them to one store file, which `load` opens.
+
+    Parameters
+    ----------
+    scenes : Scene, or anything that `antumbra.load` takes, or an iterable of them
+        The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
+        after the other, so a generator may drop each scene after yielding it.
+    path : str or path-like
+        A file ``*.antumbra``. It is written whole or not at all. During the build, unnamed temporary files in the
+        same folder take about 55 bytes a triangle.
+    max_memory : int
+        Limit in bytes on the memory of the process at any time, at least 384 MiB; the scenes themselves come on top.
+    threads : int, optional
+        None: all cores. The file has the same bits for every value of `threads` and `max_memory`.
+    chunk : int
+        Most triangles in a chunk, 16 to 4 194 304.
+    progress : function of (text, done, total), or bool, optional
+        Called with the current phase, the work done and the total work; total 0: unknown. False: nothing is shown.
+        None: terminals and notebooks show a bar after a second.
+
+    Returns
+    -------
+    BuildReport
+
+    Raises
+    ------
+    InputError
+        If the scenes have no triangles, lie too far apart, or have different up axes. If the path cannot be written
+        or the disk is full; then no file is left behind.
+    """
+    scenes = _each(scenes)
+    path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
+    max_memory = byte_count(max_memory, "max_memory", LEAST_MEMORY)
+    chunk = whole_number(chunk, "chunk", 16, 1 << 22)
+    make_ready(store_job)
+    with shown(f"building {path.name}") as heard:
+        bar = None if heard is None else lambda text, done, total: heard(done, total)
+        return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
+
+
+def _each(scenes) -> Iterator[SceneData | StreamedCity]:
+    """One scene after the other; each may be what `scene_of` takes."""
+    if isinstance(scenes, (AnyScene, StreamedCity, str, os.PathLike)) or is_mesh(scenes):
+        scenes = [scenes]
+    try:
+        iter(scenes)
+    except TypeError:
+        raise InputError(f"scenes are {quoted(scenes)}; give a scene, or several in a list") from None
+    return map(_opened, scenes)  # unlike a generator, `map` keeps no scene that it has handed out
+
+
+def _opened(scene) -> SceneData | StreamedCity:
+    return scene if isinstance(scene, StreamedCity) else scene_of(scene).data
+
+
+def store_job() -> Job:
+    """The job of building a store."""
+
+    def work():
+        with temporary_folder() as folder:
+            build_compiled([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
+
+    return fixed_job("building stores", work)

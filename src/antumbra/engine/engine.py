@@ -1,0 +1,281 @@
+"""The engine: the one door to all questions about a scene, and all that is remembered between them."""
+
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..checks import byte_count, choice, instance
+from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..kernels.progress import in_turn, shown
+from ..plan import Plan, parse_plan
+from ..query.bounds import reach_of
+from ..query.gbuffer import GBuffer
+from ..query.placing import place
+from ..query.rays import HitArrays, Rays, cull_value, rays_of
+from ..query.receivers import Receivers
+from ..query.sampling import light_samples
+from ..query.shadow import ShadowQuery
+from ..scene.camera import Camera
+from ..scene.data import SceneData
+from ..scene.hit import Hit, HitFaces
+from ..scene.light_list import in_full
+from ..scene.lights import Light, check_lights
+from ..scene.memory import MemoryData
+from ..scene.triangles import Triangles
+from .accelerate import Accelerated, Accelerator
+from .choosing import accelerator_of
+from .in_memory import InMemory
+from .looking import AUTO, METHODS, compiled_for
+from .memory import FrameMemory, points_memory
+from .opening import data_of
+from .precompile import warm_up
+from .source import Progress, RenderSource
+from .trees import Trees
+from .visibility import Visibility, visibility_of
+
+_KEPT = 8  # engines of other plans that an engine remembers
+
+
+class Engine:
+    """Answers questions about one scene by one plan, and keeps what it builds and learns.
+
+    Threads of Python may share an engine. Questions of rays in memory run side by side; others take turns, and hold
+    `lock` meanwhile.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        A scene in memory or in a store, a path, or a mesh of another library.
+    plan : str, Plan or None
+        The methods, such as ``"bsah+single"``. None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``. Ray lists in
+        memory have a tree of their own.
+    threads : int or None
+        None: all cores.
+    max_memory : int or None
+        Limit in bytes on the memory of the process at any time, for a scene in a store; None: that of the scene, or
+        4 GiB.
+    gbuffer : "raster", "rays" or "auto"
+        The method of `surfaces`; all give the same bits. "auto" is raster, or rays through a tree that an earlier
+        question has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, the plan is unknown, or the plan cannot answer for a scene in a store.
+    """
+
+    def __init__(
+        self, scene: Any, plan: str | Plan | None = None, threads: int | None = None,
+        max_memory: int | None = None, *, gbuffer: str = AUTO,
+    ):  # fmt: skip
+        data = data_of(scene)
+        choice(gbuffer, "gbuffer", METHODS)
+        limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
+        self._start(data, _trees_of(data), plan, threads, limit, gbuffer)
+
+    def __getstate__(self) -> tuple:
+        """A pickle has what an engine is made of, and makes everything else again."""
+        return self.data, self.plan, self.threads, self.max_memory, self.source.gbuffer
+
+    def __setstate__(self, state: tuple) -> None:
+        self._start(state[0], _trees_of(state[0]), *state[1:])
+
+    def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
+        default = InMemory.default_plan if trees is not None else _paged().default_plan
+        self.data, self.plan, self.threads = data, parse_plan(default if plan is None else plan), thread_count(threads)
+        self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
+        self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
+        self.source: RenderSource = self._new_source(gbuffer)
+        self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
+        self._others: dict[tuple, Engine] = {}
+        self._warm = False  # its kernels are compiled
+
+    def _new_source(self, gbuffer: str) -> RenderSource:
+        if self._trees is None:
+            return _paged()(self.data, self.accelerator, self.max_memory)
+        if self.max_memory is not None:
+            raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
+        assert isinstance(self.data, MemoryData)
+        return InMemory(self.data, self.accelerator, self._trees, gbuffer)
+
+    def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
+        """The engine of another plan, number of threads or limit, which shares this one's triangles and trees.
+
+        None: as in this engine.
+        """
+        if plan is threads is max_memory is None:
+            return self
+        own = self.plan, self.threads, self.max_memory
+        wanted = (
+            self.plan if plan is None else parse_plan(plan),
+            self.threads if threads is None else thread_count(threads),
+            self.max_memory if max_memory is None else byte_count(max_memory, "max_memory", 1),
+        )
+        if wanted == own:
+            return self
+        with self.lock:
+            found = self._others.pop(wanted, None)
+            if found is None:
+                found = Engine.__new__(Engine)
+                found._start(self.data, self._trees, *wanted, AUTO)
+            self._others[wanted] = found  # the last one is the latest
+            if len(self._others) > _KEPT:
+                self._others.pop(next(iter(self._others)))
+            return found
+
+    def occluded(
+        self, origins, directions=None, tmin=0.0, tmax=np.inf, skip_face=None, time=0.0, *, targets=None,
+        cull_faces=None, threads=None,
+    ) -> np.ndarray:  # fmt: skip
+        """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
+        rays = rays_of(
+            origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces, targets
+        )  # fmt: skip
+        return self._hits(rays, True, time, threads).blocked.reshape(rays.shape)
+
+    def closest_hit(
+        self, origins, directions=None, tmin=0.0, tmax=np.inf, skip_face=None, time=0.0, *, cull_faces=None,
+        threads=None,
+    ) -> Hit:  # fmt: skip
+        """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
+        rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces)
+        found = self._hits(rays, False, time, threads)
+        faces = HitFaces(*(array.reshape(rays.shape) for array in (found.t, found.face, found.u, found.v)))
+        data, source, time = self.data, self.source, self._moment(time)
+        own = rays if not source.in_store else rays.copied()
+        return Hit.of_scene(faces, lambda: source.triangles_hit(own, faces.face, time), lambda: data.object_of_face)
+
+    def _hits(self, rays: Rays, any_hit: bool, time, threads: int | None) -> HitArrays:
+        moment = self._moment(time)
+        threads = self.threads if threads is None else thread_count(threads)
+        if not self.source.in_store:
+            return self.source.trace_rays(rays, any_hit, moment, threads)
+        engine = self if threads == self.threads else self.with_options(None, threads, None)
+        with engine.lock:
+            engine.source.warm_up()
+            return engine.source.trace_rays(rays, any_hit, moment)
+
+    def _moment(self, time) -> float:
+        return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
+
+    def surfaces(self, camera: Camera, time: float = 0.0) -> GBuffer:
+        """The G-buffer of a camera at a time in seconds: the surfaces that its pixels see."""
+        instance(camera, Camera, "camera")
+        with self.lock:
+            self._warm_up()
+            self.source.begin(FrameMemory(0, 0, 0))
+            triangles, whole = self.source.moment(self._moment(time))
+            if whole is None and (camera.listed or self.source.gbuffer == "rays"):
+                whole = self.accelerator.of_all(triangles)
+            surfaces = self.source.look(camera, triangles, whole)
+            return surfaces.gbuffer._replace(face=surfaces.ids)
+
+    def visibility(
+        self, receivers: Receivers, lights: Light | Sequence[Light], *, spp: int = 16,
+        sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, time: float = 0.0,
+        progress: Progress | bool | None = None,
+    ) -> Visibility:  # fmt: skip
+        """Which samples of lights a list of n receivers sees: a `Visibility` of shape (n, lights).
+
+        `antumbra.visibility` documents the parameters. Receivers are made by `Receivers.on_surface` and `in_space`.
+        """
+        instance(receivers, Receivers, "receivers")
+        lights = [in_full(light) for light in check_lights(lights, self.data.up)]
+        samples = [light_samples(light, spp, sampler) for light in lights]
+        for light in lights:
+            if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
+                raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
+        with shown("tracing shadow rays", progress) as heard:
+            found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=heard)
+        return visibility_of([bits for _, bits in found], [each.shape[1] for each in samples])
+
+    def shadows(
+        self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,
+        time: float = 0.0, *, later: int = 0, progress: Progress | None = None,
+    ) -> list[tuple[ShadowQuery, np.ndarray]]:  # fmt: skip
+        """The shadow query of each light from receivers, and its bits: (h, w, ceil(n / 64)) uint64.
+
+        Parameters
+        ----------
+        receivers : Receivers
+        lights : sequence of lights
+        samples : sequence of (16, n, 3) float64
+            The sample sets of each light, from `query.sampling.light_samples`.
+        facing : int
+            A value of CULL_FACES.
+        time : float
+            Seconds, clamped to 0 .. `duration`.
+        later : int
+            About so many rays follow in other questions. The plan `auto` builds better trees for more rays.
+        progress : function of (done, total), optional
+
+        Raises
+        ------
+        InputError
+            If points or lights are too far from the scene, or memory is too small.
+        """
+        with self.lock:
+            make, source = self.accelerator, self.source
+            self._warm_up()
+            needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
+            source.begin(FrameMemory(*map(sum, zip(*needs))))
+            make.begin(receivers.n * sum(each.shape[1] for each in samples), later)
+            triangles, ready = source.for_points(self._moment(time))
+            queries = self._queries(triangles, receivers, lights, samples, facing)
+            if ready is None:  # the tree depends on the queries
+                ready = make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries))
+            ready.begin()
+            return list(zip(queries, make.answer_all(ready, queries, None, in_turn(progress, len(queries)))))
+
+    def queries(
+        self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,
+        time: float = 0.0,
+    ) -> list[ShadowQuery]:  # fmt: skip
+        """The queries of `shadows`, without their bits."""
+        with self.lock:
+            return self._queries(self.source.moment(self._moment(time))[0], receivers, lights, samples, facing)
+
+    def accelerated(self, time: float = 0.0) -> Accelerated:
+        """The triangles and the tree of this plan at a time, whose tree does not depend on the question.
+
+        Raises
+        ------
+        InputError
+            If the scene is in a store.
+        """
+        if self._trees is None:
+            raise self.data.refusal()
+        return self._trees.of(self.accelerator, self._moment(time))
+
+    def _queries(self, triangles: Triangles, receivers: Receivers, lights, samples, facing: int) -> list[ShadowQuery]:
+        origins, sides, normals = receivers
+        box = self.source.box(triangles)
+        reach = reach_of(box, origins, self.threads) if origins.size else 1.0
+        corners, no_faces = triangles.vertices.reshape(-1, 9), np.full(sides.shape, -1, np.int32)
+        return [
+            ShadowQuery(
+                origins, no_faces, sides, normals, corners, place(light, triangles.origin, box, reach), sets, facing,
+                no_faces,
+            )
+            for light, sets in zip(lights, samples)
+        ]  # fmt: skip
+
+    def _warm_up(self) -> None:
+        """Compile the kernels of shadows and surfaces by this plan."""
+        if not self._warm:
+            warm_up(self.plan, compiled_for(self.source.gbuffer))
+            self.source.warm_up()
+            self._warm = True
+
+
+def _trees_of(data: SceneData) -> Trees | None:
+    return Trees(data) if isinstance(data, MemoryData) else None
+
+
+def _paged():
+    from .paged import Paged  # imported late: scenes in memory start sooner without it
+
+    return Paged

@@ -1,0 +1,107 @@
+"""Reading a scene from a file or folder."""
+
+import os
+import warnings
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from ..checks import flag
+from ..scene.crs import checked_crs
+from ..scene.data import SceneData
+from ..scene.memory import MemoryData
+from ..scene.notes import by_kind
+from .any_scene import AnyScene
+from .opening import opened
+from .scene import Scene
+
+if TYPE_CHECKING:
+    from .paged_scene import PagedScene
+
+SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
+"""What functions take as a scene: a scene, the path of one, or a mesh of another library; see `load`."""
+
+
+def load(
+    path, *, up: str | None = None, lod: str | None = None, cutouts: bool = True, crs: str | None = None
+) -> "Scene | PagedScene":
+    """Read a scene from a file, or take it from a mesh of another library.
+
+    Parameters
+    ----------
+    path : str, path-like, or a mesh
+        One of five kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
+        A CityJSON file, .json or .city.json, or a CityJSONSeq file, .jsonl or .city.jsonl; it needs antumbra[gis].
+        A folder with `frames.npy` ((n, v, 3) float, the vertices at n moments) and `faces.npy` ((f, 3) int);
+        `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds) are optional.
+        A store, .antumbra, made by `antumbra build`. Or a mesh of trimesh, pyvista, meshio or Open3D, see
+        `Scene.from_mesh`.
+    up : "y" or "z", optional
+        The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, and
+        for other files whose floors and roofs face z, with a note; "y" for the rest, and for meshes of other libraries.
+        A store has its own axis.
+    lod : str, optional
+        Level of detail of CityJSON, such as "2.2". None: the highest of each object. An object whose parts have a
+        higher one, such as a Building of BuildingParts, is left to these parts.
+    cutouts : bool
+        True: rays pass through faces where the alpha of their material says so, texel by texel. The alpha modes MASK
+        and BLEND do; BLEND stops light from alpha 0.5 on. False: all faces are solid, as they are in stores.
+
+    crs : str, optional
+        Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
+        recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, which CityJSON and stores have.
+
+    Returns
+    -------
+    Scene or PagedScene
+        For a store a `PagedScene`, whose triangles stay on disk. `Scene.appearance` has materials, textures, colours
+        of vertices and normals; `Scene.colours` has their mean colour of each face. CityJSON is coloured by the types
+        of its surfaces and objects, and `Scene.city` names them.
+
+    Raises
+    ------
+    InputError
+        If anything cannot be read. The one-line message names the file, the field and the cure.
+
+    Warns
+    -----
+    UserWarning
+        Once for each kind of `Scene.notes`, such as missing textures or lights that are only partly supported, with
+        their number.
+    """
+    asked = None if crs is None else checked_crs(crs)
+    scene = _face(opened(path, up, lod))
+    if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
+        scene.ignore_alpha()
+    scene.crs = asked or scene.crs
+    for note in by_kind(scene.notes):
+        warnings.warn(note, UserWarning, stacklevel=2)
+    return scene
+
+
+def scene_of(value: SceneLike) -> "Scene | PagedScene":
+    """The scene that a public function is given: a scene as it is, or what `load` reads.
+
+    Raises
+    ------
+    InputError
+        If it is neither a scene, nor a path, nor a mesh of a library that `load` knows, or cannot be read.
+
+    Warns
+    -----
+    UserWarning
+        As `load` does.
+    """
+    if isinstance(value, AnyScene):
+        return value  # type: ignore[return-value]  # the two kinds that there are
+    scene = _face(opened(value))
+    for note in scene.notes:
+        warnings.warn(note, UserWarning, stacklevel=3)
+    return scene
+
+
+def _face(data: SceneData) -> "Scene | PagedScene":
+    """The scene with this data."""
+    if isinstance(data, MemoryData):
+        return Scene.of_data(data)
+    from .paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
+
+    return PagedScene.of_data(data)  # type: ignore[arg-type]  # the other kind that there is

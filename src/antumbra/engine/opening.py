@@ -1,0 +1,101 @@
+"""What is in a file or folder, or in a mesh of another library: the data of a scene."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from ..checks import path_of, text
+from ..errors import InputError
+from ..scene.data import SceneData
+from ..scene.files import checked_file
+from ..scene.foreign import KNOWN, is_mesh
+from ..scene.made import data_of_mesh
+from ..scene.memory import MemoryData, checked_up
+from ..scene.sampled import looks_z_up, sampled_faces
+from ..scene.source import Source
+from ..store.layout import STORE_SUFFIX
+
+GLTF_SUFFIXES = (".glb", ".gltf")
+MESH_SUFFIXES = (".obj", ".ply", ".stl")
+CITY_SUFFIXES = (".json", ".jsonl")
+
+
+def data_of(value) -> SceneData:
+    """What a scene holds: one that is loaded, or anything that `antumbra.load` takes."""
+    data = getattr(value, "data", value)
+    return data if isinstance(data, SceneData) else opened(value)
+
+
+def opened(value, up: str | None = None, lod: str | None = None) -> SceneData:
+    """What is in the scene of a path or of a mesh of another library."""
+    if up is not None:
+        checked_up(up)
+    if lod is not None:
+        text(lod, "lod")
+    if is_mesh(value):
+        return data_of_mesh(value, up=up or "y")
+    if isinstance(value, (str, os.PathLike)):
+        return _scene_in(path_of(value, "scene"), up, lod)
+    kind = type(value).__name__
+    raise InputError(f"scene is a {kind}; give the path of a file, a scene, or {KNOWN}; arrays go to Scene.from_arrays")
+
+
+def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
+    """The scene of a file or folder; errors of libraries become an `InputError`."""
+    try:
+        with np.errstate(all="ignore"):
+            return _read(path, up, lod)
+    except InputError:
+        raise
+    except MemoryError as error:
+        raise InputError(f"{path.name}: not enough memory for this scene; use a smaller one") from error
+    except Exception as error:  # a library failed on input that passed all checks
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{path.name}: cannot be read ({reason}); is the file damaged?") from error
+
+
+def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
+    # Readers are imported on demand: importing trimesh alone takes longer than loading most scenes.
+    name, suffix = path.name or str(path), path.suffix.lower()
+    if suffix in CITY_SUFFIXES and not path.is_dir():
+        return _read_city(path, name, up, lod)
+    if lod is not None:
+        raise InputError(f"{name}: lod is for CityJSON files; leave it out")
+    if path.is_dir():
+        from ..scene.frames import read_frames
+
+        return _scene(*read_frames(path), path.resolve().name, up)
+    if suffix == STORE_SUFFIX:
+        from ..store.data import load_store
+
+        return load_store(path)
+    if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
+        known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
+        checked_file(path, name)
+        shown = f"format {suffix!r}" if suffix else "format, no suffix"
+        raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
+    checked_file(path, name)
+    if suffix in GLTF_SUFFIXES:
+        from ..scene.gltf import read_gltf
+
+        return _scene(*read_gltf(path), path.stem, up)
+    from ..scene.meshfile import read_mesh_file
+
+    return _scene(*read_mesh_file(path), path.stem, up)
+
+
+def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> MemoryData:
+    from ..scene.cityjson.read import read_cityjson
+
+    checked_file(path, name)
+    found = read_cityjson(path, lod)
+    name, city = path.stem.removesuffix(".city"), found.city
+    return MemoryData(found.source, name=name, up=up or "z", notes=tuple(found.notes), city=city, crs=city.crs)
+
+
+def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
+    scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
+    if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
+        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
+    return scene

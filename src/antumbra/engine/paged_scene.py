@@ -1,0 +1,68 @@
+"""Scenes in stores, as users have them."""
+
+from typing import Any
+
+from ..checks import byte_count
+from ..errors import InputError
+from ..store.data import StoreData
+from ..store.read import Store
+from .any_scene import AnyScene, Of
+
+
+class PagedScene(AnyScene):
+    """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
+
+    The scene is static. Name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
+    sources, and so do the answers to all questions. The store does not record the mesh of a triangle, so all its faces
+    are one object. Methods that need all triangles at once raise InputError. A pickled scene opens its store again, by
+    its path.
+
+    Attributes
+    ----------
+    store : Store
+        The open file.
+    max_memory : int or None
+        Limit in bytes on the memory of the process, for all questions that do not give their own, such as `occluded`
+        and `closest_hit`; None: 4 GiB.
+    """
+
+    data: StoreData
+    store = Of[Store]()
+
+    def __init__(self, store: Store):
+        self._start(StoreData(store))
+
+    @classmethod
+    def of_data(cls, data: StoreData) -> "PagedScene":
+        """The scene with this data."""
+        made = cls.__new__(cls)
+        made._start(data)
+        return made
+
+    def _start(self, data: StoreData, max_memory: int | None = None) -> None:
+        AnyScene.__init__(self, data)
+        self._max_memory = max_memory
+
+    @property
+    def max_memory(self) -> int | None:
+        """Limit in bytes on the memory of the process; None: 4 GiB. Setting it raises InputError if it is no size."""
+        return self._max_memory
+
+    @max_memory.setter
+    def max_memory(self, size: int | None) -> None:
+        size = None if size is None else byte_count(size, "max_memory", 1)
+        if size != self._max_memory:
+            self._max_memory, self._engine = size, None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"data": self.data, "max_memory": self._max_memory}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._start(**state)
+
+    def refusal(self) -> InputError:
+        """The error raised by methods that need all triangles."""
+        return self.data.refusal()
+
+    def __repr__(self) -> str:
+        return f"PagedScene({self.name!r}, {self.n_triangles} triangles, up={self.up!r})"

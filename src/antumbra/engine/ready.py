@@ -1,0 +1,116 @@
+"""Compile kernels on all cores before anything is timed, and tell the user.
+
+A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` records which kernels a job
+calls. Several processes compile the kernels that are missing on disk. Then the job runs on a small scene, which
+compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
+
+Each module defines the jobs of its work; `warm` lists all jobs.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels import needs
+from ..kernels.arguments import named
+from ..kernels.crew import Wanted, compile_all
+from ..kernels.loading import events, is_kept, user_cache
+from ..kernels.progress import reported
+from ..scene.camera import Camera
+from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
+from ..scene.made import data_of_arrays
+from ..scene.materials import MASK, Material, Texture
+from ..scene.memory import MemoryData
+from ..scene.mesh import make_mesh
+from ..scene.painted import painted
+from ..scene.point_lights import PointLights
+from ..scene.source import StaticMeshes
+
+
+class Job(NamedTuple):
+    """Work that calls kernels, run on a small scene."""
+
+    name: str  # key of the record of its kernels
+    work: Callable[[], object]  # runs the job
+    kernels: Callable[[], set[Wanted] | None]  # returns the recorded kernels; None: the job has no record
+
+
+def fixed_job(name: str, work: Callable[[], object]) -> Job:
+    """A job whose kernels are recorded under its name."""
+    return Job(name, work, lambda: needs.of_job(name))
+
+
+@cache
+def make_ready(job_of: Callable[..., Job], *about) -> None:
+    """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
+    job = job_of(*about)
+    wanted = job.kernels()
+    if wanted is None:
+        job.work()
+    elif missing := missing_of(wanted):
+        compile_missing(missing)
+        job.work()
+
+
+def make_ready_all(wanted: Iterable[Job]) -> int:
+    """Compile the missing kernels of several jobs together; returns how many were compiled."""
+    wanted = list(wanted)
+    missing = missing_of({each for job in wanted for each in job.kernels() or ()})
+    if missing:
+        compile_missing(missing)
+    before = len(events)
+    for job in wanted:
+        job.work()
+    return len(missing) + sum(event.source == "compiled" for event in events[before:])
+
+
+def missing_of(wanted: Iterable[Wanted]) -> set[Wanted]:
+    """The kernels that are not on disk."""
+    return {each for each in wanted if not is_kept(named(each.kernel), each.key)}
+
+
+def compile_missing(missing: set[Wanted]) -> None:
+    """Compile kernels on all cores, and tell the user. Does nothing if the cache is read-only; `loading` warns then."""
+    if not user_cache().is_writable():
+        return
+    with reported(f"compiling {len(missing)} kernels for this machine, once") as progress:
+        compile_all(missing, progress)
+
+
+def small_scene(dressed: bool = False) -> MemoryData:
+    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes.
+
+    dressed : whether they have a texture, colours of vertices and normals
+    """
+    x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
+    a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
+    faces = np.concatenate([np.stack([a, a + 73, a + 1], 1), np.stack([a + 1, a + 73, a + 74], 1)])
+    vertices = np.stack([x, np.sin(5 * x) * np.cos(4 * z) / 4, z], -1).reshape(-1, 3)
+    if not dressed:
+        return data_of_arrays(vertices, faces)
+    white, up = np.full((2, 2, 3), 255, np.uint8), np.broadcast_to((0.0, 1.0, 0.0), vertices.shape)
+    return data_of_arrays(
+        vertices, faces, vertex_colours=np.ones(vertices.shape), uv=vertices[:, ::2], texture=white, normals=up
+    )
+
+
+def small_view(quality=False, sky=True) -> tuple[Camera, list]:
+    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: ambient occlusion as well."""
+    above = np.array([0, 2, 0])
+    light = SphereLight(above, 0.1) if quality else PointLight(above)
+    lights = [light, PointLights(above[None], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]
+    return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
+
+
+def small_scene_with_cutouts() -> MemoryData:
+    """The small scene with a sheet of paper full of holes above it."""
+    corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
+    pixels = np.full((8, 8, 4), 255, np.uint8)
+    pixels[..., 3] = 255 * np.eye(8)
+    material = Material(texture=Texture("paper", pixels, has_alpha=True), alpha_mode=MASK)
+    sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
+    paper = painted(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
+    hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
+    return MemoryData(StaticMeshes([hills, paper], "small"))

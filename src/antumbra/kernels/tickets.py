@@ -1,0 +1,108 @@
+"""Loops of workers over the items of a ticket: iterators that Numba compiles to plain loops.
+
+`parallel` names them. This module imports Numba, so only the compiler imports it. A loop's state is two numbers on the
+stack, which LLVM keeps in registers.
+"""
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.imputils import RefType, iternext_impl
+from numba.extending import intrinsic, lower_builtin, register_model
+
+from .parallel import CHUNK, NEXT, STOP, N
+
+_I64 = ir.IntType(64)
+_ORDER = "monotonic"  # as in `simd.atomic_add`: no other memory is ordered
+
+
+class _Loop(types.SimpleIteratorType):
+    """The type of a loop; `following` writes the code that finds its next value."""
+
+    def __init__(self, name, value, following):
+        super().__init__(name, value)
+        self.following = following
+
+
+@register_model(_Loop)
+class _LoopModel(models.StructModel):
+    def __init__(self, dmm, fe_type):
+        members = [
+            ("ticket", types.CPointer(types.int64)),
+            ("at", types.EphemeralPointer(types.int64)),  # the next item of this thread's share
+            ("last", types.EphemeralPointer(types.int64)),  # the share's end
+        ]
+        super().__init__(dmm, fe_type, members)
+
+
+@lower_builtin("iternext", _Loop)
+@iternext_impl(RefType.UNTRACKED)
+def _next(context, builder, sig, args, result):
+    loop = context.make_helper(builder, sig.args[0], value=args[0])
+    sig.args[0].following(context, builder, loop, result)
+
+
+def _field(builder, ticket, field):
+    return builder.gep(ticket, [_I64(field)])
+
+
+def _take(builder, loop):
+    """Take the next share and write it to the loop's state: `parallel.take`. Return whether there was one."""
+    ticket, taken = loop.ticket, cgutils.alloca_once_value(builder, ir.IntType(1)(0))
+    stop = builder.atomic_rmw("or", _field(builder, ticket, STOP), _I64(0), _ORDER)
+    with builder.if_then(builder.icmp_signed("==", stop, _I64(0))):
+        chunk, n = (builder.load(_field(builder, ticket, field)) for field in (CHUNK, N))
+        first = builder.atomic_rmw("add", _field(builder, ticket, NEXT), chunk, _ORDER)
+        last = builder.add(first, chunk)
+        builder.store(first, loop.at)
+        builder.store(builder.select(builder.icmp_signed("<", last, n), last, n), loop.last)
+        builder.store(builder.icmp_signed("<", first, n), taken)
+    return builder.load(taken)
+
+
+def _next_share(context, builder, loop, result):
+    there = _take(builder, loop)
+    result.set_valid(there)
+    with builder.if_then(there):
+        share = [builder.load(loop.at), builder.load(loop.last)]
+        result.yield_(context.make_tuple(builder, types.UniTuple(types.int64, 2), share))
+
+
+def _next_item(context, builder, loop, result):
+    there = cgutils.alloca_once(builder, ir.IntType(1))
+    left = builder.icmp_signed("<", builder.load(loop.at), builder.load(loop.last))
+    builder.store(left, there)
+    with builder.if_then(builder.not_(left)):
+        builder.store(_take(builder, loop), there)
+    result.set_valid(builder.load(there))
+    with builder.if_then(builder.load(there)):
+        item = builder.load(loop.at)
+        builder.store(builder.add(item, _I64(1)), loop.at)
+        result.yield_(item)
+
+
+def _make(kind):
+    def begin(context, builder, sig, args):
+        loop = context.make_helper(builder, kind)
+        loop.ticket = context.make_array(sig.args[0])(context, builder, args[0]).data
+        loop.at = cgutils.alloca_once(builder, _I64)
+        loop.last = cgutils.alloca_once(builder, _I64)
+        for end in (loop.at, loop.last):
+            builder.store(_I64(0), end)
+        return loop._getvalue()
+
+    return begin
+
+
+@intrinsic
+def shares(typingctx, ticket):
+    """(first, last + 1) of each share of the items that this thread takes from a ticket."""
+    kind = _Loop("shares of a ticket", types.UniTuple(types.int64, 2), _next_share)
+    return kind(ticket), _make(kind)
+
+
+@intrinsic
+def items(typingctx, ticket):
+    """Each item that this thread takes from a ticket."""
+    kind = _Loop("items of a ticket", types.int64, _next_item)
+    return kind(ticket), _make(kind)

@@ -1,0 +1,123 @@
+"""Options of commands that are made of the options of a picture: a new field of the class needs no other edit."""
+
+import json
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from antumbra.cli.app import app
+from antumbra.cli.comparearguments import CompareArguments
+from antumbra.cli.options import takes
+from antumbra.cli.panels import Grouped
+from antumbra.cli.renderarguments import RenderArguments
+from antumbra.cli.written import all_written, arguments_of, literal
+from antumbra.rendering.keywords import Option, Whole, Words, deciding, option_of, values, with_keywords
+from antumbra.rendering.options import EngineOptions, RenderKeywords, RenderOptions
+
+COMMANDS: Any = typer.main.get_command(app)
+NAMES = {field.name for field in fields(RenderKeywords)}
+APART = {
+    "render": {"layers"},
+    "compare": {"layers", "plan", "counters", "antialias", "background", "textures", "smooth_normals", "ground"},
+}
+"""Options that a command does not have: EXR files have layers, and a comparison is of plans and their rays."""
+
+
+@pytest.mark.parametrize("name", ["render", "compare"])
+def test_a_command_has_the_options_that_name_it(name):
+    own = {param.name: param for param in COMMANDS.commands[name].params}
+    found = [each for each in all_written() if name in each.words.commands]
+    for each in found:
+        param = own[each.name]
+        assert each.words.help in param.help and param.rich_help_panel == each.words.panel
+        assert f"--{each.name.replace('_', '-')}" in param.opts
+    assert len(found) > 10
+    assert NAMES - {each.field.name for each in found} == APART[name]
+
+
+def test_help_shows_every_option(cli):
+    shown = " ".join(cli("render", "--help").out.split())
+    for each in all_written():
+        assert f"--{each.name.replace('_', '-')} " in shown
+        assert " ".join(each.words.help.split()) in shown and (not each.words.note or each.words.note in shown)
+
+
+def test_json_and_settings_have_every_option(cli, square_obj):
+    told = cli("render", square_obj, "--size", 4, "--spp", 1, "--json", "-o", "a.png").json()
+    assert told.keys() >= NAMES
+    assert (told["spp"], told["filter"], told["antialias"], told["plan"]) == (1, True, True, "auto")
+    told = cli(
+        "compare", square_obj, "--size", 4, "--spp", 1, "--json", "--plan", "bsah+single", "--plan", "cones"
+    ).json()
+    assert {field.name for field in fields(RenderKeywords)} - {"plan"} <= told.keys()
+    assert (told["spp"], told["antialias"], told["gbuffer"]) == (1, False, "raster")
+
+
+def test_the_digest_of_a_picture_has_every_option_that_decides(square_obj):
+    from antumbra import load
+
+    asked = RenderArguments(str(square_obj), cull_faces="back", adaptive=True, ground="off").options()
+    settings = asked.settings(load(square_obj), "digest", 0.0)
+    chosen = deciding(RenderOptions(filter=True, adaptive=64, cull_faces="back"))
+    assert {name: settings[name] for name in chosen} == json.loads(json.dumps(chosen))
+
+
+def test_words_become_values():
+    given = RenderArguments(spp=8, sampler="sobol", filter=False, textures=False, bounce=3, threads=2)
+    assert literal(given, RenderOptions) == {
+        "spp": 8, "counters": False, "sampler": "sobol", "cull_faces": None, "filter": False, "antialias": True,
+        "bounce": 3, "textures": False, "smooth_normals": True,
+    }  # fmt: skip
+    assert literal(given, EngineOptions) == {"threads": 2, "gbuffer": "auto"}
+    asked = given.options()
+    assert asked.picture == RenderOptions(spp=8, sampler="sobol", filter=False, textures=False, bounce=3)
+    assert values(asked.engine) == values(EngineOptions(threads=2))
+    assert CompareArguments("x.obj", ["a", "b"]).options().engine == EngineOptions(gbuffer="raster")
+
+
+GLOW = Option(Whole(0, 9), "int", "How much it glows, 0 to 9.", (Words("How much it glows.", "Light"),))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoreOptions(RenderOptions):
+    """The options of a picture, and one more."""
+
+    glow: Annotated[int, GLOW] = 5
+
+
+def test_a_new_option_needs_no_other_edit():
+    @with_keywords(MoreOptions)
+    def render(scene, **keywords):
+        """Render.
+
+        Parameters
+        ----------
+        scene : Scene
+        """
+        return MoreOptions(**keywords)
+
+    base: Any = arguments_of("render", MoreOptions)
+
+    @dataclass(frozen=True)
+    class Arguments(base):
+        scene: Annotated[str, typer.Argument()] = ""
+
+    made = []
+
+    @takes(Arguments)
+    def command(given: Arguments) -> int:
+        """Render."""
+        made.append(render(given.scene, **literal(given, MoreOptions)))
+        return 0
+
+    program = typer.Typer(rich_markup_mode=None)
+    program.command(cls=Grouped)(command)
+    shown = CliRunner().invoke(program, ["--help"]).output
+    assert "Light:\n" in shown and "How much it glows." in shown and "--glow" in shown
+    assert "0<=x<=9" in shown and "How much it glows, 0 to 9." in render.__doc__
+    assert CliRunner().invoke(program, ["s", "--glow", "3"]).exit_code == 0
+    assert made[0].glow == values(made[0])["glow"] == deciding(made[0])["glow"] == 3
+    assert option_of(fields(MoreOptions)[-1]) is GLOW

@@ -1,0 +1,54 @@
+"""Scenes in memory and in stores supply a `Renderer` by one protocol. No tree gets queries that it cannot answer."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import antumbra as at
+from antumbra.engine.in_memory import InMemory
+from antumbra.engine.paged import Paged
+from antumbra.engine.source import RenderSource
+from antumbra.rendering.renderer import Renderer
+from stores import built
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """(scene in memory, the same in a store)."""
+    scene = at.procedural("atrium", triangles=2000)
+    return scene, at.load(built(tmp_path_factory.mktemp("sources"), scene).path)
+
+
+def test_both_sources_have_all_of_the_protocol(both):
+    names = {name for name in {*vars(RenderSource), *RenderSource.__annotations__} if name[0] != "_"}
+    for scene, kind in zip(both, (InMemory, Paged)):
+        source = Renderer(scene).source
+        assert type(source) is kind and names <= set(dir(source)) and len(names) > 10
+        assert source.scene is scene.data and str(Renderer(scene).plan) == kind.default_plan
+
+
+def test_only_stores_count_what_the_camera_sees_and_what_is_read(both):
+    camera = both[0].cameras[0].resized(24, 20)
+    for scene, looks in zip(both, (0, 1)):
+        told, renderer = [], Renderer(scene, None, 2)
+        frame = renderer.render(camera, scene.lights, spp=1, progress=lambda *heard, to=told: to.append(heard))
+        assert sum(done == total for done, total in told) == 1 + looks == 1 + renderer.source.looks
+        assert (frame.paging is None) == (looks == 0)
+
+
+@pytest.mark.parametrize("gbuffer", ["raster", "rays"])
+def test_a_tracer_that_remembers_takes_trees_that_are_made_for_shown_rays(both, gbuffer):
+    """Camera rays and diffuse rays then have a separate tree, which keeps no state."""
+    scene = both[0]
+    camera, options = scene.cameras[0].resized(24, 20), {"spp": 2, "bounce": 2, "threads": 2, "gbuffer": gbuffer}
+    one, other = (at.render(scene, camera, plan=plan, **options) for plan in ("srdh+chcrt", "bsah+single"))
+    np.testing.assert_array_equal(one.image, other.image)
+    assert one.indirect.any() and one.scheduled and other.scheduled is None
+
+
+def test_who_has_all_in_memory_does_not_wait_for_stores():
+    code = "import sys, antumbra.rendering.renderer; print(*(m for m in sys.modules if m.startswith('antumbra.store')))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert set(done.stdout.split()) <= {"antumbra.store", "antumbra.store.layout"}  # the suffix of stores, for `load`

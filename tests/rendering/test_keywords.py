@@ -1,0 +1,89 @@
+"""Functions whose keywords are the fields of a class of options."""
+
+import inspect
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+
+from antumbra.errors import InputError
+from antumbra.rendering.keywords import (
+    Option,
+    Real,
+    Whole,
+    checked,
+    deciding,
+    described,
+    optional_flag,
+    values,
+    with_keywords,
+)
+
+
+@described
+@dataclass(frozen=True, kw_only=True)
+class Baking:
+    """How a cake is baked.
+
+    Parameters
+    ----------
+
+    Notes
+    -----
+    Warm.
+    """
+
+    degrees: Annotated[float, Option(Real(0.0, 300.0, unit="Celsius"), "float", "Of the oven.")] = 180.0
+    eggs: Annotated["int | None", Option(Whole(0, 12, optional=True), "int or None", "How many.", decides=False)] = None
+
+    def __post_init__(self):
+        checked(self)
+
+
+@with_keywords(Baking)
+def bake(cake: str, *, oven: str = "gas", **keywords) -> Baking:
+    """Bake a cake.
+
+    Parameters
+    ----------
+    cake : str
+        Its name.
+
+    Returns
+    -------
+    Baking
+    """
+    return Baking(**keywords)
+
+
+def test_signature_and_docstring_have_the_fields():
+    assert str(inspect.signature(bake)) == (
+        f"(cake: str, *, oven: str = 'gas', degrees: float = 180.0, eggs: 'int | None' = None) -> {__name__}.Baking"
+    )
+    assert (bake.__name__, bake.__module__) == ("bake", __name__)
+    described = "degrees : float\n    Of the oven.\neggs : int or None\n    How many.\n\n"
+    assert f"    Its name.\n{described}Returns\n" in bake.__doc__
+    assert f"Parameters\n----------\n{described}Notes\n" in Baking.__doc__
+
+
+def test_values():
+    made = bake("pie", oven="wood", degrees=200, eggs=3)
+    assert values(made) == {"degrees": 200.0, "eggs": 3} and deciding(made) == {"degrees": 200.0}
+    with pytest.raises(TypeError, match=r"^bake\(\) got an unexpected keyword argument 'degree'$"):
+        bake("pie", degree=1, eggs=2)
+    with pytest.raises(InputError, match=r"^degrees \(Celsius\) is 400; it must lie between 0 and 300$"):
+        bake("pie", degrees=400)
+    with pytest.raises(InputError, match=r"^eggs is 13; it must be a whole number from 0 to 12$"):
+        bake("pie", eggs=13)
+
+
+def test_flags_may_be_none():
+    assert [optional_flag(value, "x") for value in (None, True, False)] == [None, True, False]
+    with pytest.raises(InputError, match="x is 1"):
+        optional_flag(1, "x")
+
+
+def test_without_docstrings():
+    def plain(**keywords): ...
+
+    assert with_keywords(Baking)(plain).__doc__ is None
