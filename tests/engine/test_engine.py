@@ -179,3 +179,16 @@ def test_from_a_scene_to_the_kernel_are_five_places():
         source = (SOURCE / place).read_text()
         assert f"def {name.split('.')[-1]}(" in source and before <= floors.index(place.split("/")[0])
         before = floors.index(place.split("/")[0])
+
+
+def test_hits_keep_the_triangles_of_their_moment(tmp_path):
+    """A question about another moment changes no hit from before, and needs no new tree for it."""
+    still = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4]], float)
+    np.save(tmp_path / "frames.npy", np.stack([still, still + (0, 3, 0)]))
+    np.save(tmp_path / "faces.npy", np.arange(3)[None])
+    scene = at.load(tmp_path)
+    first = scene.closest_hit((1, 9, 1), (0, -1, 0), time=0.0)
+    later = scene.closest_hit((1, 9, 1), (0, -1, 0), time=scene.duration)
+    trees = scene.engine._trees._made
+    assert first.position.tolist() == [1, 0, 1] and later.position.tolist() == [1, 3, 1]
+    assert scene.engine._trees._made is trees

@@ -1,7 +1,7 @@
 """The engine: the one door to all questions about a scene, and all that is remembered between them."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -144,9 +144,21 @@ class Engine:
         rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces)
         found = self._hits(rays, False, time, threads)
         faces = HitFaces(*(array.reshape(rays.shape) for array in (found.t, found.face, found.u, found.v)))
-        data, source, time = self.data, self.source, self._moment(time)
-        own = rays if not source.in_store else rays.copied()
-        return Hit.of_scene(faces, lambda: source.triangles_hit(own, faces.face, time), lambda: data.object_of_face)
+        data = self.data
+        return Hit.of_scene(faces, self._finder(rays, faces.face, self._moment(time)), lambda: data.object_of_face)
+
+    def _finder(self, rays: Rays, face: np.ndarray, moment: float) -> Callable[[], tuple[Triangles, np.ndarray]]:
+        """A function that gives the triangles of hits: those at hand, or those that a store is asked for again."""
+        if not self.source.in_store:
+            met = self.source.triangles_hit(rays, face, moment)
+            return lambda: met
+        own = rays.copied()
+
+        def find():
+            with self.lock:
+                return self.source.triangles_hit(own, face, moment)
+
+        return find
 
     def _hits(self, rays: Rays, any_hit: bool, time, threads: int | None) -> HitArrays:
         moment = self._moment(time)
