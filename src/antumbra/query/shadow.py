@@ -15,7 +15,7 @@ from ..scene.lights import AMBIENT, LightPatch
 from .receivers import FREE, NOTHING
 from .samples import patch_at, sample_point
 
-_FEW_WORDS = 4096  # for fewer, a kernel costs more than it saves
+_FEW_WORDS = 16  # for fewer, a kernel costs more than it saves
 
 CULL_FACES = {None: 0, "front": -1, "back": 1}
 """Name -> sign of d . n of the triangles that do not block; d: the ray's direction, n: the triangle's normal."""
