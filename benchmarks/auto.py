@@ -115,11 +115,7 @@ def run_case(case: Case, view, plan: str, threads: int) -> tuple[float, list[np.
         points, normals = points_of(case, scene, rng)
         engine = at.Engine(scene, plan, threads)
         start = perf_counter()
-        receivers = (
-            at.Receivers.in_space(points, scene.origin)
-            if normals is None
-            else at.Receivers.on_surface(points, normals, scene.origin)
-        )
+        receivers = at.Receivers.of(points, normals, scene.origin)
         seen = engine.visibility(receivers, [light], spp=case.spp)
         return perf_counter() - start, [seen.bits]
     renderer, seconds = Renderer(scene, plan, threads), 0.0

@@ -7,7 +7,5 @@ from antumbra.query.receivers import Receivers
 
 def receivers_of(scene, points: np.ndarray, normals) -> tuple[np.ndarray, np.ndarray | None]:
     """(n, 3) float32 receivers of world points in the recentred frame; and (n, 3) float64 unit normals, if any."""
-    if normals is None:
-        return Receivers.in_space(points, scene.origin).origins[0], None
-    made = Receivers.on_surface(points, normals, scene.origin)
-    return made.origins[0], made.normals[0]
+    made = Receivers.of(points, normals, scene.origin)
+    return made.origins[0], None if normals is None else made.normals[0]

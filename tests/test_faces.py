@@ -34,7 +34,7 @@ PLUMBING = {
     "of_scene", "surfaces",  # of a Hit
     "of_data",  # of a scene
     "shadows", "queries", "accelerated",  # of an Engine, for jobs
-    "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
+    "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
     "reshaped",  # of a Visibility
     "middles", "places",  # of a Raster, for sensors
     "ignore_alpha", "refusal", "wait", "close",  # without parameters

@@ -62,8 +62,7 @@ def visibility(
     engine = scene.engine.with_options(plan, threads, max_memory)
     points = as_array(points, "points")
     alone = isinstance(light, Light)
-    frame = scene.origin
-    receivers = Receivers.in_space(points, frame) if normals is None else Receivers.on_surface(points, normals, frame)
+    receivers = Receivers.of(points, normals, scene.origin)
     found = engine.visibility(
         receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
     )

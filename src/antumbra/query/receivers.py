@@ -161,18 +161,24 @@ class Receivers(NamedTuple):
             As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
         """
         points = _points(points)
-        local = _local(points, frame)
-        _single(local)
+        _single(_local(points, frame))
         unit = _unit_normals(normals, points.shape)
-        world, single = points.astype(np.float64).reshape(-1, 3), points.dtype == np.float32
-        origins = point_receivers(local, unit, world, single)[None]
-        return cls(origins, np.ones(origins.shape[:2], np.int8), unit[None])
+        world = points.astype(np.float64).reshape(1, -1, 3)
+        return cls.moved_off(world, unit[None], frame, points.dtype == np.float32)
 
     @classmethod
-    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray) -> "Receivers":
-        """(h, w, 3) points on surfaces as from `on_surface`, whose float64 coordinates and unit normals are checked."""
+    def of(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
+        """Points `on_surface`; or `in_space`, if `normals` is None."""
+        return cls.in_space(points, frame) if normals is None else cls.on_surface(points, normals, frame)
+
+    @classmethod
+    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray, single=False) -> "Receivers":
+        """(h, w, 3) points on surfaces as from `on_surface`, whose float64 coordinates and unit normals are checked.
+
+        single : whether they were given as float32
+        """
         flat = points.reshape(-1, 3)
-        origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, False).reshape(points.shape)
+        origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single).reshape(points.shape)
         return cls(origins, np.ones(points.shape[:2], np.int8), np.ascontiguousarray(normals))
 
     @property

@@ -1,4 +1,4 @@
-"""SurfacePoints inside solids, which nobody sees, though interpolation would spread their darkness.
+"""Points of surfaces inside solids, which nobody sees, though interpolation would spread their darkness.
 
 A receiver is inside if the rays of its hemisphere meet back faces first. So the direction of the faces decides what is
 solid.

@@ -17,9 +17,7 @@ def ends_of(scene: AnyScene, sensors: Sensors) -> Receivers:
 
     The cells of a raster are moved up, off the surfaces below them, but they see all around: the surface may be steep.
     """
-    if sensors.normals is None:
-        return Receivers.in_space(sensors.points, scene.origin)
-    ends = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
+    ends = Receivers.of(sensors.points, sensors.normals, scene.origin)
     return ends.seeing_all_around() if sensors.kind == "raster" else ends
 
 

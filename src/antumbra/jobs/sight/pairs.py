@@ -127,11 +127,7 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
         wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
         if normals is not None:
             normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
-        made = (
-            Receivers.in_space(wide, scene.origin)
-            if normals is None
-            else Receivers.on_surface(wide, normals, scene.origin)
-        )
+        made = Receivers.of(wide, normals, scene.origin)
         ends.append(made.origins[0])
         units.append(None if normals is None else made.normals[0])
         own.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))

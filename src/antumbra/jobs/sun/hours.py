@@ -77,11 +77,7 @@ def ask(
         np.zeros(len(suns.hours)) if energy is None else np.ascontiguousarray(energy, np.float64),
         np.ascontiguousarray(suns.directions, np.float64),
     )
-    receivers = (
-        Receivers.in_space(sensors.points, scene.origin)
-        if sensors.normals is None
-        else Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
-    )
+    receivers = Receivers.of(sensors.points, sensors.normals, scene.origin)
     return Asked(scene, sensors, receivers, calendar, columns, order, towards[order], plan, threads)
 
 
