@@ -116,6 +116,19 @@ def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):
         assert _chosen(scene).builder == BEST
 
 
+def test_few_rays_count_towards_a_better_tree(monkeypatch):
+    """Many small questions are as many rays as one large one."""
+    scene = at.procedural("atrium", triangles=1000)
+    _builds(monkeypatch, 1e6)
+    at.visibility(scene, (0, 1, 0), at.PointLight((1, 2, 1)), spp=1)
+    kept = _chosen(scene)
+    (choice,) = kept.choices
+    assert choice.reason == "few rays" and choice.seconds > 0.0 and kept.builder == QUICK and kept.memory.lost > 0.0
+    _builds(monkeypatch, 0.0)
+    at.visibility(scene, (0, 1, 0), at.PointLight((1, 2, 1)), spp=1)
+    assert _chosen(scene).builder == GOOD
+
+
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     monkeypatch.setattr(rates, "machine_file", lambda: tmp_path / "kernels" / "rates.json")
     monkeypatch.setattr(calibration, "_TRIANGLES", 2000)

@@ -16,6 +16,7 @@ from .rates import GOOD, better_seconds, lost_in_quick
 from .ways import WAYS, Forms
 
 _FEW = 256  # rays that take less time than a choice
+_FEW_RAYS = ("few",)  # like no other queries
 _DOUBT = 16.0  # predictions from counts alone, for a reference machine, may be wrong by this factor
 
 
@@ -72,8 +73,10 @@ def trace_shadow(auto: Auto, query: ShadowQuery, bits, threads=None, counters=No
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW:
+        start = perf_counter()
         single.trace_shadow(forms.for_few, query, bits, threads, counters, progress)
-        memory.choices.append(Choice("single", rays, "few rays", 0.0, {}))
+        choice = Choice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
+        memory.learn(_FEW_RAYS, choice, auto.builder)
         return
     facts = facts_of(query, forms.triangles, forms.box)
     key, places = likeness(facts), None
