@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..auto.rates import BEST, GOOD, seconds_before_best
-from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..query.rays import HitArrays, Rays, changed, hit_arrays, rays_of
 from ..scene.memory import MemoryData
@@ -57,9 +56,7 @@ class RayLists:
         InputError
             If a ray holds an illegal number: NaN, infinity, a zero direction, ...
         """
-        ready = self._ready
-        if ready is None or ready.time != time or self.spent > ready.until:
-            ready = self._make_ready(time)
+        ready = self._ready_at(time)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
         legal = ready.tracer.trace(rays, any_hit, out, threads)
         self.spent += perf_counter() - start
@@ -67,17 +64,21 @@ class RayLists:
             rays.arrays().check()
             raise changed()
         if ready.accelerated.cutouts is not None:
-            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, thread_count(threads))
+            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return out
 
     def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
-        return self._trees.triangles(time, self._threads), face
+        return self._ready_at(time).accelerated.triangles, face
 
     @property
     def plan(self) -> Plan | None:
         """The plan of the latest rays."""
         return None if self._ready is None else self._ready.plan
+
+    def _ready_at(self, time: float) -> _Ready:
+        ready = self._ready
+        return self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.until else ready
 
     def _make_ready(self, time: float) -> _Ready:
         with self._lock:
