@@ -2,7 +2,7 @@
 
 import threading
 from html import escape
-from typing import TYPE_CHECKING, Any, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
 import numpy as np
 
@@ -72,6 +72,13 @@ class AnyScene:
         self._engine: Engine | None = None
         self._view: View | None = None
         self._lock = threading.Lock()
+
+    @classmethod
+    def of_data(cls, data: SceneData) -> Self:
+        """The scene with this data: as from a pickle."""
+        made = cls.__new__(cls)
+        made.__setstate__({"data": data})
+        return made
 
     def __getstate__(self) -> dict[str, Any]:
         return {"data": self.data}

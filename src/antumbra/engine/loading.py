@@ -104,4 +104,4 @@ def _face(data: SceneData) -> "Scene | PagedScene":
         return Scene.of_data(data)
     from .paged_scene import PagedScene  # imported late: scenes in memory start sooner without it
 
-    return PagedScene.of_data(data)  # type: ignore[arg-type]  # the other kind that there is
+    return PagedScene.of_data(data)

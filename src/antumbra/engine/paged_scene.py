@@ -30,18 +30,7 @@ class PagedScene(AnyScene):
     store = Of[Store]()
 
     def __init__(self, store: Store):
-        self._start(StoreData(store))
-
-    @classmethod
-    def of_data(cls, data: StoreData) -> "PagedScene":
-        """The scene with this data."""
-        made = cls.__new__(cls)
-        made._start(data)
-        return made
-
-    def _start(self, data: StoreData, max_memory: int | None = None) -> None:
-        AnyScene.__init__(self, data)
-        self._max_memory = max_memory
+        self.__setstate__({"data": StoreData(store)})
 
     @property
     def max_memory(self) -> int | None:
@@ -58,7 +47,8 @@ class PagedScene(AnyScene):
         return {"data": self.data, "max_memory": self._max_memory}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self._start(**state)
+        super().__setstate__(state)
+        self._max_memory = state.get("max_memory")
 
     def refusal(self) -> InputError:
         """The error raised by methods that need all triangles."""

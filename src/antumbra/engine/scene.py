@@ -67,13 +67,6 @@ class Scene(AnyScene):
         super().__init__(MemoryData(source, name=name, up=up, notes=notes, city=city, crs=crs))
 
     @classmethod
-    def of_data(cls, data: MemoryData) -> "Scene":
-        """The scene with this data."""
-        made = cls.__new__(cls)
-        AnyScene.__init__(made, data)
-        return made
-
-    @classmethod
     def from_arrays(
         cls, vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None,
         name="arrays", up="y", crs=None,
