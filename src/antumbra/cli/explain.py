@@ -102,6 +102,7 @@ def explain(
     if asked_rays is not None and asked_rays.last_frame and before is None:
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
 
+    from ..engine.paged_scene import PagedScene
     from ..image.save import save_png
     from ..output import checked_output
     from ..plan import with_sample
@@ -116,7 +117,7 @@ def explain(
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
-        of_store = opened.engine.source.in_store
+        of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
 

@@ -63,9 +63,11 @@ class PictureSpec(NamedTuple):
 
     def about(self, scene: "AnyScene") -> "PictureSpec":
         """This, with the default plan for the kind of scene if none was named."""
+        from ..engine.engine import default_plan_of
+
         if self.engine.plan is not None:
             return self
-        return self._replace(engine=replace(self.engine, plan=scene.engine.source.default_plan))
+        return self._replace(engine=replace(self.engine, plan=default_plan_of(scene.data)))
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer

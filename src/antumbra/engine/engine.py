@@ -84,8 +84,8 @@ class Engine:
         self._start(state[0], _trees_of(state[0]), *state[1:])
 
     def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
-        default = InMemory.default_plan if trees is not None else _paged().default_plan
-        self.data, self.plan, self.threads = data, parse_plan(default if plan is None else plan), thread_count(threads)
+        self.data, self.threads = data, thread_count(threads)
+        self.plan = parse_plan(default_plan_of(data) if plan is None else plan)
         self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
@@ -281,6 +281,11 @@ class Engine:
             warm_up(self.plan, compiled_for(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
+
+
+def default_plan_of(data: SceneData) -> str:
+    """The plan of an engine of a scene for which none is named."""
+    return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
 
 
 def _trees_of(data: SceneData) -> Trees | None:

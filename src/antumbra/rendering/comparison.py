@@ -14,6 +14,7 @@ import numpy as np
 from ..checks import whole_number
 from ..engine.any_scene import AnyScene
 from ..errors import InputError
+from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..query.receivers import NOTHING
 from ..scene.lights import check_lights
@@ -234,7 +235,7 @@ def _windows(work: _Work, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray,
 
 
 def _picture(work: _Work, plan: Plan) -> Picture:
-    return picture_of(work.scene, work.moment, work.options, work.renderer(plan).threads, plan)
+    return picture_of(work.scene, work.moment, work.options, thread_count(work.engine.threads), plan)
 
 
 def _tests_of(work: _Work, plan: Plan, picture: Picture, rays: np.ndarray) -> np.ndarray | None:
