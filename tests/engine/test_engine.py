@@ -108,6 +108,25 @@ def test_engines_of_other_plans_share_trees_and_are_remembered(atrium):
     assert len(engine._others) <= 8
 
 
+def test_of_a_store_only_the_engine_asked_last_keeps_chunks(both):
+    """Chunks that others keep would count against the limit on memory."""
+    scene, points = both[1], _rays(50)[0]
+    engine = at.Engine(scene)
+    own = engine.source.residency
+    receivers = at.Receivers.in_space(points, scene.origin)
+    first = engine.visibility(receivers, [LAMP], spp=4)
+    assert own.held > 0
+    other = engine.with_options(None, engine.threads + 1, None)
+    np.testing.assert_array_equal(other.visibility(receivers, [LAMP], spp=4).bits, first.bits)
+    assert own.held == 0 < other.source.residency.held
+    third = engine.with_options(None, engine.threads + 2, None)
+    assert third is not other and list(engine._others.values()) == [third]
+    assert engine.with_options(None, None, None) is engine and not engine._others
+    engine.occluded(*_rays(50), threads=engine.threads + 1)
+    engine.occluded(*_rays(50))
+    assert own.held > 0 and not engine._others
+
+
 def test_a_scene_that_nobody_has_leaves_memory_at_once():
     """No circle of references waits for a collection."""
     scene = at.procedural("atrium", triangles=1000)

@@ -104,9 +104,10 @@ class Engine:
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
         """The engine of another plan, number of threads or limit, which shares this one's triangles and trees.
 
-        None: as in this engine.
+        None: as in this engine. Of a store, only the engine that was asked for last keeps chunks: those of others would
+        count against the limit on memory.
         """
-        if plan is threads is max_memory is None:
+        if plan is threads is max_memory is None and not self._others:
             return self
         own = self.plan, self.threads, self.max_memory
         wanted = (
@@ -114,10 +115,15 @@ class Engine:
             self.threads if threads is None else thread_count(threads),
             self.max_memory if max_memory is None else byte_count(max_memory, "max_memory", 1),
         )
-        if wanted == own:
-            return self
         with self.lock:
+            if wanted == own:
+                if self.source.in_store:
+                    self._others.clear()
+                return self
             found = self._others.pop(wanted, None)
+            if self.source.in_store:
+                self._others.clear()
+                self.source.release()
             if found is None:
                 found = Engine.__new__(Engine)
                 found._start(self.data, self._trees, *wanted, AUTO)
@@ -165,7 +171,7 @@ class Engine:
         threads = self.threads if threads is None else thread_count(threads)
         if not self.source.in_store:
             return self.source.trace_rays(rays, any_hit, moment, threads)
-        engine = self if threads == self.threads else self.with_options(None, threads, None)
+        engine = self.with_options(None, threads, None)
         with engine.lock:
             engine.source.warm_up()
             return engine.source.trace_rays(rays, any_hit, moment)

@@ -57,6 +57,9 @@ class InMemory:
     def begin(self, memory: FrameMemory) -> None:
         pass
 
+    def release(self) -> None:
+        pass
+
     def together(self, size: int) -> int:
         return 1
 

@@ -121,6 +121,11 @@ class Paged:
         self.residency.budget, self._before = free - together - cells, self.residency.paging
         self.residency.trim()
 
+    def release(self) -> None:
+        """Leave the memory of all chunks to others."""
+        self.residency.budget = 0
+        self.residency.trim()
+
     def together(self, size: int) -> int:
         n, kept = self.at_once(size), self._together.get(size, 0)
         if 3 * n <= 4 * kept <= 5 * n:  # as in the frame before: its states are of the same questions
@@ -228,8 +233,7 @@ class Paged:
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
             found.append(batch.triangles)
             n += len(batch.triangles.vertices)
-        self.residency.budget = 0  # such questions are rare: leave the memory to others
-        self.residency.trim()
+        self.release()  # such questions are rare
         return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[Batch]:

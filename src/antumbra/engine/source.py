@@ -54,6 +54,9 @@ class RenderSource(Protocol):
             If memory is too small for the frame.
         """
 
+    def release(self) -> None:
+        """Leave the memory of what was read to others."""
+
     def together(self, size: int) -> int:
         """How many passes, or pictures that they meet, are traced together; `size`: bytes of each."""
         ...
