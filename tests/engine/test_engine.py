@@ -12,6 +12,7 @@ import pytest
 
 import antumbra
 import antumbra as at
+from repository import ROOT
 from stores import built
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
@@ -186,7 +187,7 @@ def test_nobody_reaches_into_the_state_of_others():
 
 def test_from_a_scene_to_the_kernel_are_five_places():
     """CONTRIBUTING.md lists them; each exists, and its floor is that of the one before or a lower one."""
-    text = (SOURCE.parents[1] / "CONTRIBUTING.md").read_text()
+    text = (ROOT / "CONTRIBUTING.md").read_text()
     part = text[text.index("A question of rays reaches") : text.index("A call of `antumbra.render` reaches")]
     lines = [line for line in part.splitlines() if line[:1].isdigit()]
     floors = ["engine", "trace"]
