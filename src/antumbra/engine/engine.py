@@ -238,8 +238,9 @@ class Engine:
         with self.lock:
             make, source = self.accelerator, self.source
             self._warm_up()
-            needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
-            source.begin(FrameMemory(*map(sum, zip(*needs))))
+            if source.in_store:
+                needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
+                source.begin(FrameMemory(*map(sum, zip(*needs))))
             make.begin(receivers.n * sum(each.shape[1] for each in samples), later)
             triangles, ready = source.for_points(self._moment(time))
             queries = self._queries(triangles, receivers, lights, samples, facing)

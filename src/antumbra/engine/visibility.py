@@ -46,8 +46,12 @@ class Visibility(NamedTuple):
 def visibility_of(bits: Sequence[np.ndarray], counts: Sequence[int]) -> Visibility:
     """The `Visibility` of a list of n points, (n, lights), from the bits of each light, (1, n, words) uint64."""
     words = max(each.shape[-1] for each in bits)
-    fraction = np.stack([fraction_lit(each, n)[0] for each, n in zip(bits, counts)], axis=-1)
+    fraction = _last_axis([fraction_lit(each, n)[0] for each, n in zip(bits, counts)])
     return Visibility(_side_by_side(bits, words)[0], fraction, np.array(counts, np.int64))
+
+
+def _last_axis(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    return arrays[0][..., None] if len(arrays) == 1 else np.stack(arrays, axis=-1)
 
 
 def _side_by_side(found: Sequence[np.ndarray], words: int) -> np.ndarray:

@@ -58,11 +58,32 @@ def named(name: str):
     return reduce(getattr, qualname.split("."), import_module(module))
 
 
-@cache
-def _array_token(dtype: np.dtype, ndim: int, layout: str, writeable: bool) -> str:
+def _array_token(array: np.ndarray) -> str:
+    dtype, flags = array.dtype, array.flags
     if dtype.kind not in "biuf" or dtype.str[0] == _FOREIGN:
         raise TypeError(f"a kernel cannot take arrays of {dtype}")
-    return f"{'A' if writeable else 'R'}[{dtype.str[1:]},{ndim},{layout}]"
+    if not flags.aligned:
+        raise TypeError("a kernel cannot take arrays whose elements are not aligned")
+    layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
+    return f"{'A' if flags.writeable else 'R'}[{dtype.str[1:]},{array.ndim},{layout}]"
+
+
+_array_tokens: dict[tuple, str] = {}  # by all that `_array_token` reads
+
+
+def _address_in_header(array: np.ndarray) -> int:
+    """The address of an array's first element, from the first field of NumPy's ABI; eight times as fast as NumPy."""
+    return _word_at(id(array) + _HEADER).value
+
+
+def _address_by_numpy(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+_word_at, _HEADER = ctypes.c_size_t.from_address, object.__basicsize__
+_probe = np.zeros(3)[1:]
+address_of = _address_in_header if _address_in_header(_probe) == _address_by_numpy(_probe) else _address_by_numpy
+"""The address of an array's first element."""
 
 
 def is_array(token: str) -> bool:
@@ -90,14 +111,14 @@ def _flatten(x, key, values):
         key.append(x.key)
         values.append(x.words)
     elif kind is np.ndarray:
-        flags = x.flags
-        if not flags.aligned:
-            raise TypeError("a kernel cannot take arrays whose elements are not aligned")
-        layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-        key.append(_array_token(x.dtype, x.ndim, layout, flags.writeable))
-        values.append(x.__array_interface__["data"][0])
-        values.extend(x.shape)
-        values.extend(x.strides)
+        what = x.dtype, x.ndim, x.flags.num
+        token = _array_tokens.get(what)
+        if token is None:
+            token = _array_tokens[what] = _array_token(x)
+        key.append(token)
+        values.append(address_of(x))
+        values += x.shape
+        values += x.strides
     elif kind in _TOKENS:
         key.append(_TOKENS[kind])
         values.append(x)

@@ -8,7 +8,7 @@
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import wraps
 from threading import Lock, Timer
@@ -111,8 +111,7 @@ def reported(what: str) -> Iterator[Heard]:
     LOG.info("%s: %.0f s", what, perf_counter() - start)
 
 
-@contextmanager
-def shown(what: str, progress: Heard | bool | None = None) -> Iterator[Heard | None]:
+def shown(what: str, progress: Heard | bool | None = None) -> AbstractContextManager[Heard | None]:
     """Show work that may be short and is too small for the log.
 
     progress : the keyword of a `hushed` function; a function is the context's value
@@ -120,9 +119,14 @@ def shown(what: str, progress: Heard | bool | None = None) -> Iterator[Heard | N
     Otherwise the context's value is a function that hears (done, total). It is None if nobody watches, or if the work
     is part of other work that is shown.
     """
-    if callable(progress) or _listener.get() or _shown or not _watched():
-        yield progress if callable(progress) else None
-        return
+    if callable(progress):
+        return nullcontext(progress)
+    return nullcontext() if _listener.get() or _shown or not _watched() else _short(what)
+
+
+@contextmanager
+def _short(what: str) -> Iterator[Heard]:
+    """Show a bar for work that may be short."""
     with _busy(what):
         bar = Bar(what, _DELAY)
         try:

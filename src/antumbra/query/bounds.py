@@ -1,5 +1,7 @@
 """Bounds of a query's triangles and points; distant lights are placed beyond them."""
 
+from math import sqrt
+
 import numpy as np
 
 from ..kernels.jit import kernel
@@ -9,6 +11,7 @@ from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 _ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
 _BLOCK = 3 * _ROWS
 _CHUNK = 2048  # blocks
+_TINY = float(np.finfo(np.float32).tiny)
 
 
 @kernel
@@ -37,6 +40,8 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
     n = flat.size // _BLOCK
     if n == 0:
         rest = flat.reshape(-1, 3)
+        if len(rest) == 1:
+            return rest[0], rest[0]
         return rest.min(0), rest.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
     run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
@@ -60,4 +65,5 @@ def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | N
     if points is not None:
         low, high = bounds(points, threads)
         lower, upper = np.minimum(lower, low), np.maximum(upper, high)
-    return float(2.0 * np.linalg.norm(upper.astype(np.float64) - lower) + np.finfo(np.float32).tiny)
+    across = upper.astype(np.float64) - lower
+    return 2.0 * sqrt(across.dot(across)) + _TINY

@@ -1,5 +1,7 @@
 """Lights in the frame of a scene, and the ratios of lengths for which the tracers' arithmetic holds."""
 
+from operator import sub
+
 import numpy as np
 
 from ..errors import InputError
@@ -23,23 +25,26 @@ def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float
         If points or the light are more than MOST_RATIO widths of the scene away.
     """
     patch = light.patch(origin, reach)
-    if box is not None:
-        _check_ratio(float((box[1].astype(np.float64) - box[0]).max()), max(reach, _farthest(light, patch)), light)
     if isinstance(light, LightList) or patch.kind == DIRECTIONAL:
+        _check_ratio(box, max(reach, _farthest(light, patch)), light)
         return patch
-    return patch._replace(base=settled(patch.base), u=settled(patch.u), v=settled(patch.v))
+    vectors = np.array((patch.base, patch.u, patch.v))
+    _check_ratio(box, max(reach, float(np.abs(vectors).max()) + patch.radius), light)
+    base, u, v = settled(vectors)
+    return LightPatch(patch.kind, base, u, v, patch.w, patch.radius)
 
 
 def _farthest(light: Light, patch: LightPatch) -> float:
-    """The largest magnitude of a coordinate of the light, about; 0 for distant lights, which are placed by `reach`."""
-    if patch.kind == DIRECTIONAL or (isinstance(light, LightList) and not len(light.points)):
+    """The largest magnitude of a coordinate of a list of lights, about; 0 for distant ones, placed by `reach`."""
+    if patch.kind == DIRECTIONAL or not isinstance(light, LightList) or not len(light.points):
         return 0.0
-    if isinstance(light, LightList):
-        return float(np.abs(light.points).max()) + float(np.abs(patch.base).max())
-    return float(np.abs([patch.base, patch.u, patch.v]).max()) + patch.radius
+    return float(np.abs(light.points).max()) + float(np.abs(patch.base).max())
 
 
-def _check_ratio(width: float, far: float, light: Light) -> None:
+def _check_ratio(box: np.ndarray | None, far: float, light: Light) -> None:
+    if box is None:
+        return
+    width = max(map(sub, *box[::-1].tolist()))
     if width > 0.0 and far > MOST_RATIO * width:
         raise InputError(
             f"points, or the {type(light).__name__}, are {far:.3g} units away from a scene that is {width:.3g} units "

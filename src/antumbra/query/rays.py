@@ -7,7 +7,7 @@ import numpy as np
 
 from ..checks import as_array, choice
 from ..errors import InputError
-from ..kernels.arguments import Form, Packed
+from ..kernels.arguments import Form, Packed, address_of
 from ..scene.recentre import settled
 from .diffuse import RayPass
 from .shadow import CULL_FACES
@@ -58,9 +58,9 @@ class HitArrays(NamedTuple):
         """The arrays as an argument of a kernel, which they must outlive."""
         blocked, face, t, u, v = self
         if not len(face):
-            return _HITS.pack(_address(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
+            return _HITS.pack(address_of(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
         m = len(face)
-        return _HITS.pack(0, 0, 1, _address(face), m, 4, _address(t), m, 8, _address(u), m, 4, _address(v), m, 4)
+        return _HITS.pack(0, 0, 1, address_of(face), m, 4, address_of(t), m, 8, address_of(u), m, 4, address_of(v), m, 4)
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
@@ -190,21 +190,17 @@ def _segment_ends(directions, tmin, tmax, targets):
     return targets, 1.0
 
 
-def _address(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
-
-
 def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int, int, int], np.ndarray]:
     """The `Operand` of points that broadcast to a shape, and the array whose memory it names."""
     double = _DOUBLE.get(array.dtype)
     if double is None:
         array, double = array.astype(np.float64), 1
     if array.ndim == 1:
-        return (_address(array), 0, array.strides[0], double), array
+        return (address_of(array), 0, array.strides[0], double), array
     if array.ndim > 2 or array.shape[:-1] != shape:
         array = _rows(array, (*shape, 3))
     row, column = array.strides
-    return (_address(array), row, column, double), array
+    return (address_of(array), row, column, double), array
 
 
 def _number(value, shape: tuple[int, ...], dtype=None) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
@@ -214,7 +210,7 @@ def _number(value, shape: tuple[int, ...], dtype=None) -> tuple[tuple[int, int, 
     if not isinstance(value, np.ndarray) or value.ndim == 0:
         return (0, 0, 0, float(value)), None
     rows = _rows(value, (*shape, 1), dtype)
-    return (_address(rows), rows.strides[0], _DOUBLE.get(rows.dtype, 0), 0.0), rows
+    return (address_of(rows), rows.strides[0], _DOUBLE.get(rows.dtype, 0), 0.0), rows
 
 
 class RayArrays(NamedTuple):

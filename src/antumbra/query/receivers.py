@@ -142,7 +142,7 @@ class Receivers(NamedTuple):
         InputError
             If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
         """
-        origins = settled(_single(_local(_points(points), frame)))[None]
+        origins = settled(_in_frame(_points(points), frame))[None]
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod
@@ -161,7 +161,7 @@ class Receivers(NamedTuple):
             As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
         """
         points = _points(points)
-        _single(_local(points, frame))
+        _in_frame(points, frame)
         unit = _unit_normals(normals, points.shape)
         world = points.astype(np.float64).reshape(1, -1, 3)
         return cls.moved_off(world, unit[None], frame, points.dtype == np.float32)
@@ -206,22 +206,17 @@ def _points(given) -> np.ndarray:
     return points
 
 
-def _local(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """(n, 3) float64 in the scene's frame."""
+def _in_frame(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(n, 3) float32, finite, in the scene's frame."""
     frame = as_array(frame, "frame")
     if frame.shape != (3,):
         raise InputError(f"frame must have shape (3,), not {frame.shape}; Scene.origin is that of a scene")
     with np.errstate(invalid="ignore", over="ignore"):
         local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
-    if not np.isfinite(local).all():
-        raise InputError("points hold NaN or infinity")
-    return local
-
-
-def _single(local: np.ndarray) -> np.ndarray:
-    with np.errstate(over="ignore"):
         single = local.astype(np.float32)
     if not np.isfinite(single).all():
+        if not np.isfinite(local).all():
+            raise InputError("points hold NaN or infinity")
         raise InputError("points lie beyond float32, farther than 3.4e38 from the scene; move them closer")
     return single
 

@@ -204,7 +204,9 @@ def _fraction_kernel(ticket, bits, spp, out):
 def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(...) float32: the share of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
     if bits.size <= _FEW_WORDS:
-        return (1.0 - np.bitwise_count(bits).sum(-1) / spp).astype(np.float32)
+        occluded = np.bitwise_count(bits)
+        occluded = occluded[..., 0] if bits.shape[-1] == 1 else occluded.sum(-1)
+        return (1.0 - occluded / float(spp)).astype(np.float32)
     out = np.empty(bits.shape[:-1], np.float32)
     ticket = new_ticket(out.size, 1 << 16)
     run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))

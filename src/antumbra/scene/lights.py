@@ -21,6 +21,8 @@ MAX_SPP = 1024
 FLAT = np.full(3, -0.0)
 """w of flat patches: for c = 0, c w is -0.0, and x + -0.0 has the bits of x, even for x = -0.0."""
 
+_NO_EXTENT = np.zeros(3)
+
 
 Vector = Sequence[float] | np.ndarray
 """(3,) float."""
@@ -101,8 +103,7 @@ class Light:
         self._check()
 
 
-def _fixed(base, u=(0, 0, 0), v=(0, 0, 0), origin=(0, 0, 0)) -> LightPatch:
-    u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
+def _fixed(base, u=_NO_EXTENT, v=_NO_EXTENT, origin=(0, 0, 0)) -> LightPatch:
     return LightPatch(FIXED, base - np.asarray(origin, np.float64), u, v, FLAT, 0.0)
 
 
