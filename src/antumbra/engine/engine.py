@@ -27,6 +27,7 @@ from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
 from .choosing import accelerator_of
+from .frame_tracer import FrameTracer
 from .in_memory import InMemory
 from .looking import AUTO, METHODS, compiled_for
 from .memory import FrameMemory, points_memory
@@ -256,6 +257,10 @@ class Engine:
         """The queries of `shadows`, without their bits."""
         with self.lock:
             return self._queries(self.source.moment(self._moment(time))[0], receivers, lights, samples, facing)
+
+    def frame_tracer(self) -> FrameTracer:
+        """Traces the rays of one frame. Hold `lock` from its first call to the last."""
+        return FrameTracer(self.source, self.accelerator)
 
     def accelerated(self, time: float = 0.0) -> Accelerated:
         """The triangles and the tree of this plan at a time, whose tree does not depend on the question.

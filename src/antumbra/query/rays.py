@@ -60,7 +60,8 @@ class HitArrays(NamedTuple):
         if not len(face):
             return _HITS.pack(address_of(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
         m = len(face)
-        return _HITS.pack(0, 0, 1, address_of(face), m, 4, address_of(t), m, 8, address_of(u), m, 4, address_of(v), m, 4)
+        pointers = (address_of(face), m, 4, address_of(t), m, 8, address_of(u), m, 4, address_of(v), m, 4)
+        return _HITS.pack(0, 0, 1, *pointers)
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))

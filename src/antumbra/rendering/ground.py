@@ -28,7 +28,7 @@ from ..query.subpixels import block_means, subpixel_rays
 from ..query.surface import PictureSurfaces, seen_by
 from ..scene.lights import DIRECTIONAL, is_bounced
 from .frame import Ground
-from .state import FrameState, TracedLights, accelerate, ask, ask_all, smooths
+from .state import FrameState, TracedLights, ask, ask_all, smooths
 
 _WHITE = np.ones((1, 3), np.float32)
 
@@ -46,9 +46,9 @@ class ShadowCatcher:
 
     def __init__(self, state: FrameState, ambient: np.ndarray):
         assert state.request.ground is not None
-        up, origin = state.source.scene.up, state.triangles.origin
+        up, origin = state.tracer.scene.up, state.tracer.triangles.origin
         self._state, self._ambient, self._up = state, ambient, up
-        self._box = state.source.box(state.triangles)
+        self._box = state.tracer.box()
         self._plane = plane_below(self._box, up, state.request.ground - origin["xyz".index(up)])
         self._chosen = [k for k, light in enumerate(state.request.lights) if not is_bounced(light)]
         self._lights = [state.request.lights[k] for k in self._chosen]
@@ -57,17 +57,17 @@ class ShadowCatcher:
         """The ground where the centres of pixels see no surface."""
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
-        rays = rays_through(state.view, free, state.threads)
+        rays = rays_through(state.tracer.view, free, state.threads)
         found = seen_ground(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
         gbuffer = found.gbuffer
         state.clock.lap("gbuffer")
         queries = self._queries(found, request.samples)
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
-        tree = state.ready if state.kept is None else None  # rays that were traced before left no tree
-        accelerate(state, [*queries, *(q._replace(samples=s) for q, s in zip(queries, finer))], tree)
+        finest = [q._replace(samples=s) for q, s in zip(queries, finer)]
+        state.tracer.prepare_again([*queries, *finest], state.clock.lap)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
-        seen, facing = seen_by(gbuffer, state.view), facing_of(gbuffer, None)
+        seen, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
         light = [visible(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
@@ -85,13 +85,13 @@ class ShadowCatcher:
         state, finer = self._state, self._state.request.finer
         assert finer is not None
         count = int(np.count_nonzero(edge))
-        rays, shape = subpixel_rays(state.view, edge, state.threads)
+        rays, shape = subpixel_rays(state.tracer.view, edge, state.threads)
         free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
         rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
         found = seen_ground(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
         state.clock.lap("gbuffer")
         queries = self._queries(found, finer.edges)
-        accelerate(state, queries, state.ready)
+        state.tracer.prepare_again(queries, state.clock.lap)
         traced = ask_all(state, queries)
         state.clock.lap("trace")
         facing = facing_of(found.gbuffer, None)
@@ -108,8 +108,8 @@ class ShadowCatcher:
         asking = origins[gbuffer.side != NOTHING]
         reach = reach_of(self._box, asking, state.threads) if len(asking) else 1.0
         normals = gbuffer.normal.astype(np.float64)
-        corners = state.triangles.vertices.reshape(-1, 9)
-        patches = [place(light, state.triangles.origin, self._box, reach) for light in self._lights]
+        corners = state.tracer.triangles.vertices.reshape(-1, 9)
+        patches = [place(light, state.tracer.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
                 origins, gbuffer.face, gbuffer.side, normals, corners, patch, samples[k], state.request.facing,

@@ -29,7 +29,7 @@ def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Near
     passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
     assert passes is not None
     radiance = np.zeros((*gbuffer.face.shape, 3))
-    together, shape, n_lights = state.source.together, gbuffer.face.shape, len(passes.lights)
+    together, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
     for some in _batches(range(len(passes.directions)), together(PASS_BYTES * gbuffer.face.size)):
         rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in some]
         met = zip(some, nearest(rays, shape))

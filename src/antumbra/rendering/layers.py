@@ -16,7 +16,7 @@ def layers_of(
     request, ids = state.request, surfaces.ids
     gbuffer, colour = coloured(surfaces)
     arrived, dark = arriving_at(state, surfaces, traced, seen if request.smooth else None), np.zeros(3, np.float32)
-    up = state.source.scene.up
+    up = state.tracer.scene.up
 
     def shaded(lights, arrived, shares, indirect=None) -> np.ndarray:
         return shade(gbuffer, colour, lights, arrived, shares, dark, up, indirect, state.threads)
@@ -25,6 +25,6 @@ def layers_of(
     bounced = None if indirect is None else shaded([], [], [], indirect)
     met = ids >= 0
     albedo = np.where(met[..., None], colour[np.where(met, gbuffer.face, 0)], np.float32(0.0))
-    things = state.source.scene.object_of_face[np.where(met, ids, 0)]
+    things = state.tracer.scene.object_of_face[np.where(met, ids, 0)]
     state.clock.lap("shade")
     return Layers(albedo, alone, bounced, np.where(met, things, np.int32(-1)))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.engine import Engine
-from ..engine.srdh_rays import bounced_queries
+from ..engine.frame_tracer import Methods
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import Visible, as_needed, finer_query, refined, visible
@@ -19,7 +19,6 @@ from ..query.surface import PictureSurfaces, seen_by
 from ..scene.lights import is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
-from ..trace.rays.bounce import Nearest
 from .antialias import antialias
 from .frame import Frame, Ground
 from .ground import ShadowCatcher
@@ -31,7 +30,6 @@ from .state import (
     FrameState,
     KeptRows,
     TracedLights,
-    accelerate,
     arriving_at,
     ask,
     ask_all,
@@ -78,42 +76,28 @@ def _draw(state: FrameState) -> Frame:
         coverage = antialias(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
-    ran, choices, scheduled = _ran(state)
+    tracer = state.tracer
+    methods = tracer.methods() if state.kept is None else Methods(str(tracer.plan), None, None)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
-        scheduled, state.source.paging(), ran, choices, coverage, tuple(light_names(request.lights)),
-        behind(state, surfaces, coverage, ground), layers, ambient, ground,
+        methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,
+        tuple(light_names(request.lights)), behind(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
-
-
-def _ran(state: FrameState) -> tuple[str, list | None, list | None]:
-    """The methods that ran, what the plan `auto` chose, and the statistics of CHC+RT."""
-    if state.kept is not None:
-        return str(state.accelerator.plan), None, None
-    chosen, scheduled = state.ready.chosen, state.ready.scheduled
-    choices = None if chosen is None else chosen.choices
-    return str(state.accelerator.ran(state.ready)), choices, None if scheduled is None else scheduled.statistics
 
 
 def evaluate(state: FrameState) -> None:
     """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
-    by_rays = state.source.gbuffer == "rays" or state.request.camera.listed
-    source = state.source
-    source.begin(frame_memory(state.request))
-    state.accelerator.begin(*rays_of(state.request))
-    state.triangles, state.whole = source.moment(state.request.options.time)
+    request = state.request
+    state.tracer.begin(frame_memory(request), *rays_of(request), request.options.time)
     state.clock.lap("evaluate")
-    if by_rays and state.whole is None:
-        state.whole = state.accelerator.of_all(state.triangles)
+    if state.tracer.build_for_camera(request.camera):
         state.clock.lap("build")
 
 
 def look_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
     """Find the surfaces that the camera sees, and trace their shadow rays, band by band of the picture."""
-    if state.whole is not None:
-        state.whole.begin()
     bands, bits = list[Surfaces](), list[list[np.ndarray]]()
-    for rows in state.source.bands(state.request.camera.height):
+    for rows in state.tracer.bands(state.request.camera.height):
         surfaces = look(state, rows)
         traced = trace(state, surfaces, rows)
         bands.append(surfaces)
@@ -121,35 +105,28 @@ def look_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
     if len(bands) == 1:
         return surfaces, traced
     surfaces = stacked(bands)
-    state.triangles = surfaces.triangles
+    state.tracer.triangles = surfaces.triangles
     queries = queries_of(state, surfaces, state.request.samples)
     return surfaces, TracedLights(queries, [np.concatenate(of_light) for of_light in zip(*bits)])
 
 
 def look(state: FrameState, rows: slice) -> Surfaces:
     """Find the surfaces that the camera sees in some rows."""
-    request = state.request
-    surfaces = state.source.look(request.camera, state.triangles, state.whole, request.progress, rows)
-    state.triangles = surfaces.triangles
-    state.view = state.request.camera.view(surfaces.triangles.origin)
+    surfaces = state.tracer.surfaces(state.request.camera, rows, state.request.progress)
     state.clock.lap("gbuffer")
     return surfaces
 
 
 def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
     """Trace the shadow rays of a band's pixels. The tree also serves the later rays of refined penumbrae."""
-    request, maker, whole = state.request, state.accelerator, state.whole
+    request, tracer = state.request, state.tracer
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
     if state.kept is not None:
         return traced_before(state, queries, [bits[rows] for bits in state.kept.bits])
     finer = [] if request.finer is None else [q._replace(samples=s) for q, s in zip(queries, request.finer.penumbra)]
-    around = bounced_queries(
-        maker.showing, state.triangles, surfaces.gbuffer, request.lights, request.samples, request.facing
-    )
-    state.shown = maker.show(state.triangles, queries, None if whole is None else whole.bvh, around)
-    accelerate(state, [*queries, *finer], whole if maker.one_tree else None)
-    state.source.keep(state.ready)
+    tracer.sample(surfaces.gbuffer, queries, request.lights, request.samples, request.facing)
+    tracer.prepare([*queries, *finer], state.clock.lap)
     traced = ask_all(state, queries)
     state.clock.lap("trace")
     return traced
@@ -157,7 +134,7 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
 
 def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[Visible]]:
     """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
-    seen, facing = seen_by(surfaces.gbuffer, state.view), facing_at(surfaces)
+    seen, facing = seen_by(surfaces.gbuffer, state.tracer.view), facing_at(surfaces)
     found = [visible(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
     return seen, found
@@ -190,7 +167,7 @@ def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarra
 def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
     if state.kept is None:
-        nearest = open_to_all(state)
+        nearest = state.tracer.closest_hits(state.clock.lap)
         indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
         state.clock.lap("trace")
     else:
@@ -200,17 +177,6 @@ def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced:
         indirect = smoothed(seen, indirect, state.threads)
         state.clock.lap("filter")
     return indirect
-
-
-def open_to_all(state: FrameState) -> Nearest:
-    """Prepare all triangles, undoing any culling, for queries at any surface; returns the closest-hit function."""
-    maker = state.accelerator
-    if maker.plan.cull:
-        own = state.whole if maker.one_tree else None
-        state.ready = own or maker.build(state.triangles, None, state.shown)
-    whole = state.ready if maker.one_tree else state.whole or maker.for_camera(state.triangles)
-    state.clock.lap("build")
-    return state.source.nearest_in(whole)
 
 
 def shade(
@@ -233,7 +199,7 @@ def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, gr
     """Write the light of skies, dimmed by shadows on the ground, to the pixels that see no surface."""
     if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
-        shown = sky_behind(skies, state.view, rows, columns)
+        shown = sky_behind(skies, state.tracer.view, rows, columns)
         image[rows, columns] = shown if ground is None else shown * ground.share[rows, columns]
         state.clock.lap("shade")
 
@@ -245,7 +211,7 @@ def behind(
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    shown = backdrop(state.view, coverage, state.source.scene.up)
+    shown = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
     return shown if ground is None else shown * ground.share
 
 
@@ -265,7 +231,7 @@ class Shown(NamedTuple):
 def divide(state: FrameState, edge: np.ndarray, shown: Shown, ambient: np.ndarray, indirect) -> None:
     """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
-    most = state.source.at_once(edge_bytes(len(state.request.lights)))
+    most = state.tracer.at_once(edge_bytes(len(state.request.lights)))
     for first in range(0, len(rows), most):
         some = np.zeros_like(edge)
         some[rows[first : first + most], columns[first : first + most]] = True
@@ -276,12 +242,12 @@ def _divide(state: FrameState, edge: np.ndarray, first: int, shown: Shown, ambie
     """Divide the pixels of `edge`, of which `first` is the number of the first one among all edges."""
     finer = state.request.finer
     assert finer is not None
-    pixels = state.source.subpixels(state.triangles, state.view, edge, state.whole)
+    pixels = state.tracer.subpixels(edge)
     state.clock.lap("gbuffer")
     queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")
     if state.kept is None:
-        accelerate(state, queries, state.ready)
+        state.tracer.prepare_again(queries, state.clock.lap)
         traced = ask_all(state, queries)
     else:
         some = slice(first, first + int(np.count_nonzero(edge)))
@@ -293,7 +259,7 @@ def _divide(state: FrameState, edge: np.ndarray, first: int, shown: Shown, ambie
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
-    behind = sky_behind(_seen_skies(state), state.view, *np.nonzero(edge))
+    behind = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
     if shown.catcher is not None and shown.ground is not None:
         shown.ground.share[edge] = dimmed = shown.catcher.between(edge, pixels)
         behind = behind * dimmed

@@ -6,7 +6,6 @@ existed. docs/design/shards.md compares this with bands that hold finished pixel
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated
 from ..engine.engine import Engine
 from ..image.fraction import as_needed, finer_query
 from ..query.picture import Surfaces
@@ -14,11 +13,10 @@ from ..query.receivers import NOTHING
 from ..query.refine import edges
 from ..query.subpixels import blocks_of, picture_of
 from ..query.surface import seen_by
-from ..trace.rays.bounce import Nearest
 from .indirect import indirect_light
-from .passes import evaluate, look, open_to_all, trace
+from .passes import evaluate, look, trace
 from .request import Request
-from .state import FrameState, KeptRows, TracedLights, accelerate, ask, ask_all, edge_colours, queries_of
+from .state import FrameState, KeptRows, TracedLights, ask, ask_all, edge_colours, queries_of
 
 BAND = 32
 """Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
@@ -50,7 +48,6 @@ class Rows:
         evaluate(self._state)
         self._seen: Surfaces | None = None  # by the whole picture
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
-        self._open: tuple[Nearest, Accelerated] | None = None  # for rays that bounce
 
     def band(self, first: int, last: int) -> dict[str, np.ndarray]:
         """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
@@ -71,29 +68,21 @@ class Rows:
 
     def _look(self, rows: slice) -> Surfaces:
         state = self._state
-        if state.source.in_store:
+        if state.tracer.in_store:
             return look(state, rows)
         if self._seen is None:
             self._seen = look(state, slice(0, state.request.camera.height))
         return _rows(self._seen, rows)
 
     def _trace(self, surfaces: Surfaces) -> TracedLights:
-        state, maker = self._state, self._state.accelerator
-        if state.whole is not None:
-            if maker.outgrown(state.whole):
-                state.whole = None
-            else:
-                state.whole.begin()
-        traced = trace(state, surfaces, slice(0))
-        if maker.one_tree and not maker.plan.cull:
-            state.whole = state.ready
-        return traced
+        self._state.tracer.reuse_tree()
+        return trace(self._state, surfaces, slice(0))
 
     def _finer(self, surfaces: Surfaces, traced: TracedLights, own: slice) -> dict[str, np.ndarray]:
         """The bits of finer samples in penumbrae."""
         state, made = self._state, {}
         assert state.request.finer is not None
-        seen = seen_by(surfaces.gbuffer, state.view)
+        seen = seen_by(surfaces.gbuffer, state.tracer.view)
         for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
             finer = finer_query(seen, query, bits, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
@@ -117,7 +106,7 @@ class Rows:
         )
         queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
         queries = [as_needed(query) for query in queries]
-        accelerate(state, queries, state.ready)
+        state.tracer.prepare_again(queries, state.clock.lap)
         return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(ask_all(state, queries).bits)}
 
     def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
@@ -126,23 +115,19 @@ class Rows:
         rows = slice(near.start + own.start, near.start + own.stop)
         if self._seen is None:
             edge = np.zeros(shape, np.bool_)
-            edge[rows] = edges(seen_by(surfaces.gbuffer, state.view), edge_colours(state), state.threads)[own]
+            edge[rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[own]
             count = np.count_nonzero(edge)
-            return (
-                state.source.subpixels(state.triangles, state.view, edge, state.whole) if count else surfaces
-            ), range(count)
+            return state.tracer.subpixels(edge) if count else surfaces, range(count)
         if self._edges is None:
-            edge = edges(seen_by(self._seen.gbuffer, state.view), edge_colours(state), state.threads)
-            self._edges = edge, state.source.subpixels(state.triangles, state.view, edge, state.whole)
+            edge = edges(seen_by(self._seen.gbuffer, state.tracer.view), edge_colours(state), state.threads)
+            self._edges = edge, state.tracer.subpixels(edge)
         edge, pixels = self._edges
         before = np.count_nonzero(edge[: rows.start])
         return pixels, range(before, before + np.count_nonzero(edge[rows]))
 
     def _indirect(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
         state = self._state
-        if self._open is None:
-            self._open = open_to_all(state), state.ready
-        nearest, state.ready = self._open
+        nearest = state.tracer.closest_hits(state.clock.lap)
         return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)
 
 

@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated
 from ..engine.engine import Engine
-from ..engine.srdh_rays import Shown
 from ..image.albedo import albedo, eye_of
 from ..image.corners import places_of
 from ..image.normals import shading_normals
@@ -16,11 +14,8 @@ from ..image.terminator import Facing, facing_of
 from ..query.gbuffer import GBuffer
 from ..query.picture import Surfaces, surface_queries
 from ..query.shadow import ShadowQuery, ray_count
-from ..scene.camera import CameraRays
 from ..scene.lights import Light
-from ..scene.listed_rays import ListedRays
 from ..scene.sky import Sky
-from ..scene.triangles import Triangles
 from ..trace.counters import new_counters
 from .frame import Clock
 from .request import Request
@@ -45,9 +40,8 @@ class KeptRows(NamedTuple):
 class FrameState:
     """The state of one frame during rendering.
 
-    source : RenderSource
-        That of the engine, like the next.
-    accelerator : Accelerator
+    tracer : FrameTracer
+        Of the engine.
     request : Request
     clock : Clock
         Each pass adds its seconds.
@@ -55,47 +49,20 @@ class FrameState:
         Counters, if requested.
     rays : int
         Shadow rays traced so far.
-    triangles : Triangles
-        All triangles of the scene; for a store only the visible ones.
-    view : CameraRays or ListedRays
-        The camera's rays, in the frame of the triangles.
-    whole : Accelerated or None
-        A tree of all triangles, if there is one; it may serve camera rays only.
-    shown : Shown or None
-        The rays that the builder is shown for this frame; None if it takes none.
-    ready : Accelerated
-        Answers the shadow queries last passed to `accelerate`.
     kept : KeptRows or None
         What the rays found, if all of them were traced before.
     """
 
-    triangles: Triangles
-    view: CameraRays | ListedRays
-    ready: Accelerated
-
     def __init__(self, engine: Engine, request: Request, kept: KeptRows | None = None):
-        self.source, self.accelerator, self.request = engine.source, engine.accelerator, request
+        self.tracer, self.request = engine.frame_tracer(), request
         self.clock, self.threads, self.rays = Clock(), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
-        self.whole: Accelerated | None = None
-        self.shown: Shown | None = None
         self.kept = kept
 
 
 def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
     """One query per light at these surfaces, with the given samples of each light."""
     return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
-
-
-def accelerate(state: FrameState, queries, ready: Accelerated | None) -> None:
-    """Cull and build for these queries. `ready`: an existing tree, used if the plan culls nothing; None: build."""
-    culled = state.accelerator.culled(state.triangles, queries)
-    if culled is not None:
-        state.clock.lap("cull")
-    if culled is not None or ready is None:
-        ready = state.accelerator.build(state.triangles, culled, state.shown)
-    state.ready = ready
-    state.clock.lap("build")
 
 
 def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
@@ -105,8 +72,7 @@ def ask(state: FrameState, query: ShadowQuery) -> np.ndarray:
 
 def ask_all(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
     """Trace several queries of pictures of the same shape."""
-    answer = state.accelerator.answer_all
-    return traced_before(state, queries, answer(state.ready, queries, state.tally, state.request.progress))
+    return traced_before(state, queries, state.tracer.trace(queries, state.tally, state.request.progress))
 
 
 def traced_before(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> TracedLights:
@@ -142,7 +108,7 @@ def facing_at(surfaces: Surfaces) -> Facing:
 
 def shaded(state: FrameState, surfaces: Surfaces, arrived, shares_of, ambient, indirect=None) -> np.ndarray:
     """The shaded image of these surfaces, (H, W, 3) float32."""
-    up, lights = state.source.scene.up, state.request.lights
+    up, lights = state.tracer.scene.up, state.request.lights
     return shade(*coloured(surfaces), lights, arrived, shares_of, ambient, up, indirect, state.threads)
 
 
@@ -165,12 +131,12 @@ def dressed(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
 
     parts : sub-pixels along a side of a pixel
     """
-    appearance, request = state.source.scene.appearance, state.request
+    appearance, request = state.tracer.scene.appearance, state.request
     if appearance is None:
         return surfaces
     places = places_of(surfaces)
     if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
-        eye = eye_of(state.view, parts)
+        eye = eye_of(state.tracer.view, parts)
         surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
     if request.options.smooth_normals and appearance.normals is not None:
         surfaces = surfaces._replace(shading=shading_normals(places, appearance, state.threads))
@@ -187,10 +153,10 @@ def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient
 
 def edge_colours(state: FrameState) -> np.ndarray:
     """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
-    colour, appearance = state.triangles.colour, state.source.scene.appearance
+    colour, appearance = state.tracer.triangles.colour, state.tracer.scene.appearance
     if appearance is None or not state.request.options.textures:
         return colour
     factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
-    own = appearance.material_of_face[state.triangles.face_id]
-    varied = appearance.textured[state.triangles.face_id] | (appearance.colours is not None)
+    own = appearance.material_of_face[state.tracer.triangles.face_id]
+    varied = appearance.textured[state.tracer.triangles.face_id] | (appearance.colours is not None)
     return np.where((varied & (own >= 0))[:, None], factors[own], colour)

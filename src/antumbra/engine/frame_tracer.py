@@ -1,0 +1,187 @@
+"""The rays of one frame: surfaces, the tree for their shadow rays, and the bits, in the order that a picture needs."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..auto.choose import Choice
+from ..plan import Plan
+from ..query.gbuffer import GBuffer
+from ..query.picture import Surfaces
+from ..query.shadow import ShadowQuery
+from ..scene.camera import Camera, CameraRays
+from ..scene.data import SceneData
+from ..scene.lights import Light
+from ..scene.listed_rays import ListedRays
+from ..scene.triangles import Triangles
+from ..trace.rays.bounce import Nearest
+from .accelerate import Accelerated, Accelerator
+from .memory import FrameMemory
+from .source import Progress, RenderSource
+from .srdh_rays import Shown, bounced_queries
+
+
+class Methods(NamedTuple):
+    """The methods of a frame."""
+
+    plan: str
+    choices: list[Choice] | None  # of the plan `auto`, one per query
+    statistics: list[dict] | None  # of CHC+RT: cost of each query, see `chcrt.schedule.Statistics`
+
+
+class FrameTracer:
+    """Finds the surfaces of a frame and traces its shadow rays; `Engine.frame_tracer` makes it.
+
+    Call `begin` first, then for each of the `bands` `surfaces`, `prepare` and `trace`.
+
+    triangles : Triangles
+        All triangles of the scene; of a store only the visible ones.
+    view : CameraRays or ListedRays
+        The camera's rays, in the frame of the triangles.
+    """
+
+    triangles: Triangles
+    view: CameraRays | ListedRays
+
+    def __init__(self, source: RenderSource, accelerator: Accelerator):
+        self._source, self._accelerator = source, accelerator
+        self._whole: Accelerated | None = None  # a tree of all triangles; it may serve camera rays only
+        self._ready: Accelerated | None = None  # answers the queries that were prepared last
+        self._shown: Shown | None = None  # sample rays for the builder
+        self._open: tuple[Nearest, Accelerated] | None = None  # for bounced rays
+
+    @property
+    def plan(self) -> Plan:
+        return self._accelerator.plan
+
+    @property
+    def scene(self) -> SceneData:
+        return self._source.scene
+
+    @property
+    def in_store(self) -> bool:
+        """Whether triangles are read in chunks, so that each band of a picture has triangles of its own."""
+        return self._source.in_store
+
+    def begin(self, memory: FrameMemory, rays: int, later: int, time: float) -> None:
+        """Begin a frame at a time in seconds.
+
+        rays : about so many rays follow
+        later : about so many follow in other frames, in the same tree
+
+        Raises
+        ------
+        InputError
+            If memory is too small for the frame.
+        """
+        self._source.begin(memory)
+        self._accelerator.begin(rays, later)
+        self.triangles, self._whole = self._source.moment(time)
+
+    def build_for_camera(self, camera: Camera) -> bool:
+        """Build a tree of all triangles if the camera's rays need one; whether one was built."""
+        needed = self._whole is None and (self._source.gbuffer == "rays" or camera.listed)
+        if needed:
+            self._whole = self._accelerator.of_all(self.triangles)
+        return needed
+
+    def bands(self, height: int) -> Iterator[slice]:
+        """The rows of a picture, band by band. Trace the shadow rays of each before the next."""
+        if self._whole is not None:
+            self._whole.begin()
+        return self._source.bands(height)
+
+    def surfaces(self, camera: Camera, rows: slice, progress: Progress | None = None) -> Surfaces:
+        """The surfaces that some rows of the camera see."""
+        surfaces = self._source.look(camera, self.triangles, self._whole, progress, rows)
+        self.triangles, self.view = surfaces.triangles, camera.view(surfaces.triangles.origin)
+        return surfaces
+
+    def subpixels(self, edge: np.ndarray) -> Surfaces:
+        """The surfaces of the sub-pixels of selected pixels, see `query.subpixels`; edge : (H, W) bool."""
+        return self._source.subpixels(self.triangles, self.view, edge, self._whole)
+
+    def sample(
+        self, gbuffer: GBuffer, queries: Sequence[ShadowQuery], lights: Sequence[Light],
+        samples: Sequence[np.ndarray], facing: int,
+    ) -> None:  # fmt: skip
+        """Take the sample rays of a ray-guided builder from a picture's queries; a no-op for other builders."""
+        make, whole = self._accelerator, self._whole
+        bounce = bounced_queries(make.showing, self.triangles, gbuffer, lights, samples, facing)
+        self._shown = make.show(self.triangles, queries, None if whole is None else whole.bvh, bounce)
+
+    def prepare(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
+        """Cull for the first queries of a frame or band, and build their tree unless an earlier frame kept it.
+
+        lap : called with the name of each finished step, "cull" or "build"
+        """
+        self._prepare(queries, self._whole if self._accelerator.one_tree else None, lap)
+        self._source.keep(self._ready)
+
+    def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
+        """Cull for further queries; if nothing is culled, the last tree serves."""
+        self._prepare(queries, self._ready, lap)
+
+    def _prepare(self, queries, ready: Accelerated | None, lap: Callable[[str], None]) -> None:
+        culled = self._accelerator.culled(self.triangles, queries)
+        if culled is not None:
+            lap("cull")
+        if culled is not None or ready is None:
+            ready = self._accelerator.build(self.triangles, culled, self._shown)
+        self._ready = ready
+        lap("build")
+
+    def trace(
+        self, queries: Sequence[ShadowQuery], tally: np.ndarray | None, progress: Progress | None
+    ) -> list[np.ndarray]:
+        """The bits of each query, (h, w, ceil(n / 64)) uint64; all have receivers of the same shape."""
+        assert self._ready is not None
+        return self._accelerator.answer_all(self._ready, queries, tally, progress)
+
+    def reuse_tree(self) -> None:
+        """Trace the next band of the same picture in this band's tree, if the plan allows it."""
+        make = self._accelerator
+        if self._ready is not None and make.one_tree and not make.plan.cull:
+            self._whole = None if make.outgrown(self._ready) else self._ready
+        if self._whole is not None:
+            self._whole.begin()
+
+    def closest_hits(self, lap: Callable[[str], None]) -> Nearest:
+        """A closest-hit function over all triangles. Later queries are traced in a tree of all of them, too."""
+        if self._open is None:
+            make = self._accelerator
+            if make.plan.cull:
+                own = self._whole if make.one_tree else None
+                self._ready = own or make.build(self.triangles, None, self._shown)
+            whole = self._ready if make.one_tree else self._whole or make.for_camera(self.triangles)
+            assert whole is not None and self._ready is not None
+            lap("build")
+            self._open = self._source.nearest_in(whole), self._ready
+        nearest, self._ready = self._open
+        return nearest
+
+    def methods(self) -> Methods:
+        """The methods that ran."""
+        assert self._ready is not None
+        chosen, scheduled = self._ready.chosen, self._ready.scheduled
+        return Methods(
+            str(self._accelerator.ran(self._ready)), None if chosen is None else chosen.choices,
+            None if scheduled is None else scheduled.statistics,
+        )  # fmt: skip
+
+    def paging(self) -> dict[str, int] | None:
+        """Counts of chunks read and evicted since `begin`; None if the scene is in memory."""
+        return self._source.paging()
+
+    def box(self) -> np.ndarray:
+        """(2, 3) float32: bounds of the scene, in the frame of the triangles."""
+        return self._source.box(self.triangles)
+
+    def at_once(self, size: int) -> int:
+        """How many things of `size` bytes each may be in memory at once."""
+        return self._source.at_once(size)
+
+    def passes_at_once(self, size: int) -> int:
+        """How many passes of bounced rays, or pictures that they meet, to trace together; `size`: bytes of each."""
+        return self._source.together(size)
