@@ -77,7 +77,7 @@ def test_arrays_of_libraries_are_views():
 
 
 def test_tensors_of_open3d():
-    core = pytest.importorskip("open3d.core")
+    core = pytest.importorskip("open3d.core", exc_type=ImportError)
     array = np.random.default_rng(0).uniform(-1, 1, (50, 3)).astype(np.float32)
     tensor = core.Tensor(array)
     found = checks.as_array(tensor, "points")

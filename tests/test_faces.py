@@ -33,7 +33,7 @@ PLUMBING = {
     "from_rows", "rows", "see",  # of a Renderer, for commands and workers: they take what its other methods made
     "of_scene", "surfaces",  # of a Hit
     "of_data",  # of a scene
-    "shadows", "queries", "accelerated",  # of an Engine, for jobs
+    "shadows", "queries", "accelerated", "frame_tracer",  # of an Engine, for jobs and pictures
     "of", "moved_off", "seeing_all_around", "take",  # of Receivers, for jobs
     "reshaped",  # of a Visibility
     "middles", "places",  # of a Raster, for sensors

@@ -95,7 +95,8 @@ def test_dynamic(run, moving, hidden):
 
 @pytest.mark.parametrize("module, family", [("mitsuba", "Mitsuba"), ("open3d", "Open3D")])
 def test_soft_shadows_beside_others(run, small, module, family):
-    pytest.importorskip(module, reason=f"no comparison with {family}, as it is not installed: pip install {module}")
+    reason = f"no comparison with {family}, as it is not installed: pip install {module}"
+    pytest.importorskip(module, reason=reason, exc_type=ImportError)
     hidden = ",".join({"embreex", "mitsuba", "open3d"} - {module})
     done = run("soft_shadows", small, *SMALL, "--lights", "large", "--plans", *PLANS, without=hidden)
     assert {row["family"] for row in done.rows} == {"antumbra", family}
