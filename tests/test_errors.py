@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.errors import one_line
-from scene.gltf_files import single
+from gltf_files import single
 
 
 def test_a_message_is_one_line():

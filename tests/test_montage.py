@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "montage.py"
 

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 import antumbra as at
+import city_files
 from antumbra.kernels import progress
 from antumbra.kernels.progress import shown
-from scene import city_files
 
 CALLS = {
     "area_sensors": "at.area_sensors(scene, [[(-1, -1), (1, -1), (1, 1)]])",

@@ -16,7 +16,7 @@ import antumbra as at
 from antumbra.cli.app import app
 from antumbra.jobs.bake.measure import QUANTITIES
 from antumbra.scene.view import KINDS
-from jobs.bake.baked_files import Glb
+from baked_files import Glb
 from turned import FIRST, SHARP, SOFT, TURNS, UPRIGHT, Turned, camera_in, corners, lights_in, scene_in
 
 EYES = np.array([[3.0, 1.5, 2.5], [-3.5, 1.0, -2.5], [0.0, 4.0, 0.0]])

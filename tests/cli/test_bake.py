@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from jobs.bake.baked_files import Glb, box, grid, scene_file
+from baked_files import Glb, box, grid, scene_file
 
 
 @pytest.fixture

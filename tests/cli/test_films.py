@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from antumbra.image import save
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 
 @pytest.fixture

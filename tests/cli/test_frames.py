@@ -13,7 +13,7 @@ from antumbra.cli.arguments import Sequence, parse_frames
 from antumbra.cli.progress import ProgressDisplay
 from antumbra.image.save import note_of
 from antumbra.rendering.renderer import Renderer
-from scene.gltf_files import Gltf
+from gltf_files import Gltf
 
 FLOOR = [[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]]
 BLOCKER = [[-0.5, 1, -0.5], [0.5, 1, -0.5], [0.5, 1, 0.5], [-0.5, 1, 0.5]]

@@ -3,8 +3,8 @@ import pytest
 
 import antumbra as at
 from antumbra.cli import info as command
-from scene.city_files import building, city, put, solid, surfaces
-from scene.gltf_files import single
+from city_files import building, city, put, solid, surfaces
+from gltf_files import single
 
 
 def test_a_procedural_scene(cli):

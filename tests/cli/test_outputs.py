@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, get_type_hints
 import pytest
 
 import antumbra as at
+import city_files
 from antumbra.cli import bench, outputs
 from antumbra.cli.app import app
 from antumbra.jobs import formats
 from antumbra.plugins import announced
-from scene import city_files
 from small_disk import fill, small_disk
 
 READ = {"areas", "epw", "observers", "targets", "merge", "folders", "store", "sponza"}

@@ -8,7 +8,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.cli.progress import ProgressDisplay
-from scene.gltf_files import png
+from gltf_files import png
 
 
 def pixels(path):

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from scene import city_files
+import city_files
 
 SCENE = "procedural:city?triangles=3000"
 HERE = "--latitude", 52, "--longitude", 4.36, "--timezone", "Europe/Amsterdam"

@@ -94,7 +94,7 @@ def test_what_is_no_closed_box_is_not_opened():
 
 
 def test_a_moving_part_that_leaves_its_box_is_shown_from_outside(tmp_path):
-    from scene.gltf_files import Gltf
+    from gltf_files import Gltf
 
     made = Gltf()
     made.node(mesh=made.mesh(made.primitive(block((-2, -2, -2), (2, 2, 2)).reshape(-1, 3).astype(np.float32))))

@@ -15,7 +15,7 @@ from antumbra.query.picture import surface_queries, surfaces_of
 from antumbra.query.sampling import light_samples
 from antumbra.query.shadow import new_bits
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
-from scene.gltf_files import Gltf, png
+from gltf_files import Gltf, png
 
 CAMERA = at.Camera((0, 0, 4), (0, 0, 0), vfov=30, width=48, height=48)
 QUAD = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float64)

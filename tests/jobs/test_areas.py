@@ -9,7 +9,7 @@ import rasterio
 
 import antumbra as at
 from antumbra.jobs.areas import read_areas
-from scene.city_files import CUBE, CUBE_FACES, building, city, put, solid
+from city_files import CUBE, CUBE_FACES, building, city, put, solid
 
 FACES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])
 CORNER = np.array([85000.0, 447000.0, 0.0])

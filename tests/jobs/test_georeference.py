@@ -16,7 +16,7 @@ import antumbra as at
 from antumbra.cli.app import app
 from antumbra.jobs.sight.lines import sight_model, sight_table
 from antumbra.jobs.sight.readpairs import PairList
-from scene.city_files import CUBE, building, city, put, solid
+from city_files import CUBE, building, city, put, solid
 
 CRS = "EPSG:7415"
 CORNER = np.array([85000.0, 447000.0, 0.0])

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.inside import below_roofs, covered_by_solids, inside
-from scene.city_files import CUBE, CUBE_FACES
+from city_files import CUBE, CUBE_FACES
 
 FACES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])
 FLOOR = 2  # triangles at the beginning of `FACES`

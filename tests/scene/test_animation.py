@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
 
 TIMES = [0.5, 1.0, 3.0, 3.25]
 PROBES = [0.0, 0.5, 0.6, 0.999, 1.0, 2.0, 2.9, 3.0, 3.1, 3.25]

@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.scene.appearance import in_frames
 from antumbra.scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, REPEAT, Texture
 from antumbra.scene.meancolour import texture_means
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, png
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, png
 from scenes import scene_path
 
 UV = np.array([[0.1, 0.2], [0.4, 0.2], [0.1, 0.4]], np.float32)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from antumbra.engine.scene import Scene
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 GRID = 2.0**-20
 

@@ -8,7 +8,7 @@ import pytest
 from antumbra.engine import opening as module
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import single
+from gltf_files import single
 
 
 def message_of(path) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, everything, single
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, everything, single
 
 
 def message_of(path) -> str:

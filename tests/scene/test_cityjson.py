@@ -8,7 +8,7 @@ import pytest
 
 import antumbra as at
 from antumbra.scene.cityjson.colours import colours_of
-from scene.city_files import (
+from city_files import (
     CUBE,
     CUBE_FACES,
     TRANSLATION,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from scene.city_files import building, city, everything, polygons, put, sequence, solid, surfaces
+from city_files import building, city, everything, polygons, put, sequence, solid, surfaces
 
 SEMANTICS = {
     "surfaces": [{"type": "GroundSurface"}, {"type": "RoofSurface", "slope": 3}, {"type": "WallSurface", "parent": 1}],

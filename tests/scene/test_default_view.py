@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.engine.loading import load
 from antumbra.scene.sampled import looks_z_up
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 
 def block(lower, upper, inward=False):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from scene.gltf_files import Gltf, png
+from gltf_files import Gltf, png
 
 EXTENSION = "KHR_draco_mesh_compression"
 

@@ -10,7 +10,7 @@ from PIL import Image
 import antumbra as at
 from antumbra import InputError
 from antumbra.scene.colour import srgb_to_linear
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 CORNERS = TETRAHEDRON[TETRAHEDRON_FACES]
 BYTES = np.random.default_rng(5).integers(0, 256, (4, 4)).astype(np.uint8)

@@ -8,7 +8,7 @@ import pytest
 
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 SHIFTS = np.array([[0, 0, 0], [4, 0, 0], [4, 8, 0]], np.float32)
 FRAMES = TETRAHEDRON[None] + SHIFTS[:, None]

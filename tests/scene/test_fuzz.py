@@ -14,11 +14,11 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
+import city_files
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
 from antumbra.scene.gltf.document import split_glb
-from scene import city_files
-from scene.gltf_files import TETRAHEDRON_FACES, Gltf, everything
+from gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from scenes import scene_path

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from antumbra.engine.loading import load
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
 
 
 def linear(srgb):

@@ -7,7 +7,7 @@ import pytest
 
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, single, trs
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, single, trs
 
 Q = np.array([0.2, -0.4, 0.1, 0.8]) / np.linalg.norm([0.2, -0.4, 0.1, 0.8])
 

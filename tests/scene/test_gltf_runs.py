@@ -7,7 +7,7 @@ from antumbra.engine.loading import load
 from antumbra.errors import InputError
 from antumbra.scene.gltf import runs
 from antumbra.scene.gltf.runs import MOST
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png
 
 
 def mixed(n=40, nodes=5, seed=0):

@@ -8,7 +8,7 @@ import pytest
 
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
 from scene.test_gltf_colours import linear
 
 SOLID = TETRAHEDRON[TETRAHEDRON_FACES]

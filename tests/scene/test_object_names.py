@@ -10,8 +10,8 @@ import trimesh
 import antumbra as at
 from antumbra.jobs.sight.lines import sight_table
 from antumbra.jobs.sight.readpairs import PairList
-from scene.city_files import CUBE, CUBE_FACES, building, city, polygons, put, solid
-from scene.gltf_files import Gltf
+from city_files import CUBE, CUBE_FACES, building, city, polygons, put, solid
+from gltf_files import Gltf
 
 PLACES = {"left": (0, 0, 0), "middle": (4, 0, 0), "right": (8, 0, 0)}
 TRIANGLES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])

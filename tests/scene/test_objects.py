@@ -8,7 +8,7 @@ from antumbra.engine.loading import load
 from antumbra.engine.scene import Scene, procedural
 from antumbra.scene.gltf import read
 from antumbra.scene.mesh import ObjectInfo
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
 from scenes import scene_path
 
 

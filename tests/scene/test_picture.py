@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from antumbra.scene.picture import decoded
-from scene.gltf_files import png
+from gltf_files import png
 
 
 def test_threads_leave_the_filters_of_warnings_alone():

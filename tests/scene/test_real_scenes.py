@@ -14,7 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from antumbra.engine.loading import load
-from scene.gltf_files import assert_at, moved, trs, world
+from gltf_files import assert_at, moved, trs, world
 from scene.test_animation import hermite, linear, step
 from scenes import scene_folder, scene_path
 

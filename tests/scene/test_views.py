@@ -6,7 +6,7 @@ import pytest
 from antumbra.engine.loading import load
 from antumbra.errors import InputError
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs
 
 Q = np.array([0.1, 0.7, -0.2, 0.4]) / np.linalg.norm([0.1, 0.7, -0.2, 0.4])
 

@@ -19,7 +19,7 @@ import oracle
 from antumbra.plan import covering_plans
 from antumbra.query.shadow import segments
 from asking import answer, query_of
-from scene.gltf_files import Gltf
+from gltf_files import Gltf
 
 WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 NEAREST, LINEAR = 9728, 9729

@@ -12,7 +12,7 @@ import pytest
 
 import antumbra as at
 from antumbra.viewer.guard import LOG, Guard, guarding, is_loopback, name_of, one_line
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 viser = pytest.importorskip("viser", reason="no viser: the guard of the viewer is NOT tested")
 websockets = pytest.importorskip("websockets")

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.viewer.lamps import FAR, handle, moved, outline, sun_angles, sun_at
 from antumbra.viewer.stage import Stage
-from viewer.pages import box_on_floor
+from pages import box_on_floor
 
 STAGE = Stage.of(box_on_floor())
 LIGHTS = [

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.viewer.model import Model
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 LAMP = at.PointLight((0, 5, 0)).named("lamp")
 

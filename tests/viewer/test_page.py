@@ -10,7 +10,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.viewer.page import checked_port
-from viewer.pages import CAMERA, SUN, box_on_floor, headless
+from pages import CAMERA, SUN, box_on_floor, headless
 
 WAIT = 60.0  # seconds, at most
 

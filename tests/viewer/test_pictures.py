@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.viewer.model import SEEN, STEPS, Model
 from antumbra.viewer.pictures import MOST_PIXELS, STEPS_OF_PICTURES, Step, at_quality, shrunk, steps_of, traced
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 FINE, SIZE = Step(1, 4), (80, 80)
 

@@ -8,7 +8,7 @@ from antumbra.viewer.controls import described
 from antumbra.viewer.marks import sight_lines
 from antumbra.viewer.model import Model
 from antumbra.viewer.probe import probe
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 DOWN = np.array([0.0, -1.0, 0.0])
 

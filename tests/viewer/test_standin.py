@@ -12,7 +12,7 @@ from antumbra.viewer.glb import before_aces, glb_of
 from antumbra.viewer.model import Model
 from antumbra.viewer.pictures import Step, traced
 from antumbra.viewer.standin import colours_of, light_of, pieces_of
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 
 def area(corners):

@@ -11,7 +11,7 @@ from antumbra.viewer.model import Model
 from antumbra.viewer.pictures import STEPS_OF_PICTURES
 from antumbra.viewer.viewing import Viewing, pose_of
 from antumbra.viewer.worker import Worker
-from viewer.pages import CAMERA, SUN, box_on_floor
+from pages import CAMERA, SUN, box_on_floor
 
 
 class Browser:

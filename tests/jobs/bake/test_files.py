@@ -7,8 +7,8 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.bake.asset import open_asset
-from jobs.bake.baked_files import Glb, box, grid, primitive, scene_file
-from scene.gltf_files import Gltf, png
+from baked_files import Glb, box, grid, primitive, scene_file
+from gltf_files import Gltf, png
 
 
 @pytest.fixture

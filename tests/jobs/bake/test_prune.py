@@ -8,8 +8,8 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.bake.prune import pruned, used_in
-from jobs.bake.baked_files import KIND, WIDTH, Glb, box, grid, primitive
-from scene.gltf_files import Gltf, everything, png
+from baked_files import KIND, WIDTH, Glb, box, grid, primitive
+from gltf_files import Gltf, everything, png
 from scene.test_draco import EXTENSION, textured
 
 BAKES = [{}, {"texture": 32}, {"what": "light", "texture": 32}, {"texture": 32, "uv": 0}]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from jobs.bake.baked_files import Glb, grid, primitive, scene_file
-from scene import city_files
-from scene.gltf_files import Gltf, png
+import city_files
+from baked_files import Glb, grid, primitive, scene_file
+from gltf_files import Gltf, png
 
 FLAT = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float), [[0, 1, 2], [0, 2, 3]]
 NOON = at.DirectionalLight((0, 0, -1), 0.0)

@@ -14,8 +14,8 @@ from antumbra.jobs.bake.measure import Asked, Meter
 from antumbra.jobs.bake.parts import Part, accessors_of, read_parts
 from antumbra.jobs.bake.texels import cover
 from antumbra.jobs.engines import Whole
-from jobs.bake.baked_files import Glb, box, grid, primitive, scene_file
-from scene.gltf_files import Gltf, png
+from baked_files import Glb, box, grid, primitive, scene_file
+from gltf_files import Gltf, png
 
 pytest.importorskip("xatlas")
 

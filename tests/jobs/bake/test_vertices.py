@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from jobs.bake.baked_files import Glb, box, grid, primitive, scene_file
-from scene.gltf_files import Gltf
+from baked_files import Glb, box, grid, primitive, scene_file
+from gltf_files import Gltf
 
 FAR = 1e4
 

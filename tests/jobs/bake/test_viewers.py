@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from jobs.bake.baked_files import Glb, box, grid, scene_file
+from baked_files import Glb, box, grid, scene_file
 from scenes import scene_path
 
 HERE = Path(__file__).parent

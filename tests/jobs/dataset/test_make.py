@@ -16,8 +16,8 @@ import antumbra as at
 from antumbra.jobs.dataset import make
 from antumbra.jobs.dataset.sheet import contact_sheet
 from antumbra.rendering.keywords import deciding
+from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 from killed import run, run_killed
-from scene.gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 
 SCENE = at.procedural("atrium", triangles=2000)
 LIGHTS = [at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2)), at.DirectionalLight((0.3, -1, 0.2)), at.AmbientOcclusion()]

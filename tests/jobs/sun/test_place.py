@@ -8,7 +8,7 @@ import pytest
 
 import antumbra as at
 from antumbra.jobs.sun.place import Place, checked_place, place_of_crs
-from scene.city_files import city, put
+from city_files import city, put
 
 
 def box(x, y, z=0.0, half=50.0):

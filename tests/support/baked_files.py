@@ -7,7 +7,7 @@ import struct
 import numpy as np
 from PIL import Image
 
-from scene.gltf_files import Gltf
+from gltf_files import Gltf
 
 KIND = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}

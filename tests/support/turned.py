@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
-from jobs.bake.baked_files import box, grid
+from baked_files import box, grid
 
 
 class Turned(NamedTuple):

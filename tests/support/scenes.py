@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-_BESIDE = Path(__file__).resolve().parents[2] / "shared" / "scenes"
+_BESIDE = Path(__file__).resolve().parents[3] / "shared" / "scenes"
 
 
 def scene_folder() -> Path | None:
