@@ -37,7 +37,7 @@ from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write
 from antumbra.papers.peers.ray_sets import ray_set
 from antumbra.query.gbuffer import from_hits
-from antumbra.query.raster import rasterise
+from antumbra.query.rasteriser import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.scene.procedural import PROCEDURAL
 from common import SCENES, arguments, has_embree, installed, machine

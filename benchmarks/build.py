@@ -27,8 +27,8 @@ from antumbra.bvh.quality import statistics as shape_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.methods import BUILDERS, TRACERS
 from antumbra.papers.peers.embree import QUALITIES, Device, EmbreeScene
-from antumbra.query.picture import shadow_queries
-from antumbra.query.sampling import light_samples
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import shadow_queries
 from antumbra.rendering.renderer import Renderer
 from common import SCENES, arguments, has_embree, machine
 

@@ -31,7 +31,7 @@ from antumbra.image.shade import ambient_light, shade
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.contest import CLOCKS, OURS
 from antumbra.plan import DEFAULT_PLAN
-from antumbra.query.shadow import fraction_lit
+from antumbra.query.shadow_query import fraction_lit
 from antumbra.rendering.frame import PHASES
 from antumbra.rendering.renderer import Renderer
 from common import has_embree

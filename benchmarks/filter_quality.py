@@ -26,8 +26,8 @@ from PIL import Image
 import antumbra as at
 from antumbra.image import filter
 from antumbra.image.tonemap import automatic_exposure, to_srgb8
-from antumbra.query.refine import edges
-from antumbra.query.surface import seen_by
+from antumbra.query.gbuffer import seen_by
+from antumbra.query.pixel_refinement import edges
 from common import SCENES, arguments, machine
 
 DEFAULT = ("atrium", "forest", "sponza_crytek", "bart_robots")

@@ -24,7 +24,7 @@ from antumbra.papers.peers.contest import OURS, Contender, contest, rows
 from antumbra.papers.peers.ray_sets import primary_rays
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
-from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
+from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.rendering.render_jobs import warm_up
 from antumbra.trace.primary.trace import trace_primary
 from comparison import HEAD, compare, line, options_of, progress, start

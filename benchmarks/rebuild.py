@@ -32,9 +32,8 @@ from antumbra.papers.peers import embree
 from antumbra.papers.ray_hierarchy.views import default_names, named_view, times_of, with_point
 from antumbra.papers.views import View, own_view
 from antumbra.query.gbuffer import GBuffer
-from antumbra.query.picture import shadow_queries
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import ShadowQuery
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import ShadowQuery, shadow_queries
 from antumbra.rendering.renderer import Renderer
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine

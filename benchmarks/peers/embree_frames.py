@@ -32,10 +32,9 @@ from antumbra.kernels.simd import (
 )
 from antumbra.papers.peers.denormals import FLUSH, control, set_control
 from antumbra.papers.peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
-from antumbra.query.gbuffer import FaceNormal, GBuffer, face_normal, fill_pixel, surface_of
-from antumbra.query.pixels import pixel_direction
+from antumbra.query.gbuffer import FaceNormal, GBuffer, face_normal, fill_pixel, pixel_direction, surface_of
+from antumbra.query.light_samples import light_samples
 from antumbra.query.receivers import NOTHING
-from antumbra.query.sampling import light_samples
 from antumbra.scene.camera import CameraRays
 from antumbra.scene.lights import FIXED
 

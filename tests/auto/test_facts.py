@@ -8,7 +8,7 @@ from antumbra.auto.facts import facts_of, if_sorted, size_of, tile_size
 from antumbra.auto.rates import rate, terms, weights
 from antumbra.auto.sample import halves_of, sample_of
 from antumbra.auto.ways import WAYS
-from antumbra.query.bounds import bounds
+from antumbra.query.query_bounds import bounds
 from asking import query_of
 
 LIGHTS = (

@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 from antumbra.auto.facts import tile_size
 from antumbra.auto.order import in_order, sorted_places
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import ShadowQuery
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import ShadowQuery
 
 
 def _row(n, seed=0):

@@ -12,8 +12,8 @@ from antumbra.chcrt.passes import pass_rays
 from antumbra.chcrt.queries import Pairs
 from antumbra.chcrt.raysets import Pass, Segments, Together, View, segments_of
 from antumbra.methods import BUILDERS
-from antumbra.query.diffuse import RayPass
-from antumbra.query.shadow import segments
+from antumbra.query.ray_passes import RayPass
+from antumbra.query.shadow_query import segments
 from asking import query_of
 
 OPTIONS = Options(tile=32, triangles=64)

@@ -10,8 +10,8 @@ from antumbra.chcrt.parts import parts_of
 from antumbra.chcrt.trace import Scheduled, camera_hits, nearest_hits
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan
-from antumbra.query.diffuse import RayPass
-from antumbra.query.raster import rasterise
+from antumbra.query.rasteriser import rasterise
+from antumbra.query.ray_passes import RayPass
 from antumbra.rendering.renderer import Renderer
 from antumbra.trace.forest import Hits
 from antumbra.trace.rays.bounce import nearest_hits as one_by_one

@@ -15,10 +15,10 @@ from antumbra.cull.relevance import marks_of
 from antumbra.methods import CULLERS
 from antumbra.papers.pre_bvh_culling.convex import mark_convex
 from antumbra.papers.pre_bvh_culling.lines import mark_lines
-from antumbra.query.bounds import reach
+from antumbra.query.light_samples import light_samples
+from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import ShadowQuery, segments
+from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
 from asking import query_of
 from strategies import point_arrays, soups

@@ -10,8 +10,8 @@ from antumbra.engine.solid import solid_count
 from antumbra.engine.srdh_rays import fewer_samples
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan, with_sample
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import segments
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import segments
 from antumbra.rendering import renderer
 from antumbra.rendering.renderer import Renderer
 from asking import query_of

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.image.antialias import mixture
-from antumbra.query.surface import PictureSurfaces
+from antumbra.query.gbuffer import PictureSurfaces
 
 SIZE = 48
 LIGHT = at.DirectionalLight((0.3, -1.0, -0.4))

@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 from antumbra.image.filter import filtered, filtered_shares, smoothed
 from antumbra.image.fraction import occluded_samples
+from antumbra.query.gbuffer import PictureSurfaces
 from antumbra.query.receivers import NOTHING
-from antumbra.query.surface import PictureSurfaces
 
 H, W, SPP = 14, 18, 16
 PIXEL = 0.01

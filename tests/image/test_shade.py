@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.image.list_irradiance import list_irradiance
 from antumbra.query.gbuffer import GBuffer
-from antumbra.query.sampling import light_samples
+from antumbra.query.light_samples import light_samples
 
 LAMP = at.QuadLight((-1, 5, -1), (2, 0, 0), (0, 0, 2), intensity=20.0)
 BLACK = at.AmbientOcclusion(intensity=0.0, spp=1)

@@ -11,9 +11,8 @@ from antumbra.image.irradiance import irradiance
 from antumbra.image.normals import shading_normals
 from antumbra.image.shares import shares
 from antumbra.image.terminator import facing_of
-from antumbra.query.picture import surface_queries, surfaces_of
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import new_bits
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import new_bits, surface_queries, surfaces_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 from gltf_files import Gltf, png
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from antumbra.query.bounds import bounds, reach
+from antumbra.query.query_bounds import bounds, reach
 from antumbra.scene.triangles import Triangles
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.query.diffuse import diffuse_passes, diffuse_rays
-from antumbra.query.picture import shadow_queries
-from antumbra.query.sampling import SAMPLERS, domain_sets, light_samples
-from antumbra.query.shadow import segments
+from antumbra.query.light_samples import SAMPLERS, domain_sets, light_samples
+from antumbra.query.ray_passes import diffuse_passes, diffuse_rays
+from antumbra.query.shadow_query import segments, shadow_queries
 from antumbra.rendering.renderer import Renderer
 from antumbra.trace.rays.bounce import nearest_hits, surfaces_met
 

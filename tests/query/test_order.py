@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.query.order import morton_codes
+from antumbra.query.query_bounds import morton_codes
 
 
 def test_codes_interleave_the_bits_of_cells():

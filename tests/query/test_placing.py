@@ -10,8 +10,8 @@ import oracle
 from antumbra.engine.building import build_store
 from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
-from antumbra.query.placing import MOST_RATIO, place
-from antumbra.query.sampling import light_samples
+from antumbra.query.light_samples import light_samples
+from antumbra.query.query_bounds import MOST_RATIO, place
 from antumbra.scene import survey
 from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
 from receivers import receivers_of

@@ -9,8 +9,8 @@ from antumbra.errors import InputError
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.filters import meets
 from antumbra.kernels.predicate.hits import hit_t
-from antumbra.query.pixels import pixel_ray
-from antumbra.query.raster import RASTER_COUNTERS, new_raster_counters, rasterise
+from antumbra.query.gbuffer import pixel_ray
+from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, lattices, scattered, view
 
 

@@ -9,10 +9,9 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.filters import meets
 from antumbra.kernels.predicate.hits import hit_t
 from antumbra.kernels.simd import get, ptr, stack_f32, stack_i32
-from antumbra.query.pixels import pixel_direction, pixel_ray
-from antumbra.query.raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
-from antumbra.query.raster_depth import eye_plane, plane_t
-from antumbra.query.raster_setup import edge_functions, make_view
+from antumbra.query.gbuffer import pixel_direction, pixel_ray
+from antumbra.query.raster_bins import BLOCK, careful_box, make_padding, quick_boxes, transpose
+from antumbra.query.raster_setup import edge_functions, eye_plane, make_view, plane_t
 from raster_scenes import FAMILIES, view
 
 LANES, BOXES = 9 * BLOCK, 4 * BLOCK

@@ -4,10 +4,17 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.query.refine import edges, finer_samples, penumbra
-from antumbra.query.sampling import light_samples
-from antumbra.query.subpixels import OFFSETS, block_copies, block_means, subpixel_gbuffer
-from antumbra.query.surface import seen_by
+from antumbra.query.gbuffer import seen_by
+from antumbra.query.light_samples import light_samples
+from antumbra.query.pixel_refinement import (
+    OFFSETS,
+    block_copies,
+    block_means,
+    edges,
+    finer_samples,
+    penumbra,
+    subpixel_gbuffer,
+)
 from antumbra.rendering.renderer import Renderer
 
 W, H = 64, 48

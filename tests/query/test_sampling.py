@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.errors import InputError
-from antumbra.query.sampling import (
+from antumbra.query.light_samples import (
     ROTATIONS,
     SAMPLERS,
     domain_sets,

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.query.shadow import fraction_lit, segments
+from antumbra.query.shadow_query import fraction_lit, segments
 from asking import query_of
 
 CENTRE = np.array([0.3, 5.0, -0.2])

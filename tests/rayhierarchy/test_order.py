@@ -9,7 +9,7 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load16, store
 from antumbra.kernels.vec import rows
 from antumbra.query.receivers import FREE, NOTHING
-from antumbra.query.shadow import segments
+from antumbra.query.shadow_query import segments
 from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
 from antumbra.rayhierarchy.blocks import rays_by_blocks
 from antumbra.rayhierarchy.keys import BITS, cells_of, hilbert, keys_of, on_cube

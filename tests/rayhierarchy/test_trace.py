@@ -11,7 +11,7 @@ import antumbra as at
 from antumbra.papers.ray_hierarchy.cones import Cones
 from antumbra.papers.ray_hierarchy.variants import CONES, combination
 from antumbra.plan import parse_plan
-from antumbra.query.shadow import segments
+from antumbra.query.shadow_query import segments
 from antumbra.rayhierarchy import trace
 from antumbra.rayhierarchy.options import FASTEST, Options
 from antumbra.rayhierarchy.soup import Soup, soup_of

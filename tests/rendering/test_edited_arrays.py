@@ -9,7 +9,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.building import build_store
-from antumbra.query.rays import RayArrays
+from antumbra.query.ray_list import RayArrays
 
 VERTICES = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4], [4, 0, 4]], np.float64)
 FACES = np.array([[0, 1, 2], [1, 3, 2]])

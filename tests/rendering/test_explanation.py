@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.engine.accelerate import Accelerator
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
-from antumbra.query.shadow import segments, with_receivers
+from antumbra.query.shadow_query import segments, with_receivers
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.windows import WINDOW, trace_windows

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 import oracle
 from antumbra.methods import TRACERS
-from antumbra.query.subpixels import OFFSETS
+from antumbra.query.pixel_refinement import OFFSETS
 
 SIZE = 40, 24
 CAMERAS = {

@@ -8,9 +8,8 @@ from antumbra.image.shares import shares
 from antumbra.image.terminator import Facing
 from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
 from antumbra.jobs.bake.options import own_lights
-from antumbra.query.picture import shadow_queries
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import segments
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import segments, shadow_queries
 from antumbra.scene.light_list import LightList
 from reference_radiometry import irradiance as reference
 

@@ -6,9 +6,8 @@ import oracle
 from antumbra.engine.choosing import accelerator_of
 from antumbra.engine.see import see
 from antumbra.plan import parse_plan
-from antumbra.query.picture import shadow_queries
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import segments
+from antumbra.query.light_samples import light_samples
+from antumbra.query.shadow_query import segments, shadow_queries
 
 
 def query_of(scene, camera, light, spp, time=0.0):

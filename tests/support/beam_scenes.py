@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
-from antumbra.query.bounds import reach
+from antumbra.query.light_samples import light_samples
+from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import NOTHING, surface_receivers
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import ShadowQuery, segments
+from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
 from hierarchies import points_query, triangles_of
 

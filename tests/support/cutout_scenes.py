@@ -7,7 +7,7 @@ import numpy as np
 
 import oracle
 from antumbra import Scene
-from antumbra.query.shadow import segments
+from antumbra.query.shadow_query import segments
 from antumbra.scene.cutouts import Cutouts, Mask, with_masks
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 

@@ -8,10 +8,10 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import segment
 from antumbra.kernels.predicate.filters import meets
 from antumbra.kernels.simd import get, ptr, ptr_at, stack_array
-from antumbra.query.bounds import reach
+from antumbra.query.light_samples import light_samples
+from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE
-from antumbra.query.sampling import light_samples
-from antumbra.query.shadow import ShadowQuery, segments
+from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.rayhierarchy.beams import Beam
 from antumbra.rayhierarchy.nodes import covered, possible
 from antumbra.rayhierarchy.order import Order, order_of

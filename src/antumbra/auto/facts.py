@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.bounds import bounds
+from ..query.query_bounds import bounds
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from ..trace.packets.incoherent import sample_extents
 from ..trace.querychunk import tile_shape

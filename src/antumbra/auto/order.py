@@ -6,8 +6,8 @@ along a Morton curve, and they take turns again. Each receiver keeps its set, an
 
 import numpy as np
 
-from ..query.order import morton_codes
-from ..query.shadow import ShadowQuery, with_receivers
+from ..query.query_bounds import morton_codes
+from ..query.shadow_query import ShadowQuery, with_receivers
 
 _SETS = 4  # of a row of receivers
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, with_receivers
+from ..query.shadow_query import ShadowQuery, with_receivers
 from ..trace.lighttable import STRATA
 from ..trace.querychunk import tile_shape
 

@@ -9,7 +9,7 @@ from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, boxes_of
 from ..bvh.widen import widen
 from ..kernels.arguments import Packed, packed
-from ..query.shadow import ShadowQuery, new_bits
+from ..query.shadow_query import ShadowQuery, new_bits
 from ..trace.forest import whole
 from ..trace.multifrusta.trace import trace_forest
 from ..trace.packets.incoherent import is_far, is_incoherent

@@ -35,12 +35,12 @@ def slabs_in(bundle, live):
     return slabs_of(rays_as_shafts(rows(bundle.rays, 0, 16), rows(bundle.rays, 48, 16)), live)
 
 
-@overloaded("passes", "camera", "segments")
+@overloaded("ray_bundles")
 def bundles_in(source):
     """In kernels: the number of bundles of each cell."""
 
 
-@overloaded("passes", "camera", "segments")
+@overloaded("ray_bundles")
 def load_bundle(source, picture, y0, x0, s, k, blind, bundle):
     """In kernels: fill bundle k of a cell, in ray set s. Return bits of the rays that look.
 

@@ -11,7 +11,7 @@ from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.filters import BEYOND
 from ..kernels.simd import ptr, ptr_at, put
-from ..query.pixels import pixel_direction
+from ..query.gbuffer import pixel_direction
 from ..query.raster_setup import direction_error
 from ..scene.camera import CameraRays
 from ..trace.forest import Hits

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from ..bvh.nodes import boxes_of
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery
 from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, is_list
 from ..trace.forest import Forest, Hits, no_hits

@@ -28,7 +28,7 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import rows
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, patch_of, query_pointers, sample_of, set_of
+from ..query.shadow_query import ShadowQuery, patch_of, query_pointers, sample_of, set_of
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 from .bundles import bundles_in, load_bundle
 from .cells import (

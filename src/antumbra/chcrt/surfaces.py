@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..query.diffuse import RayPass
-from ..query.picture import Surfaces, surfaces_of
+from ..query.ray_passes import RayPass
+from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import CameraRays
 from ..trace.rays.bounce import Show, surfaces_met
 from .trace import Scheduled, camera_hits, nearest_hits

@@ -8,9 +8,9 @@ import numpy as np
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
-from ..query.bounds import bounds
-from ..query.diffuse import RayPass
-from ..query.shadow import ShadowQuery
+from ..query.query_bounds import bounds
+from ..query.ray_passes import RayPass
+from ..query.shadow_query import ShadowQuery
 from ..scene.camera import CameraRays
 from ..trace.forest import Hits, no_hits
 from .fronts import Fronts
@@ -160,7 +160,7 @@ def camera_hits(scheduled: Scheduled, rays: CameraRays, threads=None, progress=N
     Raises
     ------
     InputError
-        If directions of neighbouring pixels are too close, as in `query.raster.rasterise`.
+        If directions of neighbouring pixels are too close, as in `query.rasteriser.rasterise`.
     """
     reach = _reach(scheduled, rays.origin, rays.origin)
     rows = rows or slice(0, rays.height)

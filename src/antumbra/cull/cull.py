@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.parallel import thread_count
-from ..query.bounds import bounds
+from ..query.query_bounds import bounds
 from .grid import CellGrid, grid_over
 from .relevance import find, marks_of, pack
 from .sources import FINEST, ReceiverTiles, bounds_of, sources_of, tiles_of

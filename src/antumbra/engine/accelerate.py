@@ -15,7 +15,7 @@ from ..cull.cull import Culled
 from ..errors import InputError
 from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
 from ..plan import Plan
-from ..query.shadow import ShadowQuery, new_bits
+from ..query.shadow_query import ShadowQuery, new_bits
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
 from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree

@@ -13,7 +13,7 @@ from ..bvh.nodes import Bvh
 from ..cull.cull import Culled
 from ..methods import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from ..plan import Plan, parse_plan
-from ..query.bounds import bounds
+from ..query.query_bounds import bounds
 from ..scene.triangles import Triangles
 from .accelerate import Accelerated, Accelerator
 from .ready import Job, fixed_job, make_ready, small_scene

@@ -11,13 +11,12 @@ from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.progress import in_turn, shown
 from ..plan import Plan, parse_plan
-from ..query.bounds import reach_of
 from ..query.gbuffer import GBuffer
-from ..query.placing import place
-from ..query.rays import HitArrays, Rays, cull_value, rays_of
+from ..query.light_samples import light_samples
+from ..query.query_bounds import place, reach_of
+from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
-from ..query.sampling import light_samples
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery
 from ..scene.camera import Camera
 from ..scene.data import SceneData
 from ..scene.hit import Hit, HitFaces
@@ -154,7 +153,9 @@ class Engine:
         data = self.data
         return Hit.of_scene(faces, self._finder(rays, faces.face, self._moment(time)), lambda: data.object_of_face)
 
-    def _finder(self, rays: Rays, face: np.ndarray, moment: float) -> Callable[[], tuple[Triangles, np.ndarray]]:
+    def _finder(
+        self, rays: RayArguments, face: np.ndarray, moment: float
+    ) -> Callable[[], tuple[Triangles, np.ndarray]]:
         """A function that gives the triangles of hits: those at hand, or those that a store is asked for again."""
         if not self.source.in_store:
             met = self.source.triangles_hit(rays, face, moment)
@@ -167,7 +168,7 @@ class Engine:
 
         return find
 
-    def _hits(self, rays: Rays, any_hit: bool, time, threads: int | None) -> HitArrays:
+    def _hits(self, rays: RayArguments, any_hit: bool, time, threads: int | None) -> HitArrays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
         if not self.source.in_store:
@@ -222,7 +223,7 @@ class Engine:
         receivers : Receivers
         lights : sequence of lights
         samples : sequence of (16, n, 3) float64
-            The sample sets of each light, from `query.sampling.light_samples`.
+            The sample sets of each light, from `query.light_samples.light_samples`.
         facing : int
             A value of CULL_FACES.
         time : float

@@ -8,8 +8,7 @@ import numpy as np
 from ..auto.choose import Choice
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
-from ..query.picture import Surfaces
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery, Surfaces
 from ..scene.camera import Camera, CameraRays
 from ..scene.data import SceneData
 from ..scene.lights import Light
@@ -99,7 +98,7 @@ class FrameTracer:
         return surfaces
 
     def subpixels(self, edge: np.ndarray) -> Surfaces:
-        """The surfaces of the sub-pixels of selected pixels, see `query.subpixels`; edge : (H, W) bool."""
+        """The surfaces of the sub-pixels of selected pixels, see `query.pixel_refinement`; edge : (H, W) bool."""
         return self._source.subpixels(self.triangles, self.view, edge, self._whole)
 
     def sample(

@@ -7,10 +7,10 @@ from typing import ClassVar
 import numpy as np
 
 from ..plan import DEFAULT_PLAN
-from ..query.bounds import bounds
-from ..query.picture import Surfaces, surfaces_of
-from ..query.rays import HitArrays, Rays
-from ..query.subpixels import subpixel_rays
+from ..query.pixel_refinement import subpixel_rays
+from ..query.query_bounds import bounds
+from ..query.ray_list import HitArrays, RayArguments
+from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.memory import MemoryData
@@ -101,10 +101,10 @@ class InMemory:
     def nearest_in(self, whole: Accelerated) -> Nearest:
         return nearest_in(whole, self.threads)
 
-    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         return self.ray_lists.trace_rays(rays, any_hit, time, threads)
 
-    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(

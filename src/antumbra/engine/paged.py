@@ -13,11 +13,11 @@ from ..checks import byte_count
 from ..errors import InputError
 from ..methods import BUILDERS
 from ..plan import Plan
-from ..query.diffuse import RayPass, camera_pass
 from ..query.gbuffer import from_hits
-from ..query.picture import Surfaces
-from ..query.rays import HitArrays, RayArrays, Rays, hit_arrays
-from ..query.subpixels import subpixel_rays
+from ..query.pixel_refinement import subpixel_rays
+from ..query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
+from ..query.ray_passes import RayPass, camera_pass
+from ..query.shadow_query import Surfaces
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
@@ -214,7 +214,7 @@ class Paged:
             gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
 
-    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """`threads` is not used: those of the engine trace."""
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
         for batch in self._batches(arrays, any_hit, rays.cull_faces):
@@ -226,7 +226,7 @@ class Paged:
                 out.u[at], out.v[at] = weights(batch, self.threads)
         return out
 
-    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The same rays find the triangles again: a store has none in memory."""
         faces, found, n = np.full(rays.n, -1), [], 0
         for batch in self._batches(rays.arrays(), False, rays.cull_faces):

@@ -10,9 +10,9 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.exact import ray_along
 from ..kernels.predicate.hits import single_weights
-from ..query.diffuse import RayPass
-from ..query.order import morton_codes
-from ..query.rays import RayArrays, changed
+from ..query.query_bounds import morton_codes
+from ..query.ray_list import RayArrays, changed
+from ..query.ray_passes import RayPass
 from ..scene.triangles import Triangles
 from ..trace.forest import Hits
 

@@ -9,7 +9,7 @@ from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..chcrt.queries import Pairs, ask
 from ..chcrt.raysets import Segments, segments_of
 from ..errors import InputError
-from ..query.shadow import ShadowQuery, new_bits
+from ..query.shadow_query import ShadowQuery, new_bits
 from ..store.layout import Chunk
 from ..store.resident import resident
 from ..trace.rays.steps import leaf_depths

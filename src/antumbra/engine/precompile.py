@@ -10,8 +10,8 @@ from ..kernels import needs
 from ..kernels.crew import Wanted
 from ..methods import BUILDERS, UPDATERS
 from ..plan import Plan
-from ..query.picture import shadow_queries
-from ..query.sampling import light_samples
+from ..query.light_samples import light_samples
+from ..query.shadow_query import shadow_queries
 from ..scene.camera import Camera
 from ..scene.lights import QuadLight
 from ..trace.counters import new_counters

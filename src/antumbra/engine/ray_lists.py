@@ -11,7 +11,7 @@ import numpy as np
 
 from ..auto.rates import BEST, GOOD, seconds_before_best
 from ..plan import Plan, parse_plan
-from ..query.rays import HitArrays, Rays, changed, hit_arrays, rays_of
+from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
 from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
 from ..trace.cutouts import add_hits
@@ -48,7 +48,7 @@ class RayLists:
         self._lock = threading.RLock()
         self.spent = 0.0
 
-    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """The hits of rays at a time within 0 .. `duration`.
 
         Raises
@@ -67,7 +67,7 @@ class RayLists:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return out
 
-    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
         return self._ready_at(time).accelerated.triangles, face
 

@@ -8,14 +8,12 @@ from ..auto.ways import WAYS
 from ..bvh import lbvh
 from ..bvh.blocks import BlockTree
 from ..chcrt.surfaces import nearest_scheduled, primary_hits
-from ..query.camera_rays import rays_through
-from ..query.diffuse import camera_pass
 from ..query.gbuffer import GBuffer, from_hits
-from ..query.picture import shadow_queries
-from ..query.raster import rasterise
-from ..query.sampling import light_samples
-from ..query.shadow import new_bits
-from ..query.subpixels import subpixel_gbuffer
+from ..query.light_samples import light_samples
+from ..query.pixel_refinement import subpixel_gbuffer
+from ..query.rasteriser import rasterise
+from ..query.ray_passes import camera_pass, rays_through
+from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
@@ -81,7 +79,7 @@ def nearest_in(whole: Accelerated, threads: int | None = None) -> Nearest:
 def see_subpixels(
     triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
-    """The G-buffer of the sub-pixels of selected pixels: see `query.subpixels`."""
+    """The G-buffer of the sub-pixels of selected pixels: see `query.pixel_refinement`."""
     solid = solid_vertices(triangles, threads)
 
     def hits(shifted: CameraRays):

@@ -5,8 +5,8 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..query.picture import Surfaces
-from ..query.rays import HitArrays, Rays
+from ..query.ray_list import HitArrays, RayArguments
+from ..query.shadow_query import Surfaces
 from ..scene.camera import CameraRays
 from ..scene.data import SceneData
 from ..scene.listed_rays import ListedRays
@@ -97,10 +97,10 @@ class RenderSource(Protocol):
     def subpixels(
         self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
     ) -> Surfaces:
-        """The surfaces of the sub-pixels of selected pixels: see `query.subpixels`; `whole`: as in `look`."""
+        """The surfaces of the sub-pixels of selected pixels: see `query.pixel_refinement`; `whole`: as in `look`."""
         ...
 
-    def trace_rays(self, rays: Rays, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """Trace a list of rays at a time within 0 .. `duration`.
 
         Raises
@@ -110,7 +110,7 @@ class RenderSource(Protocol):
         """
         ...
 
-    def triangles_hit(self, rays: Rays, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
         ...
 

@@ -15,8 +15,7 @@ from ..bvh.rayset import Intersections
 from ..bvh.srdh_rays import SrdhRays
 from ..errors import InputError
 from ..query.gbuffer import GBuffer
-from ..query.picture import shadow_queries
-from ..query.shadow import ShadowQuery, segments
+from ..query.shadow_query import ShadowQuery, segments, shadow_queries
 from ..trace.rays.bounce import bounced
 from ..trace.rays.intersections import intersections
 from .solid import solid_tree

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.shadow import fraction_lit
+from ..query.shadow_query import fraction_lit
 
 
 class Visibility(NamedTuple):

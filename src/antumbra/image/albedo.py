@@ -10,7 +10,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
-from ..query.shadow import three_at
+from ..query.shadow_query import three_at
 from ..scene.appearance import Appearance
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..query.refine import NO_BOUNDARY, boundaries
-from ..query.surface import PictureSurfaces
+from ..query.gbuffer import PictureSurfaces
+from ..query.pixel_refinement import NO_BOUNDARY, boundaries
 
 _UP, _DOWN, _NOWHERE = 1, -1, 0
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from ..kernels.jit import inlined
 from ..kernels.predicate.filters import cross, dot
-from ..query.picture import Surfaces
-from ..query.shadow import three_at
+from ..query.shadow_query import Surfaces, three_at
 
 
 class Places(NamedTuple):

@@ -13,8 +13,8 @@ from ..kernels.fields import F32Ptr, I64Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
+from ..query.gbuffer import PictureSurfaces, at, points_of, same_surface
 from ..query.receivers import NOTHING
-from ..query.surface import PictureSurfaces, at, points_of, same_surface
 
 NOISE = 2.5
 """Twice the accepted difference of a neighbour's estimate, in units of spp**(1/4) samples (equation 4 of

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..query.gbuffer import PictureSurfaces
+from ..query.pixel_refinement import penumbra
 from ..query.receivers import NOTHING
-from ..query.refine import penumbra
-from ..query.shadow import ShadowQuery, fraction_lit
-from ..query.surface import PictureSurfaces
+from ..query.shadow_query import ShadowQuery, fraction_lit
 from ..scene.lights import AMBIENT, SPHERE, is_list
 from .filter import filtered, filtered_shares
 from .shares import shares, weighs

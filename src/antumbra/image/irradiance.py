@@ -10,9 +10,9 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.filters import dot
 from ..kernels.simd import get, ptr, put
+from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
-from ..query.samples import tangent_disk
-from ..query.shadow import three_at
+from ..query.shadow_query import three_at
 from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
 from .emitters import disk_irradiance, quad_irradiance
 

@@ -6,8 +6,7 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.predicate.filters import dot
 from ..kernels.simd import get, ptr, put
-from ..query.picture import ShadingNormals
-from ..query.shadow import three_at
+from ..query.shadow_query import ShadingNormals, three_at
 from ..scene.appearance import Appearance
 from .corners import Places, frame_of, weights
 

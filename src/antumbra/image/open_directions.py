@@ -6,7 +6,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, patch_of, query_pointers, sample_of, three_at
+from ..query.shadow_query import ShadowQuery, patch_of, query_pointers, sample_of, three_at
 
 
 @kernel

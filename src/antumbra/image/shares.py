@@ -14,7 +14,7 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, popcount, ptr, put
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery, fraction_lit, patch_of, query_pointers, set_of, three_at
+from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, set_of, three_at
 from ..scene.lights import AMBIENT, LightPatch, is_list
 from .terminator import Facing, softened
 

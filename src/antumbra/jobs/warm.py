@@ -7,9 +7,9 @@ import numpy as np
 from ..engine.ready import Job, fixed_job, small_scene
 from ..engine.scene import Scene
 from ..plan import Plan
-from ..query.horizon import below_horizon
+from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
-from ..query.sampling import light_samples
+from ..query.shadow_query import below_horizon
 from ..rendering import warm
 from ..scene.lights import PointLight
 from .bake.measure import Asked, Meter, SurfacePoints

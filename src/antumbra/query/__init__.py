@@ -1,11 +1,14 @@
-"""Shadow queries of pictures and of points: surfaces become receivers, and lights become samples.
+"""Shadow queries of pictures and points: surfaces become receivers, and lights become samples.
 
-- raster: the surfaces that a camera sees, by rasterisation; gbuffer: the form in which a picture keeps them
-- raster_cull, raster_setup, raster_bins, raster_tiles, raster_depth: the steps of the rasteriser
-- pixels: the ray of a pixel, for rasteriser and tracers; rays: checked arrays of rays
-- receivers: points of surfaces, moved off their surface; bounds: the extent of triangles and points
-- sampling: sets of light samples; samples: the point of a sample, for a receiver, in kernels
-- shadow: `ShadowQuery`; picture: the queries of a picture
-- surface: whether two pixels see the same surface; refine: pixels that get more rays; subpixels: points inside a pixel
-- diffuse: passes of diffuse rays; ground: the points of a level ground that rays meet
+- `query_bounds`: boxes around triangles and points, lights placed in the scene's frame, Morton order of points
+- `receivers`: surface points moved off their surface
+- `light_samples`: sample sets on a light, and the point of each sample in kernels
+- `shadow_query`: `ShadowQuery`, the queries of a picture, samples below the horizon
+- `ray_list`: checked arrays of rays
+- `ray_passes`: one ray per pixel: diffuse rays, camera rays, hits on a level ground
+- `gbuffer`: the surface of each pixel, the ray of a pixel, the test for one smooth surface
+- `raster_setup`: edge functions and depth of a triangle
+- `raster_bins`: pixel bounds of triangles, and the triangle list of each tile
+- `rasteriser`: `rasterise`, tile by tile
+- `pixel_refinement`: pixels at silhouettes and in penumbrae, and their sub-pixels
 """

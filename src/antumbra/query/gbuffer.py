@@ -1,16 +1,45 @@
-"""The G-buffer: the surface seen by each pixel, from rasterisation or primary rays; both give the same bits."""
+"""The G-buffer: the surface that each pixel sees, with the same bits from rasterisation and from primary rays.
+
+Also the ray of a pixel, and the test whether two pixels see the same smooth surface, which the filter and the
+refinement of penumbrae and silhouettes use.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I8Ptr
+from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
+from ..kernels.predicate.exact import ray_along
 from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays
-from .pixels import pixel_direction
+from ..scene.listed_rays import ListedRays
 from .receivers import NOTHING
+
+# --- The ray of a pixel, with the same bits in rasterisation and ray tracing ------------------------------------------
+
+
+@inlined
+def pixel_direction(rays, x, y):
+    """Direction through the centre of pixel (x, y): three float32, rounded once from float64 (see `CameraRays`)."""
+    right, down = np.float64(x) + 0.5, np.float64(y) + 0.5
+    corner, dx, dy = rays.corner, rays.dx, rays.dy
+    return (
+        np.float32((corner[0] + right * dx[0]) + down * dy[0]),
+        np.float32((corner[1] + right * dx[1]) + down * dy[1]),
+        np.float32((corner[2] + right * dx[2]) + down * dy[2]),
+    )
+
+
+@inlined
+def pixel_ray(rays, x, y):
+    """The ray of pixel (x, y), over (0, inf)."""
+    o, d = rays.origin, pixel_direction(rays, x, y)
+    return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+
+
+# --- The G-buffer: the surface seen by each pixel, from rasterisation or primary rays; both give the same bits --------
 
 
 class GBuffer(NamedTuple):
@@ -28,7 +57,7 @@ class GBuffer(NamedTuple):
         return f"GBuffer({width}x{height}, {(self.face >= 0).mean():.0%} see a surface; {', '.join(self._fields)})"
 
 
-class Surface(NamedTuple):
+class SurfacePointers(NamedTuple):
     """Pointers to the arrays that `fill_pixel` writes."""
 
     position: F32Ptr  # float32 *, 3 a pixel
@@ -39,7 +68,7 @@ class Surface(NamedTuple):
 @inlined
 def surface_of(gbuffer):
     """The pointers of a `GBuffer`, which must outlive them."""
-    return Surface(ptr(gbuffer.position), ptr(gbuffer.normal), ptr(gbuffer.side))
+    return SurfacePointers(ptr(gbuffer.position), ptr(gbuffer.normal), ptr(gbuffer.side))
 
 
 @inlined
@@ -122,3 +151,99 @@ def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) 
     ticket = new_ticket(shape[0], 8)
     run(_fill, thread_count(threads), ticket, t, triangles.vertices.reshape(-1, 9), rays, row, gbuffer)
     return gbuffer
+
+
+# --- The test whether two pixels see the same smooth surface, for the filter, penumbrae and silhouettes ---------------
+
+
+COSINE = np.float32(np.cos(np.radians(20.0)))
+"""Normals of one smooth surface differ by less than 20 degrees."""
+
+APART = np.float32(0.5)
+"""Largest distance of a point from the other's tangent plane on one smooth surface, in pixel widths at that depth."""
+
+
+class PictureSurfaces(NamedTuple):
+    """The surfaces in a G-buffer, as input of `same_surface`; the arrays are those of `query.gbuffer.GBuffer`."""
+
+    position: np.ndarray  # (H, W, 3) float32
+    normal: np.ndarray  # (H, W, 3) float32
+    face: np.ndarray  # (H, W) int32
+    depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels have one width
+    side: np.ndarray  # (H, W) int8
+    pixel: float  # float32, width of a pixel at depth 1
+
+
+def seen_by(gbuffer, rays) -> PictureSurfaces:
+    """The surfaces of a G-buffer that was made with these `CameraRays` or `ListedRays`."""
+    depth = gbuffer.depth
+    if not isinstance(rays, ListedRays):
+        pixel = np.linalg.norm(rays.dy)
+    elif rays.extent is None:
+        pixel = np.pi / rays.height
+    else:
+        pixel, depth = rays.extent / rays.height, np.ones_like(depth)
+    return PictureSurfaces(gbuffer.position, gbuffer.normal, gbuffer.face, depth, gbuffer.side, np.float32(pixel))
+
+
+class Points(NamedTuple):
+    """Pointers to the arrays of a `PictureSurfaces`, for hot kernels; pixel (y, x) is element y w + x."""
+
+    position: F32Ptr  # float32 *, 3 a pixel
+    normal: F32Ptr  # float32 *, 3 a pixel
+    face: I32Ptr  # int32 *
+    depth: F32Ptr  # float32 *
+    side: I8Ptr  # int8 *
+    h: int
+    w: int
+    pixel: float
+
+
+@inlined
+def points_of(seen):
+    """The pointers of a `PictureSurfaces`, which must outlive them."""
+    h, w = seen.face.shape
+    return Points(
+        ptr(seen.position), ptr(seen.normal), ptr(seen.face), ptr(seen.depth), ptr(seen.side), h, w, seen.pixel
+    )
+
+
+@inlined
+def at(points, values, y, x):
+    """Pixel (y, x) of another (H, W) array, given by its pointer."""
+    return get(values, y * points.w + x)
+
+
+@inlined
+def _vector(pointer, i):
+    return get(pointer, 3 * i), get(pointer, 3 * i + 1), get(pointer, 3 * i + 2)
+
+
+@inlined
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inlined
+def same_surface(points, y, x, v, u):
+    """True if pixels (y, x) and (v, u) see the same smooth surface; (v, u) may lie outside the picture.
+
+    The same face is the same surface. Two faces belong to one surface if their normals are nearly equal and each point
+    lies near the other's tangent plane. Unlike a difference of depth, the distance to a plane does not grow at grazing
+    angles. Finely tessellated surfaces, where every pixel sees another face, also stay connected.
+    """
+    if v < 0 or u < 0 or v >= points.h or u >= points.w:
+        return False
+    i, k = y * points.w + x, v * points.w + u
+    if get(points.side, i) == NOTHING or get(points.side, k) == NOTHING:
+        return False
+    if get(points.face, i) == get(points.face, k):
+        return True
+    n, m = _vector(points.normal, i), _vector(points.normal, k)
+    if _dot(n, m) < COSINE:  # Eq. (2) of docs/design/filter.md
+        return False
+    p, q = _vector(points.position, i), _vector(points.position, k)
+    d = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    a, b = get(points.depth, i), get(points.depth, k)
+    limit = APART * points.pixel * (a if a < b else b)
+    return abs(_dot(n, d)) <= limit and abs(_dot(m, d)) <= limit

@@ -1,4 +1,9 @@
-"""Lists of triangles for each tile of the screen."""
+"""Binning: the pixels that each triangle can cover, and the triangle list of each screen tile.
+
+Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
+culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time
+are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
+"""
 
 from typing import NamedTuple
 
@@ -6,9 +11,222 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
-from ..kernels.simd import as_i32, get, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
-from .raster_cull import BLOCK, careful_box, make_padding, quick_boxes, transpose
-from .raster_setup import TILE, RasterView
+from ..kernels.predicate.filters import widest
+from ..kernels.simd import (
+    absolute,
+    as_i32,
+    bits,
+    fma,
+    get,
+    load8,
+    lowest_bit,
+    maximum,
+    minimum,
+    ptr,
+    put,
+    select,
+    stack_f32,
+    stack_i32,
+    stack_i64,
+    store,
+    to_f32,
+    to_i32,
+)
+from .raster_setup import TILE, RasterView, corner_from, pixel_vector
+
+# --- Bounds of triangles on the screen: the pixels that each triangle can cover ---------------------------------------
+#
+# Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
+# culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a
+# time are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in
+# float64.
+
+
+BLOCK = 64  # triangles bounded together
+_F = np.float32
+_U32, _U64 = 2.0**-24, 2.0**-53
+_NEAR32 = 2.0**-5  # least depth / distance of a corner that float32 projects accurately
+_NEAR64 = 2.0**-20  # least depth / distance of a corner that float64 projects accurately
+_APART = 2.0**-28  # least |depth| / distance of a corner surely on one side of the camera's plane
+_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither under- nor overflows
+_NOWHERE = (0, 0, -1, -1)
+
+
+class Padding(NamedTuple):
+    """Widening of screen bounds, in pixels. All fields but `usable` are float64."""
+
+    near_x: float
+    near_y: float
+    far_x: float  # for triangles that cross the camera's plane
+    far_y: float
+    quick_x: float  # constant part of the padding in float32
+    quick_y: float
+    slope_x: float  # variable part in float32: times the corners' largest distance / depth
+    slope_y: float
+    nearer: float  # factor from a corner's 1 / depth to a bound of the depth key
+    usable: bool  # False: rounding moves rays so far that nothing can be culled
+
+
+def make_padding(view: RasterView) -> Padding:
+    """Padding for two errors: the rounding of rays, and the error 8 u norm distance / depth of a projected corner."""
+    if not view.shift_z < 0.25:
+        return Padding(*[0.0] * 9, False)
+    moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
+    place = [16.0 * _U64 * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
+    near, far = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
+    quick = [m + 4.0 * _U32 * size for m, size in zip(moved, (view.width, view.height))]
+    slope = [32.0 * _U32 * norm for norm in (view.norm_x, view.norm_y)]
+    usable = far[0] < view.width + 16.0 and far[1] < view.height + 16.0
+    return Padding(*near, *far, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
+
+
+# --- float64 --------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def _pixels(low_x, high_x, low_y, high_y, view):
+    """Pixels (x0, y0, x1, y1) of the picture with centres in the range; x0 > x1 or y0 > y1 if there are none."""
+    low_x, high_x = max(low_x, 0.0), min(high_x, view.width - 1.0)
+    low_y, high_y = max(low_y, 0.0), min(high_y, view.height - 1.0)
+    if not (low_x <= high_x and low_y <= high_y):
+        return _NOWHERE
+    return int(np.ceil(low_x)), int(np.ceil(low_y)), int(np.floor(high_x)), int(np.floor(high_y))
+
+
+@inlined
+def _opened(low, high, direction, error):
+    """Extend the range to infinity on the side of `direction`, or on both sides if its sign is uncertain."""
+    if direction > -error:
+        high = np.inf
+    if direction < error:
+        low = -np.inf
+    return low, high
+
+
+@kernel
+def _crossing_range(z, x, r, norm_z, norm_x):
+    """Range of x / z over the front part of a triangle that crosses or touches the camera's plane.
+
+    The front part is the hull of the corners in front and of the points where edges meet the plane. The latter project
+    to infinity.
+    """
+    low, high = np.inf, -np.inf
+    for i in range(3):
+        if z[i] >= _APART * norm_z * r[i]:
+            low, high = min(low, x[i] / z[i]), max(high, x[i] / z[i])
+            for j in range(3):
+                if z[j] < -_APART * norm_z * r[j]:
+                    error = 32.0 * _U64 * norm_z * norm_x * r[i] * r[j]
+                    low, high = _opened(low, high, z[i] * x[j] - z[j] * x[i], error)
+        elif z[i] >= -_APART * norm_z * r[i]:
+            if abs(z[i]) > 8.0 * _U64 * norm_z * r[i]:
+                return -np.inf, np.inf
+            # On the plane or very close to it: the sign of x decides the side of infinity
+            low, high = _opened(low, high, x[i], 2.0**-8 * norm_x * r[i])
+    return low, high
+
+
+@kernel
+def careful_box(view, padding, corners, i):
+    """Pixel bounds (x0, y0, x1, y1), inclusive, of triangle i; x0 > x1 or y0 > y1 if it covers no pixel."""
+    if not padding.usable:
+        return 0, 0, view.width - 1, view.height - 1
+    eye = (view.eye_x, view.eye_y, view.eye_z)
+    va, vb, vc = corner_from(corners, i, 0, eye), corner_from(corners, i, 1, eye), corner_from(corners, i, 2, eye)
+    a, b, c = pixel_vector(view, va), pixel_vector(view, vb), pixel_vector(view, vc)
+    z, x, y = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
+    r = (widest(va), widest(vb), widest(vc))
+    near, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
+    if z[0] >= near * r[0] and z[1] >= near * r[1] and z[2] >= near * r[2]:
+        x0, x1, x2 = x[0] / z[0], x[1] / z[1], x[2] / z[2]
+        y0, y1, y2 = y[0] / z[0], y[1] / z[1], y[2] / z[2]
+        return _pixels(
+            min(x0, x1, x2) - padding.near_x,
+            max(x0, x1, x2) + padding.near_x,
+            min(y0, y1, y2) - padding.near_y,
+            max(y0, y1, y2) + padding.near_y,
+            view,
+        )
+    if z[0] < behind * r[0] and z[1] < behind * r[1] and z[2] < behind * r[2]:
+        return _NOWHERE
+    low_x, high_x = _crossing_range(z, x, r, view.norm_z, view.norm_x)
+    low_y, high_y = _crossing_range(z, y, r, view.norm_z, view.norm_y)
+    pad_x, pad_y = padding.far_x, padding.far_y
+    return _pixels(low_x - pad_x, high_x + pad_x, low_y - pad_y, high_y + pad_y, view)
+
+
+# --- float32 --------------------------------------------------------------------------------------------------------
+
+
+@inlined
+def transpose(corners, first, n, lanes):
+    """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; the rest of the block repeats the last."""
+    for k in range(BLOCK):
+        at = 9 * (first + min(k, n - 1))
+        for c in range(9):
+            put(lanes, BLOCK * c + k, get(corners, at + c))
+
+
+@inlined
+def _quick_corner(view, lanes, k):
+    """(z, x, y, distance) of eight corners, in pixel coordinates, with error at most 6 u norm distance."""
+    x = load8(lanes, k) - _F(view.eye_x)
+    y = load8(lanes, k + BLOCK) - _F(view.eye_y)
+    z = load8(lanes, k + 2 * BLOCK) - _F(view.eye_z)
+    return (
+        fma(z, _F(view.zz), fma(y, _F(view.zy), x * _F(view.zx))),
+        fma(z, _F(view.xz), fma(y, _F(view.xy), x * _F(view.xx))),
+        fma(z, _F(view.yz), fma(y, _F(view.yy), x * _F(view.yx))),
+        maximum(absolute(x), maximum(absolute(y), absolute(z))),
+    )
+
+
+@inlined
+def _quick_pixels(a, b, c, pad, last):
+    """First and last pixel in [0, `last`] within `pad` of the range of a, b, c; and a mask of lanes with any pixel."""
+    low = minimum(maximum(minimum(a, minimum(b, c)) - pad, _F(0.0)), last + _F(1.0))
+    high = maximum(minimum(maximum(a, maximum(b, c)) + pad, last), _F(-1.0))
+    first, final = to_i32(low), to_i32(high)
+    first = select(to_f32(first) < low, first + 1, first)
+    return first, final, (first <= final) & (low <= high)
+
+
+@inlined
+def quick_boxes(view, padding, lanes, k, boxes, nearest):
+    """Bound eight triangles of a block, starting at the k-th.
+
+    Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Returns two bit masks: triangles that may
+    cover pixels inside these bounds, and triangles that need `careful_box`. The others cover no pixel.
+
+    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice
+    the picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
+    """
+    za, xa, ya, ra = _quick_corner(view, lanes, k)
+    zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)
+    zc, xc, yc, rc = _quick_corner(view, lanes, k + 6 * BLOCK)
+    behind = _F(-16.0 * _U32 * view.norm_z)
+    away = (za < ra * behind) & (zb < rb * behind) & (zc < rc * behind)
+    front = _F(_NEAR32 * view.norm_z)
+    near = (za >= ra * front) & (zb >= rb * front) & (zc >= rc * front)
+    near &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
+    ia, ib, ic = _F(1.0) / za, _F(1.0) / zb, _F(1.0) / zc
+    q = maximum(ra * ia, maximum(rb * ib, rc * ic))
+    pad_x = q * _F(padding.slope_x) + _F(padding.quick_x)
+    pad_y = q * _F(padding.slope_y) + _F(padding.quick_y)
+    x0, x1, any_x = _quick_pixels(xa * ia, xb * ib, xc * ic, pad_x, _F(view.width - 1))
+    y0, y1, any_y = _quick_pixels(ya * ia, yb * ib, yc * ic, pad_y, _F(view.height - 1))
+    store(boxes, k, x0)
+    store(boxes, k + BLOCK, y0)
+    store(boxes, k + 2 * BLOCK, x1)
+    store(boxes, k + 3 * BLOCK, y1)
+    store(nearest, k, maximum(ia, maximum(ib, ic)) * _F(padding.nearer))
+    if not padding.usable:
+        return 0, 255
+    return bits(near & any_x & any_y), bits(~(near | away))
+
+
+# --- Lists of triangles for each tile of the screen -------------------------------------------------------------------
+
 
 _LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
 _MOST_COUNTS = 1 << 22  # of the table (chunks, tiles)

@@ -23,7 +23,7 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import Vec
 from ..query.receivers import NOTHING
-from ..query.shadow import (
+from ..query.shadow_query import (
     QueryPointers,
     horizon_of,
     is_above,

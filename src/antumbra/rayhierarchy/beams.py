@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..query.bounds import bounds
+from ..query.query_bounds import bounds
 from ..scene.light_list import N_SETS
 from ..scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
 

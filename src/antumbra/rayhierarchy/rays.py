@@ -15,7 +15,7 @@ from ..kernels.parallel import items, new_ticket, run
 from ..kernels.simd import as_i32, gather, get, load16, lowest_bit, maximum, prefetch, ptr, ptr_at, put
 from ..kernels.simd import bits as bits_of
 from ..kernels.vec import rows
-from ..query.shadow import patch_of, sample_of
+from ..query.shadow_query import patch_of, sample_of
 from .asking import asking_of
 from .beams import Beam
 from .memory import Empty

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import thread_count
-from ..query.shadow import with_receivers
+from ..query.shadow_query import with_receivers
 from ..scene.lights import FIXED, LIST
 from ..trace.counters import new_counters
 from .beams import AROUND, PERSPECTIVE, Beam, beams_of

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..bvh.lbvh import by_codes
 from ..kernels.parallel import new_ticket, run
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery
 from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS
 from . import clusters
 from .beams import Beam

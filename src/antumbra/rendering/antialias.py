@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..image.antialias import mixture
-from ..query.picture import Surfaces
-from ..query.surface import PictureSurfaces
+from ..query.gbuffer import PictureSurfaces
+from ..query.shadow_query import Surfaces
 from .frame import Ground
 from .state import FrameState, edge_colours
 

@@ -15,9 +15,8 @@ from ..engine.scene import procedural
 from ..engine.see import see
 from ..kernels.parallel import thread_count
 from ..methods import BUILDERS
-from ..query.picture import shadow_queries
-from ..query.sampling import light_samples
-from ..query.shadow import ShadowQuery, ray_count
+from ..query.light_samples import light_samples
+from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
 

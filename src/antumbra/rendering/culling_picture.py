@@ -7,9 +7,9 @@ import numpy as np
 
 from ..cull.targets import sample_points
 from ..methods import CULLERS
-from ..query.picture import shadow_queries
+from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
-from ..query.sampling import light_samples
+from ..query.shadow_query import shadow_queries
 from ..scene.lights import FIXED, LIST, SPHERE, check_lights
 from .render_jobs import warm_up
 from .renderer import Renderer

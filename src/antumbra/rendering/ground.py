@@ -15,17 +15,12 @@ from ..image.fraction import finer_query, refined, visible
 from ..image.shade import arriving, shade
 from ..image.shares import shares
 from ..image.terminator import facing_of
-from ..query.bounds import reach_of
-from ..query.camera_rays import rays_through
-from ..query.gbuffer import GBuffer
-from ..query.ground import SeenGround, plane_below, seen_ground
-from ..query.horizon import below_horizon
-from ..query.picture import Surfaces
-from ..query.placing import place
+from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
+from ..query.pixel_refinement import block_means, subpixel_rays
+from ..query.query_bounds import place, reach_of
+from ..query.ray_passes import GroundHits, ground_hits, plane_below, rays_through
 from ..query.receivers import NOTHING
-from ..query.shadow import ShadowQuery
-from ..query.subpixels import block_means, subpixel_rays
-from ..query.surface import PictureSurfaces, seen_by
+from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
 from ..scene.lights import DIRECTIONAL, is_bounced
 from .frame import Ground
 from .state import FrameState, TracedLights, ask, ask_all, smooths
@@ -58,7 +53,7 @@ class ShadowCatcher:
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
         rays = rays_through(state.tracer.view, free, state.threads)
-        found = seen_ground(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
+        found = ground_hits(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
         gbuffer = found.gbuffer
         state.clock.lap("gbuffer")
         queries = self._queries(found, request.samples)
@@ -88,7 +83,7 @@ class ShadowCatcher:
         rays, shape = subpixel_rays(state.tracer.view, edge, state.threads)
         free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
         rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
-        found = seen_ground(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
+        found = ground_hits(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
         state.clock.lap("gbuffer")
         queries = self._queries(found, finer.edges)
         state.tracer.prepare_again(queries, state.clock.lap)
@@ -102,7 +97,7 @@ class ShadowCatcher:
         )
         return np.float32(1.0) - kept[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
 
-    def _queries(self, found: SeenGround, samples) -> list[ShadowQuery]:
+    def _queries(self, found: GroundHits, samples) -> list[ShadowQuery]:
         """A query for each light, at the points of the ground; `samples`: of all lights of the request."""
         state, (gbuffer, origins, _) = self._state, found
         asking = origins[gbuffer.side != NOTHING]

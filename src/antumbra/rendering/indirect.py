@@ -5,8 +5,8 @@ from itertools import islice
 
 import numpy as np
 
-from ..query.diffuse import diffuse_rays
-from ..query.picture import Surfaces
+from ..query.ray_passes import diffuse_rays
+from ..query.shadow_query import Surfaces
 from ..trace.rays.bounce import Nearest
 from .memory import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES
 from .state import FrameState, TracedLights, ask_all, picture, queries_of

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..image.shade import shade
-from ..query.picture import Surfaces
-from ..query.surface import PictureSurfaces
+from ..query.gbuffer import PictureSurfaces
+from ..query.shadow_query import Surfaces
 from .frame import Layers
 from .state import FrameState, TracedLights, arriving_at, coloured
 

@@ -10,8 +10,7 @@ from ..engine.see import see
 from ..engine.srdh_rays import bounced_queries
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
-from ..query.picture import shadow_queries, surface_queries
-from ..query.shadow import ShadowQuery
+from ..query.shadow_query import ShadowQuery, shadow_queries, surface_queries
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
 from .memory import frame_memory

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from ..checks import choice, flag, instance, number
-from ..query.sampling import SAMPLERS
+from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
 from .keywords import Option, Real, Whole, Words, anything, checked, described, optional_flag
 
@@ -108,7 +108,7 @@ class RenderOptions:
         Option(
             _sampler,
             "str",
-            "A name in `antumbra.query.sampling.SAMPLERS`.",
+            "A name in `antumbra.query.light_samples.SAMPLERS`.",
             (
                 Words(
                     "Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",

@@ -10,12 +10,10 @@ from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import Visible, as_needed, finer_query, refined, visible
 from ..image.shade import ambient_light
-from ..query.picture import Surfaces, stacked
+from ..query.gbuffer import PictureSurfaces, seen_by
+from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.receivers import NOTHING
-from ..query.refine import edges
-from ..query.shadow import ShadowQuery
-from ..query.subpixels import BLOCK, block_copies, block_means, picture_of
-from ..query.surface import PictureSurfaces, seen_by
+from ..query.shadow_query import ShadowQuery, Surfaces, stacked
 from ..scene.lights import is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..image.background import skies_of
-from ..query.diffuse import Passes, diffuse_passes
-from ..query.refine import FinerSamples, finer_samples
-from ..query.sampling import light_samples
-from ..query.shadow import CULL_FACES
+from ..query.light_samples import light_samples
+from ..query.pixel_refinement import FinerSamples, finer_samples
+from ..query.ray_passes import Passes, diffuse_passes
+from ..query.shadow_query import CULL_FACES
 from ..scene.camera import Camera
 from .options import RenderOptions
 

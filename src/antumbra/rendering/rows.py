@@ -8,11 +8,10 @@ import numpy as np
 
 from ..engine.engine import Engine
 from ..image.fraction import as_needed, finer_query
-from ..query.picture import Surfaces
+from ..query.gbuffer import seen_by
+from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
-from ..query.refine import edges
-from ..query.subpixels import blocks_of, picture_of
-from ..query.surface import seen_by
+from ..query.shadow_query import Surfaces
 from .indirect import indirect_light
 from .passes import evaluate, look, trace
 from .request import Request

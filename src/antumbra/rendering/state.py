@@ -12,8 +12,7 @@ from ..image.shade import arriving, shade
 from ..image.shares import shares
 from ..image.terminator import Facing, facing_of
 from ..query.gbuffer import GBuffer
-from ..query.picture import Surfaces, surface_queries
-from ..query.shadow import ShadowQuery, ray_count
+from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from ..trace.counters import new_counters

@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..engine.accelerate import Accelerated, Accelerator
-from ..query.shadow import ShadowQuery, with_receivers
+from ..query.shadow_query import ShadowQuery, with_receivers
 from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 
 WINDOW = 16  # pixels; no ray bundle crosses the border of a window

@@ -31,7 +31,7 @@ WHITE = 1.0, 1.0, 1.0
 
 
 class LightPatch(NamedTuple):
-    """A light in the recentred frame of a scene, float64; `antumbra.query.samples.patch_at` places it for a receiver.
+    """A light in the recentred frame of a scene, float64; `query.light_samples.patch_at` places it for a receiver.
 
     Seen from a receiver, every light is a patch with the points base + a u + b v + c w. (a, b, c) is from the light's
     `domain`.

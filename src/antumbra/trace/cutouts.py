@@ -20,9 +20,9 @@ from ..kernels.predicate.filters import BEYOND, is_nearer
 from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec import scalars
-from ..query.diffuse import RayPass
-from ..query.rays import HitArrays, RayArrays
-from ..query.shadow import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..query.ray_list import HitArrays, RayArrays
+from ..query.ray_passes import RayPass
+from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
 from ..scene.areas import with_area
 from ..scene.triangles import Triangles
 from .multifrusta.trace import trace_shadow
@@ -113,7 +113,7 @@ class CutoutRays(NamedTuple):
     skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
     tmin: np.ndarray  # (m,) float64
     tmax: np.ndarray  # (m,) float64
-    cull_faces: int = 0  # a value of `query.shadow.CULL_FACES`
+    cull_faces: int = 0  # a value of `query.shadow_query.CULL_FACES`
     segments: bool = False
 
 

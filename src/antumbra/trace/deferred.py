@@ -10,7 +10,7 @@ from ..bvh.links import slot_at
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.exact import segment
 from ..kernels.simd import get, lowest_bit, ptr_at, put
-from ..query.shadow import horizon_of, is_above
+from ..query.shadow_query import horizon_of, is_above
 from .counters import UNCERTAIN, count
 from .querychunk import place_of
 from .rays.traverse import settle

@@ -24,7 +24,7 @@ from ..kernels.simd import (
     reduce_min,
 )
 from ..kernels.vec import Vec, keep, middles_and_halves, rows
-from ..query.samples import patch_at, sample_point
+from ..query.light_samples import patch_at, sample_point
 from ..scene.lights import FIXED, LIST
 
 STRATA = 16

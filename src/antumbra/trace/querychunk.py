@@ -7,7 +7,7 @@ import numpy as np
 from ..kernels.fields import F32Ptr, F64Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import get, ptr, ptr_at
-from ..query.shadow import QueryPointers, query_pointers
+from ..query.shadow_query import QueryPointers, query_pointers
 from .lighttable import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, stays
 
 _F = np.float32

@@ -31,7 +31,7 @@ from ..kernels.simd import (
     to_f32,
 )
 from ..query.receivers import NOTHING
-from ..query.shadow import patch_of
+from ..query.shadow_query import patch_of
 from .beams import BEAM_FLOATS
 from .lighttable import GROUPS, POINTS, TARGETS, bound_strata, bound_targets
 from .querychunk import place_of

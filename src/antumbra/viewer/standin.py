@@ -8,7 +8,7 @@ import numpy as np
 from ..image.shade import SIDEWAYS
 from ..image.tonemap import roll_off
 from ..jobs.bake.measure import Asked, Meter, SurfacePoints
-from ..query.order import morton_codes
+from ..query.query_bounds import morton_codes
 from ..scene.triangles import Triangles
 from .model import Model
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.papers.peers.ray_sets import LANES, ORDERS, RaySet, blocks, one_by_one, packets, primary_rays
-from antumbra.query.pixels import pixel_direction
+from antumbra.query.gbuffer import pixel_direction
 from antumbra.scene.camera import Camera
 
 SHAPE = (10, 7, 20)

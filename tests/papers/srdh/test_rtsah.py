@@ -9,7 +9,7 @@ from antumbra.engine.scene import procedural
 from antumbra.papers.srdh.measure import Workload
 from antumbra.papers.srdh.rtsah import check_rtsah, even_lines, opposite
 from antumbra.papers.views import own_view
-from antumbra.query.shadow import segments
+from antumbra.query.shadow_query import segments
 
 
 @pytest.fixture(scope="module", params=["cellar", "atrium", "blinds"])

@@ -11,7 +11,7 @@ from antumbra.errors import InputError
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.hits import hit_t
 from antumbra.methods import BUILDERS
-from antumbra.query.pixels import pixel_ray
+from antumbra.query.gbuffer import pixel_ray
 from antumbra.trace.primary.trace import trace_primary
 from antumbra.trace.rays.orders import CLOSEST
 from antumbra.trace.rays.traverse import walk

@@ -12,7 +12,7 @@ from antumbra.bvh.widen import widen
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import ray_along
 from antumbra.methods import BUILDERS
-from antumbra.query.rays import hit_arrays, rays_of
+from antumbra.query.ray_list import hit_arrays, rays_of
 from antumbra.trace.counters import COUNTERS, new_counters
 from antumbra.trace.rays.batch import RayTracer
 from antumbra.trace.rays.orders import CLOSEST

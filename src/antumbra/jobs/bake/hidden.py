@@ -7,7 +7,7 @@ solid.
 import numpy as np
 
 from ...engine.scene import Scene
-from ...query.sampling import light_samples
+from ...query.light_samples import light_samples
 from ...scene.lights import AmbientOcclusion
 from .measure import SurfacePoints
 

@@ -15,10 +15,10 @@ from ...image.shade import arriving
 from ...image.shares import shares
 from ...image.terminator import facing_of
 from ...query.gbuffer import GBuffer
-from ...query.order import morton_codes
+from ...query.light_samples import light_samples
+from ...query.query_bounds import morton_codes
 from ...query.receivers import NOTHING, Receivers
-from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery, fraction_lit
+from ...query.shadow_query import ShadowQuery, fraction_lit
 from ...scene.lights import Light
 from ..dataset.manifest import light_record
 from ..parts import Parts, about_parts, inexact

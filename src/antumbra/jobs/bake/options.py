@@ -14,7 +14,7 @@ from ...image.tonemap import automatic_exposure
 from ...kernels.parallel import thread_count
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
-from ...query.sampling import sample_sets
+from ...query.light_samples import sample_sets
 from ...scene.light_list import in_full
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
 from ...scene.view import sun

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...image.filter import filtered
 from ...kernels.progress import reported
+from ...query.gbuffer import PictureSurfaces
 from ...query.receivers import NOTHING
-from ...query.surface import PictureSurfaces
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
 from .hidden import Solids
 from .measure import SIDE, Measurement, Meter, SurfacePoints, nearby

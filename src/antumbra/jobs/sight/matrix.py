@@ -16,7 +16,7 @@ from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
 from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
-from ...query.order import morton_codes
+from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ..engines import checked_keep, engine_of
 from ..parts import Parts, about_parts, inexact

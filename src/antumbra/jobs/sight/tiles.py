@@ -7,8 +7,8 @@ of a space-filling curve, so that their sightlines form thin bundles.
 import numpy as np
 
 from ...engine.any_scene import AnyScene
-from ...query.horizon import below_horizon
 from ...query.receivers import Receivers
+from ...query.shadow_query import below_horizon
 from ...scene.lights import MAX_SPP
 from ...scene.point_lights import PointLights
 from .bitrows import ones, transposed, words_of

@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed, reported
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
-from ...query.order import morton_codes
+from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
 from ..readsensors import sensors_of
 from ..sensors import Sensors, on_top, point_sensors

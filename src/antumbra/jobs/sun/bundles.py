@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...query.order import morton_codes
+from ...query.query_bounds import morton_codes
 
 BUNDLE = 16  # suns, or sensors, that a tracer takes at once
 

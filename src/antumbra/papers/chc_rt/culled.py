@@ -15,8 +15,8 @@ from ...chcrt.passes import pass_rays
 from ...chcrt.raysets import Pass
 from ...chcrt.trace import Scheduled, camera_hits
 from ...errors import InputError
-from ...query.diffuse import RayPass
-from ...query.picture import Surfaces
+from ...query.ray_passes import RayPass
+from ...query.shadow_query import Surfaces
 from ...trace.forest import Hits
 from .measure import InCore, bled
 from .rays import DIFFUSE, SAMPLER, Culling, FrameRays, timed

@@ -18,8 +18,8 @@ from ...chcrt.trace import Scheduled
 from ...errors import InputError
 from ...image.tonemap import to_srgb8
 from ...plan import parse_plan
-from ...query.picture import Surfaces, surfaces_of
-from ...query.sampling import ROTATIONS
+from ...query.light_samples import ROTATIONS
+from ...query.shadow_query import Surfaces, surfaces_of
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera

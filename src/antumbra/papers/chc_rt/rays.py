@@ -17,11 +17,10 @@ from ...chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...plan import parse_plan
-from ...query.diffuse import RayPass, diffuse_passes, diffuse_rays
-from ...query.picture import Surfaces, surface_queries
-from ...query.pixels import pixel_direction
-from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery, new_bits, ray_count
+from ...query.gbuffer import pixel_direction
+from ...query.light_samples import light_samples
+from ...query.ray_passes import RayPass, diffuse_passes, diffuse_rays
+from ...query.shadow_query import ShadowQuery, Surfaces, new_bits, ray_count, surface_queries
 from ...scene.camera import Camera, CameraRays
 from ...scene.lights import AmbientOcclusion
 from ...trace.primary.trace import trace_primary
@@ -50,7 +49,7 @@ class FrameRays(NamedTuple):
     camera: CameraRays
     surfaces: Surfaces  # the surfaces that the camera sees
     shadows: dict[str, ShadowQuery]  # AO and SOFT -> query
-    directions: np.ndarray  # directions of the diffuse passes, see `query.diffuse.Passes`
+    directions: np.ndarray  # directions of the diffuse passes, see `query.ray_passes.Passes`
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -17,8 +17,8 @@ from ...chcrt.trace import Scheduled
 from ...engine.paged import Paged
 from ...engine.paged_scene import PagedScene
 from ...errors import InputError
-from ...query.diffuse import diffuse_passes
-from ...query.sampling import light_samples
+from ...query.light_samples import light_samples
+from ...query.ray_passes import diffuse_passes
 from ...rendering.memory import PASS_BYTES, frame_memory
 from ...rendering.options import RenderOptions
 from ...rendering.render_jobs import warm_up, warm_up_indirect

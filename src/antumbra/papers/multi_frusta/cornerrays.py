@@ -34,7 +34,7 @@ from ...kernels.simd import (
     store,
 )
 from ...kernels.vec import Vec, keep, magnitudes, minus, rows
-from ...query.shadow import patch_of
+from ...query.shadow_query import patch_of
 from ...scene.lights import AMBIENT, LIST
 from ...trace.counters import SHRINKS, count
 from ...trace.packets.raytile import open_rays

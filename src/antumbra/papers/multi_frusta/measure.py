@@ -24,10 +24,9 @@ from ...bvh.blocks import block_tree
 from ...errors import InputError
 from ...methods import TRACERS, add_plugins
 from ...query.gbuffer import GBuffer
-from ...query.picture import shadow_queries
-from ...query.rays import cull_value
-from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery
+from ...query.light_samples import light_samples
+from ...query.ray_list import cull_value
+from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
 from ...scene.camera import CameraRays
 from ...scene.lights import QuadLight

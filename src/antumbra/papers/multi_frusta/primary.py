@@ -33,8 +33,8 @@ from ...kernels.simd import (
     stack_i64,
 )
 from ...kernels.vec import Vec, dot, rows
-from ...query.pixels import pixel_direction, pixel_ray
-from ...query.raster_depth import eye_plane, plane_t
+from ...query.gbuffer import pixel_direction, pixel_ray
+from ...query.raster_setup import eye_plane, plane_t
 from ...scene.camera import CameraRays
 from ...trace.counters import (
     CANDIDATES,

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...image.tonemap import automatic_exposure, to_srgb8
-from ...query.refine import edges
-from ...query.surface import seen_by
+from ...query.gbuffer import seen_by
+from ...query.pixel_refinement import edges
 from ...rendering.frame import Frame
 from ...rendering.renderer import Renderer
 from .measure import SPP, Case

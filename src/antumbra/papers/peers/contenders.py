@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...plan import Plan
-from ...query.shadow import ShadowQuery
+from ...query.shadow_query import ShadowQuery
 from . import embree, embree_rays
 from .contest import OURS, Contender
 from .ray_sets import RaySet, one_by_one, packets

@@ -1,10 +1,9 @@
 """The shadow query of a camera and a light."""
 
 from ...query.gbuffer import from_hits
-from ...query.picture import shadow_queries
-from ...query.raster import rasterise
-from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery
+from ...query.light_samples import light_samples
+from ...query.rasteriser import rasterise
+from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.triangles import Triangles

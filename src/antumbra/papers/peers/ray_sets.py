@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...query.receivers import NOTHING
-from ...query.shadow import ShadowQuery, segments
+from ...query.shadow_query import ShadowQuery, segments
 from ...scene.camera import CameraRays
 
 BLOCK = 4  # pixels along each side of a block; its 16 pixels make a packet

@@ -14,8 +14,8 @@ import numpy as np
 from ...cull.cull import STEPS, cull
 from ...engine.accelerate import Accelerator
 from ...errors import InputError
-from ...query.picture import shadow_queries
-from ...query.sampling import light_samples
+from ...query.light_samples import light_samples
+from ...query.shadow_query import shadow_queries
 from ...rendering.renderer import Renderer
 from ..answers import digest
 from .convex import mark_convex

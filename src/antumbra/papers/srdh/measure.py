@@ -16,9 +16,8 @@ from ...bvh.nodes import Bvh
 from ...engine.srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ...errors import InputError
 from ...kernels.parallel import thread_count
-from ...query.picture import shadow_queries
-from ...query.sampling import MAX_SPP, light_samples
-from ...query.shadow import ShadowQuery
+from ...query.light_samples import MAX_SPP, light_samples
+from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
 from ...trace.rays.bounce import bounced
 from ...trace.rays.orders import BUILT, SRDH, Ordered

@@ -12,10 +12,10 @@ import numpy as np
 from ...bvh import binned_sah
 from ...bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
 from ...bvh.order import sooner_first
-from ...query.bounds import reach
+from ...query.light_samples import light_samples
+from ...query.query_bounds import reach
 from ...query.receivers import FREE
-from ...query.sampling import light_samples
-from ...query.shadow import ShadowQuery
+from ...query.shadow_query import ShadowQuery
 from ...scene.point_lights import PointLights
 from ...scene.triangles import Triangles
 from ...trace.rays.orders import RANDOM, Ordered

@@ -10,8 +10,8 @@ import numpy as np
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import is_nearer, meets
 from ...kernels.simd import bits, get, iota16, load16, lowest_bit, minimum, put, reduce_min, select, splat16, store
-from ...query.pixels import pixel_ray
-from ...query.raster_depth import NO_PLANE, eye_plane, plane_t
+from ...query.gbuffer import pixel_ray
+from ...query.raster_setup import NO_PLANE, eye_plane, plane_t
 from ..forest import tree_in
 from ..slabs import GROW
 from .pixelblock import CELLS, first_pixel

@@ -12,8 +12,8 @@ from ...kernels.fields import F64Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.hits import hit_t
 from ...kernels.simd import as_f32, bits, get, load4, load8, load16, ptr, ptr_at, put, splat16, store
-from ...query.pixels import pixel_ray
-from ...query.raster_depth import NO_PLANE, EyePlane, eye_plane, quick_t
+from ...query.gbuffer import pixel_ray
+from ...query.raster_setup import NO_PLANE, EyePlane, eye_plane, quick_t
 from ...scene.camera import CameraRays
 from ..forest import tree_in
 from .pixelblock import CELLS, PIXELS, first_pixel

@@ -33,7 +33,7 @@ from ...kernels.simd import (
     to_f32,
     to_f64,
 )
-from ...query.rays import HitArrays, Rays
+from ...query.ray_list import HitArrays, RayArguments
 from ...scene.recentre import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .finish import CORNER_WORDS, REPORT_WORDS, Report, write_nearest
@@ -266,7 +266,7 @@ class RayTracer:
         self.wide, self._tree = wide, packed(wide)
         self._spare: list[_Scratch] = []  # no two calls have the same: a list hands out items atomically
 
-    def trace(self, rays: Rays, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
+    def trace(self, rays: RayArguments, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
         """Trace rays and fill `out`.
 
         Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The

@@ -9,10 +9,10 @@ from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.predicate.exact import ray_along
 from ...kernels.simd import ptr
-from ...query.diffuse import RayPass, diffuse_rays
 from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
-from ...query.picture import Surfaces, surfaces_of
+from ...query.ray_passes import RayPass, diffuse_rays
 from ...query.receivers import NOTHING, surface_receivers
+from ...query.shadow_query import Surfaces, surfaces_of
 from .orders import CLOSEST
 from .traverse import walk
 

@@ -43,7 +43,7 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
 
     origins, ends : (m, 3) float32
     skip : (m,) int32, a triangle that does not count for each segment, or -1
-    cull_faces : a value of `query.shadow.CULL_FACES`
+    cull_faces : a value of `query.shadow_query.CULL_FACES`
     """
     m, room = len(origins), _A_RAY * len(origins)
     spans = np.empty((m, 2), np.int64)

@@ -17,7 +17,7 @@ from ...kernels.predicate.exact import segment
 from ...kernels.simd import get, ptr, stack_i64
 from ...kernels.vec import scalars
 from ...query.receivers import NOTHING
-from ...query.shadow import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import BELOW_HORIZON, N_COUNTERS, RAYS, REPEAT_HITS, add_counters, cleared_if, count, new_counters
 from .interleaved import any_hit_wide
 from .orders import BUILT, Ordered

@@ -22,7 +22,7 @@ from ...kernels.predicate.exact import segment
 from ...kernels.simd import atomic_add, get, stack_array
 from ...kernels.vec import scalars
 from ...query.receivers import NOTHING
-from ...query.shadow import horizon_of, is_above, patch_of, query_pointers, sample_of
+from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of
 from ..counters import BOX_TESTS, N_COUNTERS, TRIANGLE_TESTS
 from .orders import Ordered
 from .traverse import walk

@@ -9,8 +9,8 @@ from ..checks import as_array, choice
 from ..errors import InputError
 from ..kernels.arguments import Form, Packed, address_of
 from ..scene.recentre import settled
-from .diffuse import RayPass
-from .shadow import CULL_FACES
+from .ray_passes import RayPass
+from .shadow_query import CULL_FACES
 
 
 class Operand(NamedTuple):
@@ -79,7 +79,7 @@ def hit_arrays(m: int, any_hit: bool) -> HitArrays:
     return HitArrays(_NONE.blocked, *(np.empty(m, array.dtype) for array in _NONE[1:]))
 
 
-class Rays(NamedTuple):
+class RayArguments(NamedTuple):
     """The rays of a question: arguments whose shapes and dtypes are checked. The numbers are checked in tracing.
 
     World coordinates are recentred (minus `frame`, in float64) before they are rounded to float32.
@@ -99,10 +99,10 @@ class Rays(NamedTuple):
     def n(self) -> int:
         return prod(self.shape)
 
-    def copied(self) -> "Rays":
+    def copied(self) -> "RayArguments":
         """The same rays in arrays of their own, which nobody else changes."""
         own = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
-        return Rays(*own, *self[5:])
+        return RayArguments(*own, *self[5:])
 
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`. It keeps the memory that it names."""
@@ -131,7 +131,7 @@ class Rays(NamedTuple):
 def rays_of(
     origins, directions, tmin, tmax, skip_face, cull_faces, frame: tuple[float, float, float], n_faces: int,
     targets=None,
-) -> Rays:  # fmt: skip
+) -> RayArguments:  # fmt: skip
     """The checked arguments of `Scene.occluded` and `Scene.closest_hit`.
 
     n_faces : number of faces of the scene
@@ -155,7 +155,7 @@ def rays_of(
         sizes = ", ".join(f"{name} {np.shape(x)}" for name, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
         raise InputError(f"shapes do not broadcast: origins {origins.shape}, {ways} {directions.shape}, {sizes}")
     facing = 0 if cull_faces is None else cull_value(cull_faces)
-    return Rays(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
+    return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
 
 
 def _number_or_array(value, what: str) -> np.ndarray | float:

@@ -1,0 +1,145 @@
+"""Bounds of a query: boxes around triangles and points, and lights placed in the scene's frame.
+
+Distant lights are placed beyond the bounds. `place` rejects scenes and lights whose sizes and distances differ by more
+than the tracers' arithmetic allows. `morton_codes` sorts points so that neighbours in a list are close in space.
+"""
+
+from math import sqrt
+from operator import sub
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
+from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
+from ..scene.light_list import LightList
+from ..scene.lights import DIRECTIONAL, Light, LightPatch
+from ..scene.recentre import settled
+
+# --- Points along a space-filling curve, so that neighbours in a list are near each other -----------------------------
+
+
+def morton_codes(points: np.ndarray) -> np.ndarray:
+    """(n,) int32: Morton codes of 10 bits an axis of (n, 3) points, over their box.
+
+    Points too far apart for their dtype get any codes.
+    """
+    axes = np.ascontiguousarray(points.T)  # minima along rows are several times as fast
+    with np.errstate(over="ignore", invalid="ignore"):
+        low = axes.min(1, initial=np.inf, keepdims=True)
+        size = max(float((axes.max(1, initial=-np.inf, keepdims=True) - low).max()), 1e-30)
+        cells = np.clip((axes - low) * axes.dtype.type(1023.0 / size), 0, 1023).astype(np.int32)
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        cells = (cells | cells << shift) & np.int32(mask)
+    return cells[0] << 2 | cells[1] << 1 | cells[2]
+
+
+# --- Bounds of a query's triangles and points; distant lights are placed beyond them ----------------------------------
+
+
+_ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
+_BLOCK = 3 * _ROWS
+_CHUNK = 2048  # blocks
+_TINY = float(np.finfo(np.float32).tiny)
+
+
+@kernel
+def _bounds(ticket, values, parts):
+    """Worker: minimum and maximum at each of the 48 positions in a block, for each chunk of blocks."""
+    p, out = ptr(values), ptr(parts)
+    for first, last in shares(ticket):
+        a, b, c = (splat16(np.float32(np.inf)), splat16(np.float32(np.inf)), splat16(np.float32(np.inf)))
+        d, e, f = (splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)), splat16(np.float32(-np.inf)))
+        for i in range(first, last):
+            x, y, z = load16(p, _BLOCK * i), load16(p, _BLOCK * i + 16), load16(p, _BLOCK * i + 32)
+            a, b, c = minimum(a, x), minimum(b, y), minimum(c, z)
+            d, e, f = maximum(d, x), maximum(e, y), maximum(f, z)
+        row = first // ticket[CHUNK] * 2 * _BLOCK
+        store(out, row, a)
+        store(out, row + 16, b)
+        store(out, row + 32, c)
+        store(out, row + 48, d)
+        store(out, row + 64, e)
+        store(out, row + 80, f)
+
+
+def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
+    flat = points.reshape(-1)
+    n = flat.size // _BLOCK
+    if n == 0:
+        rest = flat.reshape(-1, 3)
+        if len(rest) == 1:
+            return rest[0], rest[0]
+        return rest.min(0), rest.max(0)
+    parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
+    run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
+    rest = flat[n * _BLOCK :].reshape(-1, 3)
+    lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
+    return np.concatenate([lower, rest]).min(0), np.concatenate([upper, rest]).max(0)
+
+
+def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
+    """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
+    return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
+
+
+def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | None = None) -> float:
+    """As `reach`, from the exact bounds of the triangles.
+
+    box : (2, 3) float32
+    points : (..., 3) float32 or None; None: they lie on the triangles
+    """
+    lower, upper = box
+    if points is not None:
+        low, high = bounds(points, threads)
+        lower, upper = np.minimum(lower, low), np.maximum(upper, high)
+    across = upper.astype(np.float64) - lower
+    return 2.0 * sqrt(across.dot(across)) + _TINY
+
+
+# --- Lights in the frame of a scene, and the ratios of lengths for which the tracers' arithmetic holds ----------------
+
+
+MOST_RATIO = 2.0**120
+"""Most widths of the scene between points and lights. Lengths in units of a segment stay in float32's range."""
+
+
+def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float) -> LightPatch:
+    """The patch of a light in the frame whose zero is at the world position `origin`.
+
+    box : (2, 3) float32, around the scene's triangles; None: there are none
+    reach : as for `Light.patch`
+
+    Raises
+    ------
+    InputError
+        If points or the light are more than MOST_RATIO widths of the scene away.
+    """
+    patch = light.patch(origin, reach)
+    if isinstance(light, LightList) or patch.kind == DIRECTIONAL:
+        _check_ratio(box, max(reach, _farthest(light, patch)), light)
+        return patch
+    vectors = np.array((patch.base, patch.u, patch.v))
+    _check_ratio(box, max(reach, float(np.abs(vectors).max()) + patch.radius), light)
+    base, u, v = settled(vectors)
+    return LightPatch(patch.kind, base, u, v, patch.w, patch.radius)
+
+
+def _farthest(light: Light, patch: LightPatch) -> float:
+    """The largest magnitude of a coordinate of a list of lights, about; 0 for distant ones, placed by `reach`."""
+    if patch.kind == DIRECTIONAL or not isinstance(light, LightList) or not len(light.points):
+        return 0.0
+    return float(np.abs(light.points).max()) + float(np.abs(patch.base).max())
+
+
+def _check_ratio(box: np.ndarray | None, far: float, light: Light) -> None:
+    if box is None:
+        return
+    width = max(map(sub, *box[::-1].tolist()))
+    if width > 0.0 and far > MOST_RATIO * width:
+        raise InputError(
+            f"points, or the {type(light).__name__}, are {far:.3g} units away from a scene that is {width:.3g} units "
+            f"wide; bring them nearer than {MOST_RATIO:.2g} times its width"
+        )

@@ -1,0 +1,217 @@
+"""Passes of one ray per pixel: diffuse rays, the camera's own rays, and their hits on a level ground plane.
+
+One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so neighbouring
+pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import whole_number
+from ..errors import InputError
+from ..kernels.jit import kernel
+from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..scene.camera import CameraRays
+from ..scene.light_list import N_SETS
+from ..scene.lights import MAX_SPP, is_bounced
+from ..scene.listed_rays import ListedRays
+from .gbuffer import GBuffer, pixel_direction
+from .light_samples import domain_sets, hemisphere, light_samples, sample_point
+from .receivers import NOTHING, SHIFT
+
+# --- Diffuse rays: passes of one ray from each pixel's surface, into the hemisphere around its normal -----------------
+#
+# One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so the directions
+# of neighbouring pixels are similar. Directions are rounded once to float32, so all tracers get the same rays.
+
+
+SEED = 1
+"""Seed of the pairing of directions with light samples."""
+
+
+class RayPass(NamedTuple):
+    """One ray from each of m receivers, pixel by pixel and row by row."""
+
+    origins: np.ndarray  # (m, 3) float32, recentred frame
+    directions: np.ndarray  # (m, 3) float32, approximately unit length; zero: no ray, counts as a miss
+    skip: np.ndarray  # (m,) int32, the triangle under the origin, which is not tested; -1: none
+
+
+def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
+    """The rays of a picture's pixels, (..., 3) float32 each, which start on no triangle."""
+    rays = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
+    return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
+
+
+def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
+    """The rays through the centres of some rows of a camera's pixels."""
+    x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
+    return listed_pass(*rays.through(x, y))
+
+
+class Passes(NamedTuple):
+    """The samples of all passes: directions of the diffuse rays, and light samples for the surfaces they meet."""
+
+    directions: np.ndarray  # (n, 4, 4, 3) float64, on the hemisphere; repeated over the picture
+    lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
+
+
+def diffuse_passes(lights, n: int, sampler: str) -> Passes:
+    """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
+
+    Light samples are paired with directions by a random permutation, a different one for each set. Without it, samples
+    with equal numbers would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass
+    tests all lights, or all lights of a set.
+
+    Raises
+    ------
+    InputError
+        If n is out of range or the sampler is unknown. If a light scales ambient light, or is itself bounced light.
+    """
+    n = whole_number(n, "bounce", 1, MAX_SPP)
+    for light in lights:
+        name = type(light).__name__
+        if light.domain == "hemisphere":
+            raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
+        if is_bounced(light):
+            raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
+    # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
+    directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
+    return Passes(np.ascontiguousarray(directions), [_of_passes(light, n, sampler) for light in lights])
+
+
+def _of_passes(light, n: int, sampler: str) -> list[np.ndarray]:
+    """The samples of a light in each pass, (16, k, 3) float64."""
+    samples = light_samples(light, n, sampler)
+    if light.domain == "list":
+        return [samples] * n
+    rng = np.random.default_rng(SEED)
+    order = rng.permuted(np.tile(np.arange(n), (N_SETS, 1)), axis=1)  # (16, n)
+    mixed = samples[rng.permutation(N_SETS)[:, None], order]
+    return list(np.ascontiguousarray(mixed.transpose(1, 0, 2)[:, :, None]))
+
+
+@kernel
+def _direction_rows(ticket, normals, sides, samples, out):
+    zero, one = np.float64(0.0), np.float64(1.0)
+    h, w = samples.shape[:2]
+    for y in items(ticket):
+        for x in range(sides.shape[1]):
+            d = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            if sides[y, x] != NOTHING:
+                nx, ny, nz = normals[y, x, 0], normals[y, x, 1], normals[y, x, 2]
+                around = hemisphere(zero, zero, zero, np.float64(nx), np.float64(ny), np.float64(nz), one)
+                a, b, c = samples[y % h, x % w, 0], samples[y % h, x % w, 1], samples[y % h, x % w, 2]
+                d = sample_point(around, a, b, c)
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
+
+
+def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
+    """One diffuse ray from each surface in a G-buffer.
+
+    origins : (H, W, 3) float32, the receivers of its surfaces
+    samples : (h, w, 3) float64, points of the unit hemisphere; pixel (x, y) uses entry [y mod h, x mod w]
+    """
+    directions = np.empty_like(origins)
+    ticket = new_ticket(len(directions), 8)
+    run(_direction_rows, thread_count(threads), ticket, gbuffer.normal, gbuffer.side, samples, directions)
+    return RayPass(origins.reshape(-1, 3), directions.reshape(-1, 3), gbuffer.face.reshape(-1))
+
+
+# --- The camera's rays as a list, for selected pixels -----------------------------------------------------------------
+
+
+@kernel
+def _directions(ticket, pixels, rays, directions):
+    for i in items(ticket):
+        d = pixel_direction(rays, pixels[i, 1], pixels[i, 0])
+        directions[i, 0], directions[i, 1], directions[i, 2] = d
+
+
+def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:
+    """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+    if isinstance(rays, ListedRays):
+        return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
+    pixels = np.ascontiguousarray(np.argwhere(wanted))
+    m = len(pixels)
+    directions = np.empty((m, 3), np.float32)
+    run(_directions, thread_count(threads), new_ticket(m, 4096), pixels, rays, directions)
+    origins = np.broadcast_to(rays.origin.astype(np.float32), (m, 3)).copy()
+    return RayPass(origins, directions, np.full(m, -1, np.int32))
+
+
+# --- A level ground: the points where rays that meet no surface meet a plane below them, and their receivers ----------
+
+
+_FAR = 40.0  # radii of the scene that the ground reaches
+_FADES = 0.5  # share of this distance from which shadows fade, so that the ground has no border
+
+
+class GroundPlane(NamedTuple):
+    """A level plane in the recentred frame of a scene, seen from above and up to a distance."""
+
+    axis: int  # that points up: 1 or 2
+    height: float
+    x: float  # the middle of the scene, on the two level axes
+    y: float
+    radius: float
+
+
+class GroundHits(NamedTuple):
+    """The ground that rays meet."""
+
+    gbuffer: GBuffer  # without faces; its side is 1 where the ground is seen
+    origins: np.ndarray  # (H, W, 3) float32: receivers, as from `point_receivers`
+    kept: np.ndarray  # (H, W) float32: share of shadows that is shown: 1 near the scene, 0 where the ground ends
+
+
+def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
+    """The plane of a ground; box : (2, 3), bounds of the scene, and `height`, both in its recentred frame."""
+    lower, upper = box.astype(np.float64)
+    radius = max(float(np.linalg.norm(upper - lower)) / 2.0, float(np.finfo(np.float32).tiny))
+    axis = "xyz".index(up)
+    x, y = np.delete((lower + upper) / 2.0, axis).tolist()
+    return GroundPlane(axis, float(np.float32(height)), x, y, _FAR * radius)
+
+
+@kernel
+def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, kept):
+    """Worker: write what rays see of the plane to their pixels; arrays have a row for each pixel."""
+    up = plane.axis
+    a, b = (0, 3 - up) if up != 0 else (1, 2)
+    for i in items(ticket):
+        above, falls = np.float64(rays.origins[i, up]) - plane.height, -np.float64(rays.directions[i, up])
+        if not (above > 0.0 and falls > 0.0):
+            continue
+        t, k = above / falls, pixels[i]
+        p = np.float32(np.float64(rays.origins[i, a]) + t * np.float64(rays.directions[i, a]))
+        q = np.float32(np.float64(rays.origins[i, b]) + t * np.float64(rays.directions[i, b]))
+        away = np.hypot(np.float64(p) - plane.x, np.float64(q) - plane.y) / plane.radius
+        if not away < 1.0:
+            continue
+        height = np.float32(plane.height)
+        position[k, a], position[k, b], position[k, up] = p, q, height
+        # Eq. (2) of docs/design/receivers.md
+        shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
+        origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
+        normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
+        x = max((away - _FADES) / (1.0 - _FADES), 0.0)
+        kept[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
+
+
+def ground_hits(plane: GroundPlane, rays: RayPass, wanted: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
+    """The ground that rays meet.
+
+    rays : those of the pixels that are True in `wanted`, (H, W) bool; they meet no surface
+    origin : (3,) float64, world position of the frame's origin
+    """
+    shape = wanted.shape
+    position, normal, origins = (np.zeros((*shape, 3), np.float32) for _ in range(3))
+    depth, side = np.full(shape, np.inf, np.float32), np.full(shape, NOTHING, np.int8)
+    kept = np.zeros(shape, np.float32)
+    ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(wanted)
+    rows = (each.reshape(-1, 3) for each in (position, normal))
+    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), kept.reshape(-1)
+    run(_meet, thread_count(threads), ticket, plane, rays, pixels, *args)
+    return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, kept)
