@@ -26,7 +26,7 @@ from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.rendering.render_jobs import warm_up
-from antumbra.trace.primary.trace import trace_primary
+from antumbra.trace.primary.primary_rays import trace_primary
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes
 

@@ -39,7 +39,7 @@ EDITS = {
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",
     ),
-    "trace/multifrusta/trace.py": (
+    "trace/frusta/multi_frusta.py": (
         "tests/trace/multifrusta/test_tilegroup.py",
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",

@@ -17,9 +17,9 @@ from .chcrt.options import Options as CullingOptions
 from .cull.cull import cull
 from .rayhierarchy.options import FASTEST
 from .rayhierarchy.options import Options as ConeOptions
-from .trace.multifrusta import trace as multifrusta
+from .trace.frusta import multi_frusta as multifrusta
 from .trace.packets import packet16
-from .trace.rays import single
+from .trace.rays import single_rays as single
 
 
 class Culler(NamedTuple):

@@ -11,7 +11,7 @@ from antumbra.bvh.nodes import LEFT_FIRST, UNORDERED
 from antumbra.bvh.quality import sah_cost, validate
 from antumbra.bvh.rayorder import order_by_rays
 from antumbra.methods import BUILDERS, OPTIMISERS
-from antumbra.trace.rays.orders import RANDOM, SRDH
+from antumbra.trace.rays.ray_traversal import RANDOM, SRDH
 from bvh_scenes import HAZARDS, scattered, terrain
 from reference_srdh import box_of, pierces, scene_of
 from shadow_rays import met, met_in, nested, segments_in, walked

@@ -14,8 +14,8 @@ from antumbra.bvh.refit import refit
 from antumbra.bvh.srdh import KERNELS
 from antumbra.errors import InputError
 from antumbra.methods import BUILDERS
-from antumbra.trace.rays.orders import BUILT, RANDOM, SRDH
-from antumbra.trace.rays.steps import leaf_depths
+from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
+from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, ray_sets, scene_of
 from reference_srdh import srdh as heuristic

@@ -15,7 +15,7 @@ from antumbra.chcrt.queries import Answers
 from antumbra.chcrt.schedule import trace_frame
 from antumbra.chcrt.tiles import tiles_of
 from antumbra.methods import BUILDERS
-from antumbra.trace.querychunk import TileShape
+from antumbra.trace.tile import TileShape
 
 
 def _parts(n=3000, triangles=200, seed=0):

@@ -13,8 +13,8 @@ from antumbra.plan import parse_plan
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.ray_passes import RayPass
 from antumbra.rendering.renderer import Renderer
-from antumbra.trace.forest import Hits
-from antumbra.trace.rays.bounce import nearest_hits as one_by_one
+from antumbra.trace.rays.ray_hits import nearest_hits as one_by_one
+from antumbra.trace.tree_list import Hits
 from asking import answer, query_of
 
 LIGHTS = {

@@ -12,8 +12,8 @@ from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.windows import WINDOW, trace_windows
 from antumbra.trace.counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS, new_counters
-from antumbra.trace.rays.orders import BUILT, Ordered
-from antumbra.trace.rays.steps import count_steps
+from antumbra.trace.rays.ray_traversal import BUILT, Ordered
+from antumbra.trace.rays.single_rays import count_steps
 from asking import query_of, true_occlusion
 
 ONE_BY_ONE = "bsah+single:random", "srdh+single", "grid32+lbvh+single:rtsah", "bsah+refit+single"

@@ -8,7 +8,7 @@ from antumbra.bvh.blocks import BlockTree
 from antumbra.rendering.frame import PHASES
 from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
-from antumbra.trace.rays.orders import BUILT, Ordered
+from antumbra.trace.rays.ray_traversal import BUILT, Ordered
 
 KINDS = list(PROCEDURAL)
 

@@ -8,8 +8,8 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.exact import segment
 from antumbra.kernels.simd import stack_array
 from antumbra.trace.counters import BOX_TESTS, N_COUNTERS
-from antumbra.trace.rays.intersections import intersections
-from antumbra.trace.rays.traverse import walk
+from antumbra.trace.rays.ray_hits import intersections
+from antumbra.trace.rays.ray_traversal import walk
 
 
 def segments_in(vertices, m, seed=0):

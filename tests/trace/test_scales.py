@@ -8,7 +8,7 @@ import pytest
 import antumbra as at
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.shadow_query import segments
-from antumbra.trace.packets.incoherent import is_far
+from antumbra.trace.packets.ray_tile import is_far
 from asking import answer, true_occlusion
 from beam_scenes import lit
 

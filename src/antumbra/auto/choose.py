@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..query.shadow_query import ShadowQuery, ray_count
-from ..trace.lighttable import STRATA
+from ..trace.light_table import STRATA
 from .facts import Facts, if_sorted, size_of
 from .rates import GOOD, form_seconds, lost_share, rate
 from .sample import halves_of, sample_of, tile_of

@@ -8,8 +8,8 @@ from ..query.query_bounds import bounds
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import AMBIENT, DIRECTIONAL, SPHERE
-from ..trace.packets.incoherent import sample_extents
-from ..trace.querychunk import tile_shape
+from ..trace.packets.ray_tile import sample_extents
+from ..trace.tile import tile_shape
 
 _TILES = 96  # tiles that are looked at
 _SIDE = 4  # of a tile of a picture

@@ -4,8 +4,8 @@ import numpy as np
 
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, with_receivers
-from ..trace.lighttable import STRATA
-from ..trace.querychunk import tile_shape
+from ..trace.light_table import STRATA
+from ..trace.tile import tile_shape
 
 _SIDE, _ROW = 16, 256  # receivers of a window: of a picture, both ways, and of a row
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery
-from ..trace.rays import single
+from ..trace.rays import single_rays as single
 from .choose import Choice, Memory, choose, likeness, sampled_rate, sorting_pays, suited_ways
 from .facts import facts_of
 from .order import in_order, sorted_places

@@ -10,11 +10,11 @@ from ..bvh.nodes import Bvh, boxes_of
 from ..bvh.widen import widen
 from ..kernels.arguments import Packed, packed
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..trace.forest import whole
-from ..trace.multifrusta.trace import trace_forest
-from ..trace.packets.incoherent import is_far, is_incoherent
+from ..trace.frusta.multi_frusta import trace_tree_list
 from ..trace.packets.packet16 import over_pixels, over_samples
-from ..trace.rays import single
+from ..trace.packets.ray_tile import is_far, is_incoherent
+from ..trace.rays import single_rays as single
+from ..trace.tree_list import whole
 
 
 class Way(NamedTuple):
@@ -26,7 +26,7 @@ class Way(NamedTuple):
 
 
 def _trace_shafts(tree: BlockTree, query, bits, threads, counters, progress) -> None:
-    trace_forest(whole(tree), query, bits, threads, counters, progress)
+    trace_tree_list(whole(tree), query, bits, threads, counters, progress)
 
 
 def _shafts_suit(query: ShadowQuery, box: np.ndarray) -> bool:

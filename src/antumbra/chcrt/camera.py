@@ -14,7 +14,7 @@ from ..kernels.simd import ptr, ptr_at, put
 from ..query.gbuffer import pixel_direction
 from ..query.raster_setup import direction_error
 from ..scene.camera import CameraRays
-from ..trace.forest import Hits
+from ..trace.tree_list import Hits
 from .bundles import bundles_in, load_bundle
 from .cells import (
     CELL,

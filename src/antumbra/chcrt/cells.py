@@ -1,10 +1,10 @@
 """Cells: the rays of a screen as occlusion queries test them, 16 cells of 16 receivers side by side.
 
-The rays of a *cell* lie in one shaft (`trace.slabs`), from the box of its receivers to the box of the rays' ends. Each
+The rays of a *cell* lie in one shaft (`trace.descent`), from the box of its receivers to the box of the rays' ends. Each
 cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit. These
 numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length, and
 negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
-`trace.multifrusta.bundle.shafts_of` loads.
+`trace.frusta.bundle.shafts_of` loads.
 
 The receivers of a cell are 4 x 4 neighbours, or 16 of a row. In *spread* pictures they are every fourth pixel of a
 square of 16 x 16 pixels. Such pixels take the same sample of each set, so their directions are alike (Sec. 5.3).
@@ -16,8 +16,8 @@ import numpy as np
 
 from ..kernels.jit import inlined
 from ..kernels.simd import put
-from ..trace.multifrusta.region import Layout, layout_of
-from ..trace.querychunk import TileShape
+from ..trace.frusta.tile_clusters import RegionLayout, layout_of
+from ..trace.tile import TileShape
 
 _F = np.float32
 FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: how far rays look, number of rays that look, number of rays
@@ -31,7 +31,7 @@ class Picture(NamedTuple):
     """How receivers are cut into cells and regions."""
 
     shape: TileShape
-    layout: Layout
+    layout: RegionLayout
     h: int  # rows of receivers
     w: int  # receivers in a row
     spread: bool  # a cell's receivers are not neighbours, but every fourth one, both ways

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..trace.forest import Hits
+from ..trace.tree_list import Hits
 
 
 @kernel

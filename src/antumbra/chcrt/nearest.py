@@ -2,7 +2,7 @@
 
 The 16 rays of a cell go down each part together, the nearer child first. Each ray goes only as far as its nearest hit
 so far. At a block, each ray is tested against all triangles side by side. If float32 cannot decide a test, float64
-does. The rounded t decides which hit is nearest, as everywhere (`trace.rays.traverse.walk`). The lowest triangle index
+does. The rounded t decides which hit is nearest, as everywhere (`trace.rays.ray_traversal.walk`). The lowest triangle index
 wins ties.
 """
 # mypy: disable-error-code="call-arg, var-annotated"
@@ -22,9 +22,9 @@ from ..kernels.predicate.hits import rounded_t
 from ..kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
 from ..kernels.vec import broadcasts
 from ..trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
-from ..trace.forest import forest_pointers, item, list_of, root_in, tree_in
-from ..trace.multifrusta.bundle import shafts_of
-from ..trace.raytest import ray_meets
+from ..trace.frusta.bundle import shafts_of
+from ..trace.tree_list import item, list_of, root_in, tree_in, tree_list_pointers
+from ..trace.triangle_tests import ray_meets
 from .bundles import BUNDLE_FLOATS, Bundle, bundle_in, slabs_in
 from .cells import FAR, WORDS, Picture, first_receiver, receiver_in
 from .passes import PassRays, limit_of, load_rays, span_of
@@ -208,7 +208,7 @@ def _trace(ticket, arrays, picture, rays, cells):
     for lane in range(16):
         _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
-    forest = forest_pointers(arrays)
+    forest = tree_list_pointers(arrays)
     for region in items(ticket):
         _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
 

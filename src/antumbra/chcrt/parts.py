@@ -14,7 +14,7 @@ from ..bvh.links import CHILDREN, LINK, block_leaf, bvh_leaf
 from ..bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
 from ..kernels.jit import kernel
 from ..kernels.simd import stack_array
-from ..trace.forest import addresses, head
+from ..trace.tree_list import addresses, head
 from .options import Options
 
 _WAITING = MAX_DEPTH + 2
@@ -49,8 +49,8 @@ class Parts(NamedTuple):
     share: np.ndarray  # (r,) float64: surface area, as a share of the root's
     inner: int  # m
     order: np.ndarray  # (k,) int32: the place of each part in a walk that goes to the left child first
-    trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.forest`; out of core, valid only for parts in memory
-    heads: np.ndarray  # (k, 16) float32, see `trace.forest`
+    trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.tree_list`; out of core, valid only for parts in memory
+    heads: np.ndarray  # (k, 16) float32, see `trace.tree_list`
     extents: np.ndarray  # (3,) float32 of the scene
     memory: PartMemory | None  # None: everything is in memory
     keeps: Owner  # of the memory behind the addresses

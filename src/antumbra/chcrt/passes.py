@@ -33,7 +33,7 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import Vec, keep, largest, rows
 from ..query.ray_passes import RayPass
-from ..trace.forest import Hits, no_hits
+from ..trace.tree_list import Hits, no_hits
 from .bundles import BUNDLE_FLOATS, bundle_in, bundles_in, load_bundle
 from .cells import WORDS, Picture, first_receiver, new_cells, no_cell, put_cell, receiver_in
 

@@ -34,7 +34,7 @@ from ..kernels.simd import (
     stack_f32,
 )
 from ..trace.descent import entry, slabs_of
-from ..trace.multifrusta.bundle import shafts_of
+from ..trace.frusta.bundle import shafts_of
 from .bundles import BUNDLE_FLOATS, bundle_in, bundles_in, load_bundle, slabs_in
 from .cells import ALL, BLOCKED, COUNT, FAR, WORDS, Picture, first_receiver, region_in, regions_in
 from .tiles import Tiles

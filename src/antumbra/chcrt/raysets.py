@@ -12,13 +12,13 @@ from ..bvh.nodes import boxes_of
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import CameraRays
 from ..scene.lights import AMBIENT, is_list
-from ..trace.forest import Forest, Hits, no_hits
-from ..trace.lighttable import STRATA
-from ..trace.multifrusta.trace import trace_forest
-from ..trace.packets.incoherent import is_far, is_huge, is_incoherent
+from ..trace.frusta.multi_frusta import trace_tree_list
+from ..trace.light_table import STRATA
 from ..trace.packets.packet16 import over_pixels, over_samples
-from ..trace.primary.trace import picture_seen, trace_hits
-from ..trace.querychunk import TileShape, tile_shape
+from ..trace.packets.ray_tile import is_far, is_huge, is_incoherent
+from ..trace.primary.primary_rays import picture_seen, trace_hits
+from ..trace.tile import TileShape, tile_shape
+from ..trace.tree_list import Hits, TreeList, no_hits
 from .camera import CameraBundles, bound_camera, length_of, shorten_camera
 from .cells import NONE, picture_of, pixels_of
 from .hits import mark_hits
@@ -60,9 +60,9 @@ class RaySets:
     def lists(self, pairs: Pairs, keys: np.ndarray) -> Lists:
         return lists_of(pairs, keys, self.parts, self.tiles.smallest, self.sets, self.front_to_back)
 
-    def forest(self, lists: Lists, sets: int = 1, fresh: bool = False) -> Forest:
+    def forest(self, lists: Lists, sets: int = 1, fresh: bool = False) -> TreeList:
         p, t = self.parts, self.tiles
-        return Forest(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
+        return TreeList(p.trees, p.heads, t.pixels, t.across, sets, lists.starts, lists.items, fresh)
 
 
 class Segments(RaySets):
@@ -116,7 +116,7 @@ def segments_of(parts: Parts, query: ShadowQuery) -> list[tuple[range, Callable,
         trace = over_samples if is_list(query.light) else over_pixels
         return [(range(c, c + 1), trace, kind == AMBIENT) for c in chunks]
     wide = is_huge(query, parts.extents) or is_far(query, boxes_of(parts.lines[:1]))
-    return [(chunks, over_pixels if wide else trace_forest, kind == AMBIENT)]
+    return [(chunks, over_pixels if wide else trace_tree_list, kind == AMBIENT)]
 
 
 class HitRays(RaySets):

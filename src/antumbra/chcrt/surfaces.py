@@ -7,12 +7,12 @@ import numpy as np
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import CameraRays
-from ..trace.rays.bounce import Show, surfaces_met
+from ..trace.rays.ray_hits import Show, surfaces_met
 from .trace import Scheduled, camera_hits, nearest_hits
 
 
 def primary_hits(scheduled: Scheduled, rays: CameraRays, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """The (face, t) that a camera sees, in the format of `trace.primary.trace.trace_primary`."""
+    """The (face, t) that a camera sees, in the format of `trace.primary.primary_rays.trace_primary`."""
     hits = camera_hits(scheduled, rays, threads)
     return hits.face, hits.t
 
@@ -22,7 +22,7 @@ def nearest_scheduled(
 ) -> Iterator[Surfaces]:
     """Yield the surfaces that passes of a picture of this shape meet first; `triangles`: all triangles of the scene.
 
-    show : as for `trace.rays.bounce.nearest_surfaces`
+    show : as for `trace.rays.ray_hits.nearest_surfaces`
     """
     for rays in passes:
         (hits,) = nearest_hits(scheduled, [rays], shape, threads)

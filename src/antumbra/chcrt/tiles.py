@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..trace.multifrusta.region import layout_of
-from ..trace.querychunk import TileShape
+from ..trace.frusta.tile_clusters import layout_of
+from ..trace.tile import TileShape
 
 
 class Tiles(NamedTuple):
@@ -23,7 +23,7 @@ class Tiles(NamedTuple):
 
 @lru_cache(maxsize=16)
 def tiles_of(shape: TileShape, pixels: int) -> Tiles:
-    """The quadtree over a query that `trace.querychunk.tile_shape` has cut into tiles of 16 receivers.
+    """The quadtree over a query that `trace.tile.tile_shape` has cut into tiles of 16 receivers.
 
     pixels : side of the smallest tile; 64 times as long if the receivers form one row
     """

@@ -12,7 +12,7 @@ from ..query.query_bounds import bounds
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import ShadowQuery
 from ..scene.camera import CameraRays
-from ..trace.forest import Hits, no_hits
+from ..trace.tree_list import Hits, no_hits
 from .fronts import Fronts
 from .options import Options
 from .parts import Parts, parts_of

@@ -173,7 +173,7 @@ def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
 
 def _answer(explanation: "Explanation") -> dict:
     """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
-    from ..trace.rays.steps import CLASSES
+    from ..trace.rays.single_rays import CLASSES
 
     first, rays = explanation.plans[0].box_tests, explanation.rays or float("nan")
     plans = [
@@ -207,7 +207,7 @@ def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
 
 def _print_tables(explanation: "Explanation") -> None:
     """Print the figures that differ between plans."""
-    from ..trace.rays.steps import CLASSES
+    from ..trace.rays.single_rays import CLASSES
 
     steps = [
         (

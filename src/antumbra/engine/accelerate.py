@@ -18,7 +18,7 @@ from ..plan import Plan
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
-from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree
+from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
 from .solid import solid_of, solid_tree
 from .srdh_rays import Bounce, Showing, Shown
 

@@ -14,7 +14,7 @@ from ..scene.data import SceneData
 from ..scene.lights import Light
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
-from ..trace.rays.bounce import Nearest
+from ..trace.rays.ray_hits import Nearest
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
 from .source import Progress, RenderSource

@@ -15,7 +15,7 @@ from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
-from ..trace.rays.bounce import Nearest
+from ..trace.rays.ray_hits import Nearest
 from .accelerate import Accelerated, Accelerator
 from .looking import AUTO, RAYS, Looking
 from .memory import FrameMemory

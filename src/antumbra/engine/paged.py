@@ -24,8 +24,8 @@ from ..scene.triangles import Triangles, joined
 from ..store.data import StoreData
 from ..store.residency import Copies, Paging, Residency, marked, places
 from ..store.resident import release_freed, resident
-from ..trace.forest import Hits
-from ..trace.rays.bounce import Nearest, surfaces_met
+from ..trace.rays.ray_hits import Nearest, surfaces_met
+from ..trace.tree_list import Hits
 from .accelerate import Accelerated, Accelerator
 from .bands import Bands
 from .memory import FrameMemory

@@ -14,7 +14,7 @@ from ..query.query_bounds import morton_codes
 from ..query.ray_list import RayArrays, changed
 from ..query.ray_passes import RayPass
 from ..scene.triangles import Triangles
-from ..trace.forest import Hits
+from ..trace.tree_list import Hits
 
 RAY_BYTES = 160
 """Memory of a ray while it is traced."""

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..store.layout import Chunk
 from ..store.resident import resident
-from ..trace.rays.steps import leaf_depths
+from ..trace.rays.single_rays import leaf_depths
 from .paged import Paged
 
 _BYTES = 140  # memory of a triangle while the tree is made

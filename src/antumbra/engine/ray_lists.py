@@ -14,8 +14,8 @@ from ..plan import Plan, parse_plan
 from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
 from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
-from ..trace.cutouts import add_hits
-from ..trace.rays.batch import RayTracer
+from ..trace.alpha_test import add_hits
+from ..trace.rays.ray_batches import RayTracer
 from .accelerate import Accelerated, Accelerator
 from .choosing import best_tree_job
 from .ready import Job, fixed_job, make_ready, small_scene

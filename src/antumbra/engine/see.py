@@ -17,9 +17,9 @@ from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
-from ..trace.cutouts import CutoutTree, add_shadows, cutout_tree, show_cutouts
-from ..trace.primary.trace import trace_primary
-from ..trace.rays.bounce import Nearest, nearest_surfaces
+from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutouts
+from ..trace.primary.primary_rays import trace_primary
+from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerate import Accelerated
 from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
 from .solid import solid_tree

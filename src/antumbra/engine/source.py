@@ -11,7 +11,7 @@ from ..scene.camera import CameraRays
 from ..scene.data import SceneData
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
-from ..trace.rays.bounce import Nearest
+from ..trace.rays.ray_hits import Nearest
 from .accelerate import Accelerated
 from .memory import FrameMemory
 

@@ -16,8 +16,7 @@ from ..bvh.srdh_rays import SrdhRays
 from ..errors import InputError
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, segments, shadow_queries
-from ..trace.rays.bounce import bounced
-from ..trace.rays.intersections import intersections
+from ..trace.rays.ray_hits import bounced, intersections
 from .solid import solid_tree
 
 _FEW_TRIANGLES = 1000  # among fewer, all rays are shown

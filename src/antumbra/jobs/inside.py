@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.any_scene import AnyScene
 from ..engine.paged_scene import PagedScene
 from ..query.receivers import Receivers
-from ..trace.rays.intersections import intersections
+from ..trace.rays.ray_hits import intersections
 from .sensors import LOW
 
 _PLAN = "bsah+wide"

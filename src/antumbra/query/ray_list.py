@@ -32,7 +32,7 @@ class Number(NamedTuple):
 
 
 class RayList(NamedTuple):
-    """Rays in the caller's arrays; `trace.rays.batch` checks and converts the numbers while it traces."""
+    """Rays in the caller's arrays; `trace.rays.ray_batches` checks and converts the numbers while it traces."""
 
     origins: Operand
     directions: Operand  # targets, for segments

@@ -38,8 +38,8 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import broadcasts, minus, rows
 from ..trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_counters, cleared, count
-from ..trace.rays.traverse import settle
-from ..trace.raytest import ray_meets
+from ..trace.rays.ray_traversal import settle
+from ..trace.triangle_tests import ray_meets
 from .rays import block_of, ends_in, leaves_of, origins_in
 from .rows import LANES
 from .shafts import meet_shafts

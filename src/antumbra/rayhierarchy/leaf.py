@@ -7,8 +7,8 @@ from ..kernels.predicate.exact import segment
 from ..kernels.simd import atomic_or, bits, get, load16, lowest_bit, maximum, ptr_at
 from ..kernels.vec import minus, rows
 from ..trace.counters import TRIANGLE_TESTS, count
-from ..trace.rays.traverse import settle
-from ..trace.raytest import decide, length1, seen_from
+from ..trace.rays.ray_traversal import settle
+from ..trace.triangle_tests import decide, length1, seen_from
 from .rays import block_of, ends_in, origins_in
 
 

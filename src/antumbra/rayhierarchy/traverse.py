@@ -30,7 +30,7 @@ from ..kernels.simd import (
     store_compressed,
 )
 from ..trace.counters import CANDIDATES, COVERED, N_COUNTERS, NODES, add_counters, cleared, count
-from ..trace.raytest import triangle_in
+from ..trace.triangle_tests import triangle_in
 from .beams import PERSPECTIVE
 from .leaf import block_rays
 from .nodes import covered, meet_union, possible, union_of, write_row, writes_sixteen

@@ -1,6 +1,6 @@
 """Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers.
 
-`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.steps`). The other tracers
+`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). The other tracers
 test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
 counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second walk,
 one ray at a time, finds the leaf in which each ray ends.
@@ -19,8 +19,8 @@ from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan
 from ..scene.lights import check_lights
-from ..trace.rays.orders import BUILT, Ordered
-from ..trace.rays.steps import Steps, add_steps, count_steps, hit_depths, leaf_depths
+from ..trace.rays.ray_traversal import BUILT, Ordered
+from ..trace.rays.single_rays import Steps, add_steps, count_steps, hit_depths, leaf_depths
 from .moments import Moment, Picture, build_for, picture_of
 from .options import RenderOptions
 from .render_jobs import warm_up, warm_up_bounce
@@ -44,7 +44,9 @@ class PlanSteps(NamedTuple):
     boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
     box_tests: int
     triangle_tests: int
-    classes: np.ndarray | None  # (3,) int64: box tests by `trace.rays.steps.CLASSES`; None: tests belong to bundles
+    classes: (
+        np.ndarray | None
+    )  # (3,) int64: box tests by `trace.rays.single_rays.CLASSES`; None: tests belong to bundles
     depths: Depths
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..query.ray_passes import diffuse_rays
 from ..query.shadow_query import Surfaces
-from ..trace.rays.bounce import Nearest
+from ..trace.rays.ray_hits import Nearest
 from .memory import LIGHT_BYTES, PASS_BYTES, SURFACE_BYTES
 from .state import FrameState, TracedLights, ask_all, picture, queries_of
 

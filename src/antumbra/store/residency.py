@@ -16,7 +16,7 @@ import numpy as np
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.links import ROWS
 from ..errors import InputError
-from ..trace.forest import ADDRESSES, addresses
+from ..trace.tree_list import ADDRESSES, addresses
 from .layout import NODE_BYTES, Chunk
 from .pool import Pool
 from .read import Store

@@ -1,7 +1,33 @@
-"""Descent from leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks.
+"""Descent from leaf to leaf: 16 shafts or rays traverse a binary tree with one stack of links and masks.
 
-Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer child first
-(`next_block`).
+The slab tests compare one box with 16 lanes at once.
+
+Slab tests. A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high
+bound the origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does
+the same for the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So
+the shaft meets the slab [low, high] of a node's box at t if
+
+    o_high + t d_high >= low     and     o_low + t d_low <= high
+
+Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
+they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one.
+Its two conditions both bound t from below.
+
+If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
+[Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
+
+The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r; u is the unit roundoff.
+
+- Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
+- Rounding k adds 4u |k|, and the fma adds u |t|.
+- `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
+- *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of
+  an entry and 9u |t| of an exit.
+
+A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
+
+Order of children. Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer
+child first (`next_block`).
 """
 
 from typing import NamedTuple
@@ -10,24 +36,227 @@ import numpy as np
 
 from ..bvh.links import block_leaf, box_at, line_at, link_at, sibling_at
 from ..bvh.nodes import MAX_DEPTH
-from ..kernels.fields import F32Ptr, I32Ptr
+from ..kernels.fields import F32Ptr, F32x16, I32Ptr
 from ..kernels.jit import inlined
-from ..kernels.simd import bits, get, load16, popcount, prefetch, put, store
-from .blocktest import fetch
-from .counters import BOX_TESTS, NODES, count
-from .slabs import (
-    Mixed,
-    Shafts,
-    Uniform,
-    children_mixed,
-    children_uniform,
-    least_direction,
-    mixed_axis,
-    span_mixed,
-    span_uniform,
-    uniform_axis,
-    way_of,
+from ..kernels.simd import (
+    absolute,
+    bits,
+    broadcast16,
+    fma,
+    get,
+    load16,
+    maximum,
+    minimum,
+    popcount,
+    prefetch,
+    put,
+    select,
+    splat16,
+    store,
 )
+from .counters import BOX_TESTS, NODES, count
+from .triangle_tests import fetch
+
+# --- Slab tests of 16 shafts at once: one box against 16 lanes --------------------------------------------------------
+#
+# A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high bound
+# the origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does the
+# same for the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So
+# the shaft meets the slab [low, high] of a node's box at t if
+#
+#     o_high + t d_high >= low     and     o_low + t d_low <= high
+#
+# Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
+# they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds
+# one. Its two conditions both bound t from below.
+#
+# If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
+# [Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
+#
+# The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r; u is the unit roundoff.
+#
+# - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
+# - Rounding k adds 4u |k|, and the fma adds u |t|.
+# - `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
+# - *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t|
+#   of
+#   an entry and 9u |t| of an exit.
+#
+# A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
+
+
+GROW = np.float32(1.0 + 2.0**-19)  # 32u
+_PAD = np.float32(12 * 2.0**-24)
+_LOW = np.float32(1e-7)  # directions below this share of the longest count as zero
+_ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
+
+
+class Shafts(NamedTuple):
+    """Bounds of 16 shafts; all fields f32x16."""
+
+    ox_low: F32x16
+    oy_low: F32x16
+    oz_low: F32x16
+    ox_high: F32x16
+    oy_high: F32x16
+    oz_high: F32x16
+    dx_low: F32x16
+    dy_low: F32x16
+    dz_low: F32x16
+    dx_high: F32x16
+    dy_high: F32x16
+    dz_high: F32x16
+
+
+class Bound(NamedTuple):
+    """The line b r + k in the coordinate b of a plane; both f32x16."""
+
+    r: F32x16
+    k: F32x16
+
+
+class Uniform(NamedTuple):
+    """Slabs of one axis along which all lanes go the same way: bounds of entry and exit, and their planes."""
+
+    near: Bound
+    far: Bound
+    near_plane: int  # offset in a node's line: 0 the lower planes, 2 the upper ones
+    far_plane: int  # the same for the exit
+
+
+class Mixed(NamedTuple):
+    """Slabs of one axis for lanes of any direction: entry and exit bounds from the lower and the upper planes."""
+
+    near_low: Bound  # t >= this bound at the lower plane; (0, 0) where it does not bind
+    near_high: Bound  # t >= this bound at the upper plane
+    far_low: Bound  # t <= this bound at the lower plane; (0, 1) or (0, infinity) where it does not bind
+    far_high: Bound  # t <= this bound at the upper plane
+
+
+@inlined
+def _bounds(o, d, endless):
+    """The lower and the upper `Bound` t = (plane - o) / d."""
+    r = _ONE / d
+    k = -o * r
+    pad = fma(absolute(k), splat16(_PAD), splat16(_ZERO if endless else _PAD))
+    return Bound(r, k - pad), Bound(r * GROW, (k + pad) * GROW) if endless else Bound(r, k + pad)
+
+
+@inlined
+def _choose(there, bound, otherwise):
+    """A bound in the lanes in `there`; in the other lanes the constant t `otherwise`."""
+    return Bound(select(there, bound.r, splat16(_ZERO)), select(there, bound.k, splat16(otherwise)))
+
+
+@inlined
+def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
+    """`Mixed` of one axis; limit: splat of the least |d|."""
+    # Eq. (1) of docs/design/multifrusta.md
+    end = _INFINITE if endless else _ONE
+    up, down = d_high > -limit, d_low < limit
+    low, high = _bounds(o_high, select(up, maximum(d_high, limit), d_high), endless)
+    near_low, far_low = _choose(up, low, _ZERO), _choose(~up, high, end)
+    low, high = _bounds(o_low, select(down, minimum(d_low, -limit), d_low), endless)
+    return Mixed(near_low, _choose(down, low, _ZERO), far_low, _choose(~down, high, end))
+
+
+@inlined
+def way_of(d_low, d_high, limit, lanes):
+    """1 if all `lanes` (bits) go up along an axis, -1 if all go down, else 0."""
+    if bits(d_low >= limit) & lanes == lanes:
+        return 1
+    return -1 if bits(d_high <= -limit) & lanes == lanes else 0
+
+
+@inlined
+def uniform_axis(o_low, o_high, d_low, d_high, limit, way, endless):
+    """`Uniform` of one axis whose `way_of` is 1 or -1."""
+    # Eq. (1) of docs/design/multifrusta.md
+    up = way > 0
+    # dead lanes may hold anything: keep their reciprocals finite
+    high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
+    first, last = (o_high, o_low) if up else (o_low, o_high)
+    enters, leaves = (high, low) if up else (-low, -high)
+    near, far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
+    return Uniform(near, far, 0 if up else 2, 2 if up else 0)
+
+
+@inlined
+def least_direction(s):
+    """The |d| below which a direction counts as zero, in each lane."""
+    d = maximum(maximum(absolute(s.dx_low), absolute(s.dx_high)), maximum(absolute(s.dy_low), absolute(s.dy_high)))
+    d = maximum(d, maximum(absolute(s.dz_low), absolute(s.dz_high)))
+    o = maximum(maximum(absolute(s.ox_low), absolute(s.oy_low)), absolute(s.oz_low))
+    return maximum(maximum(d, o * np.float32(1e-7)) * _LOW, splat16(np.float32(1e-25)))
+
+
+@inlined
+def _at(bound, plane):
+    return fma(plane, bound.r, bound.k)
+
+
+@inlined
+def span_uniform(nodes, at, x, y, z, end):
+    """(entry t, exit t) f32x16 of the shafts in a box, between 0 and `end`; at: index in `nodes` of its lower x."""
+    near = maximum(
+        maximum(
+            _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
+        ),
+        maximum(_at(z.near, broadcast16(nodes, at + 8 + z.near_plane)), splat16(_ZERO)),
+    )
+    far = minimum(
+        minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
+        minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), end),
+    )
+    return near, far
+
+
+@inlined
+def _narrow(axis, low, high, near, far):
+    """The interval (near, far) of t, narrowed by one axis."""
+    near = maximum(near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
+    return near, minimum(far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
+
+
+@inlined
+def span_mixed(nodes, at, x, y, z, end):
+    """`span_uniform` for lanes of any direction."""
+    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
+    near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
+    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+
+
+@inlined
+def meets_uniform(nodes, at, x, y, z):
+    """mask16 of the lanes whose shaft meets a box; at: index in `nodes` of its lower x."""
+    near, far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
+    return near <= far
+
+
+@inlined
+def meets_mixed(nodes, at, x, y, z):
+    """`meets_uniform` for lanes of any direction."""
+    near, far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
+    return near <= far
+
+
+@inlined
+def children_uniform(nodes, node, x, y, z):
+    """(bits of the lanes that meet the left child's box, bits of the lanes that meet the right child's box)."""
+    return bits(meets_uniform(nodes, box_at(node, 0), x, y, z)), bits(meets_uniform(nodes, box_at(node, 1), x, y, z))
+
+
+@inlined
+def children_mixed(nodes, node, x, y, z):
+    """`children_uniform` for lanes of any direction."""
+    return bits(meets_mixed(nodes, box_at(node, 0), x, y, z)), bits(meets_mixed(nodes, box_at(node, 1), x, y, z))
+
+
+# --- Descent from leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks ----------------
+#
+# Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer child first
+# (`next_block`).
+
 
 NOWHERE = -2  # place of a walk that has not begun
 WAITING_INTS, WAITING_FLOATS = 2 * MAX_DEPTH, 16 * MAX_DEPTH

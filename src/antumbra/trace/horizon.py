@@ -23,10 +23,9 @@ from ..kernels.simd import (
 from ..kernels.vec import Vec, scalars
 from ..query.receivers import FREE
 from .counters import BELOW_HORIZON, RAYS, count
-from .deferred import defer
-from .lighttable import ALL_GROUPS
-from .querychunk import place_of
-from .raytest import triangle_in
+from .light_table import ALL_GROUPS
+from .tile import place_of
+from .triangle_tests import defer, triangle_in
 
 _F = np.float32
 _U = _F(64 * 2.0**-24)
@@ -34,7 +33,7 @@ _TINY = _F(1e-37)
 PLANES = 8 * 16  # float32 of scratch memory
 
 
-class Plane(NamedTuple):
+class SurfacePlane(NamedTuple):
     """A receiver's own surface; float32."""
 
     point: Vec
@@ -47,7 +46,7 @@ def _plane_of_face(corners, face):
     """The `Plane` of a triangle."""
     v, p, q, n, _ = triangle_in(corners, face)
     size = abs(p.x) + abs(p.y) + abs(p.z) + abs(q.x) + abs(q.y) + abs(q.z)
-    return Plane(v, n, size * size)
+    return SurfacePlane(v, n, size * size)
 
 
 @inlined
@@ -57,7 +56,7 @@ def _plane_at(chunk, at, is_free):
     if not is_free:
         x, y, z = scalars(chunk.query.normals, 3 * at, 1)
         n = Vec(_F(x), _F(y), _F(z))
-    return Plane(scalars(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
+    return SurfacePlane(scalars(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
 @inlined

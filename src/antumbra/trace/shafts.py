@@ -1,25 +1,89 @@
-"""The shafts of a tile: from the box of its receivers to the box of each group of strata.
+"""Shafts, beams and segments of a tile, and their tests against the box of a block.
 
-Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative to c,
-and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the hull
-sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the support of
-the two boxes
+Shafts. Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative
+to c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
+hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
+support of the two boxes
 
     b = max(|w| . rx, w . D + |w| . ry)
 
 so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
 to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four planes.
 Planes at its two ends cull few more, because the block's box has been tested.
+
+Beams. These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
+they are narrower than shafts, which start from the box of all receivers. Next to the light they are wider. Lanes are
+receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box. Take the
+edge functions of `frusta.shaft_culling` along D. At a sample D + y they differ by y . N, so by at most h . |N|.
+
+Segments. Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
+``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes of
+o, o + d and c -+ e, and u the unit roundoff.
+
+- d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point is
+  as far off.
+- (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
+
+e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+
+Separating axes. The axes are the three axes of the box, and their cross products with the segments. A segment may meet
+the box if no axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most
+4u of the coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of
+numbers that underflow.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.fields import F32x16
 from ..kernels.jit import inlined, kernel
-from ..kernels.simd import absolute, get, maximum, put, splat16, store
-from ..kernels.vec import Vec, abs_dot, abs_dots, dot, keep, middles_and_halves, rows, scalars, total
-from .lighttable import ALL_GROUPS
+from ..kernels.simd import (
+    absolute,
+    as_i32,
+    bits,
+    broadcast16,
+    fma,
+    get,
+    maximum,
+    minimum,
+    put,
+    reduce_max,
+    select,
+    splat16,
+    store,
+)
+from ..kernels.vec import (
+    Vec,
+    abs_dot,
+    abs_dots,
+    broadcasts,
+    dot,
+    keep,
+    largest,
+    magnitudes,
+    middles_and_halves,
+    minus,
+    plus,
+    rows,
+    scalars,
+    total,
+)
+from .light_table import ALL_GROUPS, POINTS
+
+# --- The shafts of a tile: from the box of its receivers to the box of each group of strata ---------------------------
+#
+# Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative to
+# c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
+# hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
+# support of the two boxes
+#
+#     b = max(|w| . rx, w . D + |w| . ry)
+#
+# so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes,
+# up to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four
+# planes. Planes at its two ends cull few more, because the block's box has been tested.
+
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
@@ -119,3 +183,211 @@ def make_shafts(info, groups, shafts):
             at += PLANE
             _bound_plane(shafts, at, Vec(-m.x - back.x, -m.y - back.y, -m.z - back.z), d, receivers, half, span)
             at += PLANE
+
+
+# --- The beams of a tile: from each of its 16 receivers to the box of all of its samples ------------------------------
+#
+# These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
+# they are narrower than `shafts`, which start from the box of all receivers. Next to the light they are wider. Lanes
+# are receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box.
+# Take the edge functions of `multifrusta.shaftcull` along D. At a sample D + y they differ by y . N, so by at most h .
+# |N|.
+
+
+_D, _H = 0, 48
+BEAM_FLOATS = 96
+
+
+@inlined
+def widened(d, half):
+    """Half extents of the box at the end of d that cover the rounding of d."""
+    off = splat16(_F(2.0**-23))
+    return Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
+
+
+@kernel
+def make_beams(tile):
+    """Write the beams of a tile whose origins and targets are filled."""
+    middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
+    d = minus(middle, rows(tile.origins, 0, 16))
+    keep(tile.beams, _D, 16, d)
+    keep(tile.beams, _H, 16, widened(d, half))
+
+
+@inlined
+def beams_of(tile):
+    """(directions to the middles of the boxes, their half extents)."""
+    return rows(tile.beams, _D, 16), rows(tile.beams, _H, 16)
+
+
+@inlined
+def beam_of(tile, r):
+    """`beams_of` for receiver r, in all lanes."""
+    return broadcasts(tile.beams, _D + r, 16), broadcasts(tile.beams, _H + r, 16)
+
+
+@inlined
+def is_near(s, i, c):
+    """Are beams narrower than the shafts of strata at a point? Towards the light, beams widen and shafts narrow.
+
+    s, i, c : the shafts of a `Tile`, its `info`, and the point
+    """
+    dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
+    along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
+    light = get(s, HALF + 1) + get(s, HALF + N + 1) + get(s, HALF + 2 * N + 1)
+    return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Slab tests of a tile's segments against the box of a block, with reciprocals that are kept from block to block.
+#
+# Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
+# ``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes
+# of
+# o, o + d and c -+ e, and u the unit roundoff.
+#
+# - d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point
+#   is
+#   as far off.
+# - (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
+#
+# e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+
+
+_PAD = _F(32 * 2.0**-24)
+_LOW = _F(4 * 2.0**-24)
+_SEGMENT_TINY = _F(1e-35)
+_READY, _REACH, _ROWS = 0, 16, 32
+"""int32: bits of the strata whose numbers are filled. float32: R of each; then three rows of reciprocals of each."""
+INVERSE_FLOATS = _ROWS + POINTS
+
+
+class Box(NamedTuple):
+    """A box in all lanes."""
+
+    middle: Vec
+    half: Vec
+    reach: F32x16  # at least the largest magnitude of a coordinate
+
+
+@inlined
+def box_at(bounds):
+    """The `Box` of a block; bounds: pointer to its middle and its half extents."""
+    c, e = broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)
+    return Box(c, e, largest(c) + largest(e))
+
+
+@inlined
+def forget_inverses(tile):
+    """Note that the tile's receivers or samples are new."""
+    put(as_i32(tile.inverses), _READY, 0)
+
+
+@inlined
+def keep_inverses(memory, at, o, l):
+    """Write the reciprocals of 16 segments from o to l to three rows of `memory`. Return R."""
+    reach = reduce_max(maximum(largest(o), largest(l)))
+    low, d = splat16(reach * _LOW + _SEGMENT_TINY), minus(l, o)
+    store(memory, at, _F(1.0) / select(absolute(d.x) > low + low, d.x, low))
+    store(memory, at + 16, _F(1.0) / select(absolute(d.y) > low + low, d.y, low))
+    store(memory, at + 32, _F(1.0) / select(absolute(d.z) > low + low, d.z, low))
+    return reach
+
+
+@kernel
+def _fill_inverses(tile, s):
+    """Write the reciprocals of the segments to stratum s."""
+    reach = keep_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
+    put(tile.inverses, _REACH + s, reach)
+    ready = as_i32(tile.inverses)
+    put(ready, _READY, np.int64(get(ready, _READY)) | np.int64(1) << s)
+
+
+@inlined
+def _span(c, o, inverse, e):
+    """(entry t, exit t) of the slab of one axis."""
+    t, grow = (c - o) * inverse, absolute(inverse)
+    return fma(-e, grow, t), fma(e, grow, t)
+
+
+@inlined
+def rays_in_box(tile, s, box):
+    """Bits of the receivers whose segment to stratum s meets a `Box`."""
+    if np.int64(get(as_i32(tile.inverses), _READY)) >> s & 1 == 0:
+        _fill_inverses(tile, s)
+    inverse, reach = rows(tile.inverses, _ROWS + 48 * s, 16), broadcast16(tile.inverses, _REACH + s)
+    return segments_in_box(rows(tile.origins, 0, 16), inverse, reach, box)
+
+
+@inlined
+def segments_in_box(o, inverse, reach, box):
+    """Bits of the segments from o that meet a `Box`; inverse, reach: as `keep_inverses` gives them."""
+    c, pad = box.middle, fma(maximum(reach, box.reach), splat16(_PAD), splat16(_SEGMENT_TINY))
+    x0, x1 = _span(c.x, o.x, inverse.x, box.half.x + pad)
+    y0, y1 = _span(c.y, o.y, inverse.y, box.half.y + pad)
+    z0, z1 = _span(c.z, o.z, inverse.z, box.half.z + pad)
+    near, far = maximum(maximum(x0, y0), maximum(z0, splat16(_F(0.0)))), minimum(minimum(x1, y1), minimum(z1, _F(1.0)))
+    return bits(near > far) ^ 0xFFFF
+
+
+# --- Separating-axis tests of a tile's shafts and beams against the box of a block ------------------------------------
+#
+# The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
+# axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
+# coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers
+# that underflow.
+
+
+_SURE = _F(1e-35)
+_ZERO, _ONE = _F(0.0), _F(1.0)
+
+
+@inlined
+def _in_box(m, v, e):
+    """Bits of the segments along v that meet a box. m: its middle relative to their starts; e: its half extents."""
+    half, tiny = _F(0.5), splat16(_TINY)
+    d = Vec(v.x * half, v.y * half, v.z * half)
+    m = minus(m, d)
+    n, h = magnitudes(m), magnitudes(d)
+    meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
+    x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, fma(e.z, h.y, tiny))
+    y = absolute(fma(m.z, d.x, -(m.x * d.z))) <= fma(e.z, h.x, fma(e.x, h.z, tiny))
+    z = absolute(fma(m.x, d.y, -(m.y * d.x))) <= fma(e.x, h.y, fma(e.y, h.x, tiny))
+    return bits(meets & x & y & z)
+
+
+@inlined
+def shafts_in_box(o, v, near, far, c, e):
+    """Bits of the shafts from o along v that may meet the box with middle c and half extents e.
+
+    A point of the box has a parameter along the shaft of at most
+
+        t = (|v| . e + |v| . near + v . (c - o)) / (v . v + |v| . (near - far))
+
+    Up to t the shaft is no wider than near + t far.
+
+    near, far : half extents of the shaft at its start and at its end
+    """
+    m, size = minus(c, o), magnitudes(v)
+    pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
+    start, square = dot(size, near), dot(v, v)
+    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, far))
+    t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
+    t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
+    width = plus(near, Vec(t * far.x, t * far.y, t * far.z))
+    return _in_box(m, v, Vec(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
+
+
+@inlined
+def strata_in_box(tile, c, e):
+    """Bits of the strata whose shafts may meet a box."""
+    v, far = rows(tile.shafts, D + 16, N), rows(tile.shafts, HALF + 16, N)
+    return shafts_in_box(broadcasts(tile.info, 0, 1), v, broadcasts(tile.info, 3, 1), far, c, e)
+
+
+@inlined
+def beams_in_box(tile, c, e):
+    """Bits of the receivers whose beams may meet a box."""
+    v, far = beams_of(tile)
+    zero = splat16(_ZERO)
+    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec(zero, zero, zero), far, c, e)

@@ -10,7 +10,7 @@ from antumbra.bvh.blocks import block_tree
 from antumbra.engine.scene import procedural
 from antumbra.papers.multi_frusta.primary import deep_tree, trace_packets
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.primary.trace import trace_primary
+from antumbra.trace.primary.primary_rays import trace_primary
 from raster_scenes import FAMILIES, SHAPES, view
 
 

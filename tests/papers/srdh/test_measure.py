@@ -22,7 +22,7 @@ from antumbra.papers.srdh.measure import (
 from antumbra.papers.srdh.times import BuildTimes
 from antumbra.papers.views import View, own_view
 from antumbra.scene.camera import Camera
-from antumbra.trace.rays.steps import FALSE, PATH, UNOCCLUDED
+from antumbra.trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 
 SIZE = 24
 

@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import get, ptr, put
-from antumbra.trace.multifrusta.clusters import PARTS_INTS, order_parts, parts_at
+from antumbra.trace.frusta.tile_clusters import PARTS_INTS, order_parts, parts_at
 
 
 @kernel

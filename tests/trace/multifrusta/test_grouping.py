@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import ptr
-from antumbra.trace.multifrusta.grouping import TRIAL_FLOATS, Grouping, _pays, forget_trials, learn
+from antumbra.trace.frusta.tile_clusters import TRIAL_FLOATS, Grouping, _pays, forget_trials, learn
 
 
 @kernel

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.plan import parse_plan
-from antumbra.trace.packets.incoherent import is_incoherent
+from antumbra.trace.packets.ray_tile import is_incoherent
 from asking import answer, query_of
 
 POINTS = np.random.default_rng(5).uniform((-3, 0.5, -3), (3, 3, 3), (300, 3))

@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.plan import Plan
 from antumbra.trace.counters import as_dict, new_counters
-from antumbra.trace.deferred import DEFERRED
+from antumbra.trace.triangle_tests import DEFERRED
 from asking import answer, query_of
 
 TRACERS = ("packet16", "packet16:samples", "packet256", "multifrusta:paper")

@@ -12,9 +12,8 @@ from antumbra.kernels.jit import kernel
 from antumbra.kernels.predicate.hits import hit_t
 from antumbra.methods import BUILDERS
 from antumbra.query.gbuffer import pixel_ray
-from antumbra.trace.primary.trace import trace_primary
-from antumbra.trace.rays.orders import CLOSEST
-from antumbra.trace.rays.traverse import walk
+from antumbra.trace.primary.primary_rays import trace_primary
+from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from raster_scenes import FAMILIES, SHAPES, lattices, scattered, view
 
 

@@ -8,7 +8,7 @@ import oracle
 from antumbra.methods import BUILDERS
 from antumbra.query.receivers import NOTHING, surface_receivers
 from antumbra.rendering.renderer import Renderer
-from antumbra.trace.rays.bounce import bounced
+from antumbra.trace.rays.ray_hits import bounced
 
 
 @pytest.fixture(scope="module")

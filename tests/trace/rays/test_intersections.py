@@ -7,7 +7,7 @@ from hypothesis import given, settings
 
 import oracle
 from antumbra.methods import BUILDERS
-from antumbra.trace.rays.intersections import MOST_HITS, intersections
+from antumbra.trace.rays.ray_hits import MOST_HITS, intersections
 from bvh_scenes import terrain
 from shadow_rays import segments_in
 from strategies import point_arrays, soups

@@ -12,8 +12,8 @@ from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDER
 from antumbra.bvh.quality import validate
 from antumbra.methods import BUILDERS, TRACERS
 from antumbra.papers.srdh.variants import ORDERS
-from antumbra.trace.rays.orders import BUILT, CLOSEST, NEAREST, RANDOM, SRDH, Ordered
-from antumbra.trace.rays.steps import leaf_depths
+from antumbra.trace.rays.ray_traversal import BUILT, CLOSEST, NEAREST, RANDOM, SRDH, Ordered
+from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import scattered, terrain
 from reference_srdh import FAR, NEAR, box_of, left_first, pierces, scene_of, visit
 from shadow_rays import met, nested, segments_in, walked

@@ -7,8 +7,8 @@ import antumbra as at
 from antumbra.bvh import binned_sah
 from antumbra.methods import BUILDERS
 from antumbra.query.shadow_query import segments
-from antumbra.trace.rays.orders import BUILT, RANDOM, Ordered
-from antumbra.trace.rays.steps import FALSE, PATH, UNOCCLUDED, add_steps, count_steps, hit_depths, leaf_depths
+from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, Ordered
+from antumbra.trace.rays.single_rays import FALSE, PATH, UNOCCLUDED, add_steps, count_steps, hit_depths, leaf_depths
 from asking import query_of, true_occlusion
 from bvh_scenes import HAZARDS
 from shadow_rays import nested, walked

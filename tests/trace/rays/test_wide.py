@@ -14,9 +14,8 @@ from antumbra.kernels.predicate.exact import ray_along
 from antumbra.methods import BUILDERS
 from antumbra.query.ray_list import hit_arrays, rays_of
 from antumbra.trace.counters import COUNTERS, new_counters
-from antumbra.trace.rays.batch import RayTracer
-from antumbra.trace.rays.orders import CLOSEST
-from antumbra.trace.rays.traverse import walk
+from antumbra.trace.rays.ray_batches import RayTracer
+from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from strategies import soups
 
 

@@ -13,8 +13,8 @@ from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed
 from ...query.receivers import Receivers
-from ...trace.cutouts import all_stops
-from ...trace.rays.intersections import intersections
+from ...trace.alpha_test import all_stops
+from ...trace.rays.ray_hits import intersections
 from ..engines import Whole
 from ..parts import Parts
 

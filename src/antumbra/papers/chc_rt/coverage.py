@@ -14,7 +14,7 @@ from ...bvh.links import CHILDREN, block_leaf, is_leaf
 from ...chcrt.fronts import INNER, VISIBLE, Fronts
 from ...chcrt.parts import Parts
 from ...chcrt.tiles import Tiles
-from ...trace.forest import ROOT, Hits
+from ...trace.tree_list import ROOT, Hits
 
 
 class Columns(NamedTuple):

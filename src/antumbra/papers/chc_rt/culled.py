@@ -17,7 +17,7 @@ from ...chcrt.trace import Scheduled, camera_hits
 from ...errors import InputError
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import Surfaces
-from ...trace.forest import Hits
+from ...trace.tree_list import Hits
 from .measure import InCore, bled
 from .rays import DIFFUSE, SAMPLER, Culling, FrameRays, timed
 from .variants import tracer_name

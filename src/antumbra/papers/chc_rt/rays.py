@@ -23,8 +23,8 @@ from ...query.ray_passes import RayPass, diffuse_passes, diffuse_rays
 from ...query.shadow_query import ShadowQuery, Surfaces, new_bits, ray_count, surface_queries
 from ...scene.camera import Camera, CameraRays
 from ...scene.lights import AmbientOcclusion
-from ...trace.primary.trace import trace_primary
-from ...trace.rays import bounce
+from ...trace.primary.primary_rays import trace_primary
+from ...trace.rays import ray_hits as bounce
 from .views import WalkPlace
 
 PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")

@@ -37,11 +37,10 @@ from ...kernels.vec import Vec, keep, magnitudes, minus, rows
 from ...query.shadow_query import patch_of
 from ...scene.lights import AMBIENT, LIST
 from ...trace.counters import SHRINKS, count
-from ...trace.packets.raytile import open_rays
-from ...trace.querychunk import place_of
-from ...trace.raytest import length1
-from ...trace.slabs import Shafts
-from ...trace.tile import first_pixel
+from ...trace.descent import Shafts
+from ...trace.packets.ray_tile import open_rays
+from ...trace.tile import first_pixel, place_of
+from ...trace.triangle_tests import length1
 
 _F = np.float32
 _BASE, _U, _V, _A_LOW, _A_HIGH, _B_LOW, _B_HIGH = (16 * i for i in (0, 3, 6, 9, 10, 11, 12))

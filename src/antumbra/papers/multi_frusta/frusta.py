@@ -8,7 +8,7 @@ Differences from the paper:
 
 - Either side of a triangle blocks, unless the query culls faces. The paper always culls back faces.
 - A majority of the frusta decides which child is nearer. Appendix A does not say how lanes that disagree decide.
-- Intervals of directions that contain zero need no second test (see `trace.slabs`).
+- Intervals of directions that contain zero need no second test (see `trace.descent`).
 - Float32 decides only certain cases.
 
 Sec. 5.3 and Table 2 shrink frusta to their unblocked rays, in three ways. Each is a tracer: rays are tested against the
@@ -26,9 +26,20 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, lowest_bit, ptr, splat16, stack_f32, stack_i32, stack_i64
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
-from ...trace.deferred import DEFERRED
-from ...trace.descent import entry, left, popped, rays_as_shafts, root, save, saved, slabs_of
-from ...trace.packets.raytile import (
+from ...trace.descent import (
+    entry,
+    least_direction,
+    left,
+    meets_mixed,
+    mixed_axis,
+    popped,
+    rays_as_shafts,
+    root,
+    save,
+    saved,
+    slabs_of,
+)
+from ...trace.packets.ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
     directions_of,
@@ -41,7 +52,7 @@ from ...trace.packets.raytile import (
     start_tile,
     trace_tiles,
 )
-from ...trace.slabs import least_direction, meets_mixed, mixed_axis
+from ...trace.triangle_tests import DEFERRED
 from .cornerrays import FRUSTA_FLOATS, frusta_as_shafts, make_frusta, shrink
 from .frustaleaf import WORK, trace_block
 from .order import entered_nearer, prefers_right

@@ -17,9 +17,8 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.simd import bits, fma, get, load16, lowest_bit, maximum, minimum, ptr_at, put, splat16
 from ...kernels.vec import Vec, dot, largest, rows, scalars
 from ...trace.counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
-from ...trace.deferred import defer
-from ...trace.packets.raytile import directions_of, open_rays
-from ...trace.raytest import LANES, decide, keep_lanes, kept_lane, seen_from, triangle_along
+from ...trace.packets.ray_tile import directions_of, open_rays
+from ...trace.triangle_tests import LANES, decide, defer, keep_lanes, kept_lane, seen_from, triangle_along
 from .cornerrays import CORNERS, OFF, SPAN
 
 _F = np.float32

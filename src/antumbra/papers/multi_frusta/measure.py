@@ -32,7 +32,7 @@ from ...scene.camera import CameraRays
 from ...scene.lights import QuadLight
 from ...scene.triangles import Triangles
 from ...trace.counters import as_dict, new_counters
-from ...trace.primary.trace import trace_primary
+from ...trace.primary.primary_rays import trace_primary
 from ..views import View, diagonal_of, named_view, real_path, square
 from .primary import deep_tree, trace_packets
 

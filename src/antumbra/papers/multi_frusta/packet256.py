@@ -26,9 +26,21 @@ from ...kernels.simd import (
     store,
 )
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, add_counters, cleared, count
-from ...trace.deferred import DEFERRED
-from ...trace.descent import left, popped, rays_as_shafts, root, save, saved, slabs_of
-from ...trace.packets.raytile import (
+from ...trace.descent import (
+    Bound,
+    Mixed,
+    Uniform,
+    left,
+    popped,
+    rays_as_shafts,
+    root,
+    save,
+    saved,
+    slabs_of,
+    span_mixed,
+    span_uniform,
+)
+from ...trace.packets.ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
     directions_of,
@@ -41,7 +53,7 @@ from ...trace.packets.raytile import (
     start_tile,
     trace_tiles,
 )
-from ...trace.slabs import Bound, Mixed, Uniform, span_mixed, span_uniform
+from ...trace.triangle_tests import DEFERRED
 from .cornerrays import FRUSTA_FLOATS, make_frusta
 from .frusta import open_frusta
 from .frustaleaf import WORK, trace_block

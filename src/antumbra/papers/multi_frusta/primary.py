@@ -3,7 +3,7 @@
 A packet holds the rays of 4 x 4 pixels. It goes down the builder's own deep tree, the nearer child first. Each ray goes
 only as far as its nearest hit so far. Triangles are tested one by one, each against the 16 rays. Float32 leaves out
 what surely misses. Float64 computes the t of hits, and the contract's predicate decides the rest. So the hits are those
-of `trace.primary.trace.trace_primary`, bit for bit.
+of `trace.primary.primary_rays.trace_primary`, bit for bit.
 """
 
 from typing import NamedTuple
@@ -48,6 +48,7 @@ from ...trace.counters import (
     new_counters,
 )
 from ...trace.descent import (
+    GROW,
     WAITING_FLOATS,
     WAITING_INTS,
     Near,
@@ -57,8 +58,7 @@ from ...trace.descent import (
     rays_as_shafts,
     visited,
 )
-from ...trace.raytest import length1, seen_from, triangle_in
-from ...trace.slabs import GROW
+from ...trace.triangle_tests import length1, seen_from, triangle_in
 
 _F = np.float32
 _FAR = 48

@@ -19,9 +19,9 @@ from ...kernels.parallel import thread_count
 from ...query.light_samples import MAX_SPP, light_samples
 from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
-from ...trace.rays.bounce import bounced
-from ...trace.rays.orders import BUILT, SRDH, Ordered
-from ...trace.rays.steps import UNOCCLUDED, count_steps
+from ...trace.rays.ray_hits import bounced
+from ...trace.rays.ray_traversal import BUILT, SRDH, Ordered
+from ...trace.rays.single_rays import UNOCCLUDED, count_steps
 from ..views import View
 from .variants import BUILDERS, ORDERS
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...output import replacing
-from ...trace.rays.steps import FALSE, PATH, UNOCCLUDED
+from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 from .measure import OURS, PIXELS, PUBLISHED, SAH_ORDERS, Counted, of, relative, scenes_of
 
 _BARS = (*SAH_ORDERS, PUBLISHED, OURS)

@@ -18,8 +18,8 @@ from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery
 from ...scene.point_lights import PointLights
 from ...scene.triangles import Triangles
-from ...trace.rays.orders import RANDOM, Ordered
-from ...trace.rays.steps import count_steps
+from ...trace.rays.ray_traversal import RANDOM, Ordered
+from ...trace.rays.single_rays import count_steps
 from .measure import Workload
 
 _SHAPE, _ENDS = (16, 24), 256  # of the points at which lines begin and end

@@ -8,8 +8,8 @@ from ...bvh import srdh
 from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
 from ...bvh.order import sooner_first
 from ...methods import FELTMAN, Builder, Tracer, unchanged
-from ...trace.rays.orders import NEAREST, RANDOM, SRDH, Ordered
-from ...trace.rays.single import trace_shadow
+from ...trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
+from ...trace.rays.single_rays import trace_shadow
 
 
 class TraversalOrder(NamedTuple):

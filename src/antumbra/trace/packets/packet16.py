@@ -20,12 +20,10 @@ from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
-from ..deferred import DEFERRED, defer
 from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
-from ..forest import TREE, Forest, forest_pointers, is_idle, list_of, tree_in, walk_forest, walk_tree, whole
-from ..raytest import decide, length1, seen_from, triangle_in
-from .incoherent import trace_block
-from .raytile import (
+from ..tree_list import TREE, TreeList, is_idle, list_of, tree_in, tree_list_pointers, walk_tree, walk_tree_list, whole
+from ..triangle_tests import DEFERRED, decide, defer, length1, seen_from, triangle_in
+from .ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
     TileRays,
@@ -38,6 +36,7 @@ from .raytile import (
     scratch_in,
     settle,
     start_tile,
+    trace_block,
     trace_tiles,
 )
 
@@ -76,7 +75,7 @@ def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
 
 @overload(pointers)
 def _pointers(prepared):
-    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: forest_pointers(prepared))
+    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: tree_list_pointers(prepared))
 
 
 @overload(trees_for)
@@ -101,7 +100,7 @@ def _walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
         return lambda trees, i, end, slabs, alive, row, scratch, counters: _walk_one(
             trees, slabs, alive, row, scratch, counters
         )
-    return lambda trees, i, end, slabs, alive, row, scratch, counters: walk_forest(
+    return lambda trees, i, end, slabs, alive, row, scratch, counters: walk_tree_list(
         trees, i, end, slabs, alive, row, scratch, counters
     )
 
@@ -236,7 +235,7 @@ def trace_shadow(
     chunks : range of the chunks of 16 samples to trace; None: all
     """
     trees = whole(prepared) if isinstance(prepared, BlockTree) else prepared
-    fresh = trees.fresh if isinstance(trees, Forest) else True
+    fresh = trees.fresh if isinstance(trees, TreeList) else True
     arguments = _trace_packets, trees, query, by_sample, bits, threads, counters, progress
     trace_tiles(*arguments, fresh=fresh, chunks=chunks)
 

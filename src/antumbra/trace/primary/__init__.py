@@ -1,7 +1,6 @@
 """The camera's rays through the BVH: tiles of pixels as frusta, then as cells of 4 x 4 pixels.
 
-- trace: `trace_primary`, threads and tiles; frusta: the frusta of a tile against boxes
-- pixelsetup, pixelblock: triangles set up once for a tile, and tested against its pixels
-- pixelstate: the triangles that a tile's pixels have seen so far
-- resolve: the faces and the float64 t of the pixels
+- `primary_rays`: `trace_primary`, and the frusta of a tile against boxes
+- `pixel_tests`: triangles set up once per tile, and tested against its pixels
+- `pixel_hits`: the nearest hit of each pixel, its face and float64 `t`
 """

@@ -1,8 +1,9 @@
-"""Rays one by one and in packets, without a shadow query's structure.
+"""Single rays and packets, without the structure of a shadow query.
 
-- traverse, orders: the walk of a binary BVH for any-hit and closest-hit rays; the orders of children
-- single: shadow queries ray by ray (`single`, `wide`); steps: the same, with each step counted
-- wide, rayblock, packetbox, raypacket, interleaved: the eight-wide BVH, by packets or interleaved rays
-- batch: arrays of rays, for `Scene.occluded` and `Scene.closest_hit`
-- bounce, intersections: the surfaces that diffuse rays meet; all triangles that segments meet
+- `ray_traversal`: the binary BVH, for any-hit and closest-hit rays; orders of children
+- `wide_traversal`: the eight-wide BVH: `RayBlock`, box and triangle tests
+- `ray_packet`: packets of coherent rays through the wide BVH
+- `single_rays`: interleaved rays, the tracers `single` and `wide`, step counts
+- `ray_batches`: arrays of rays, for `Scene.occluded` and `Scene.closest_hit`
+- `ray_hits`: surfaces that diffuse rays meet, all triangles that segments meet
 """

@@ -1,0 +1,287 @@
+"""Alpha testing: rays that no solid triangle stops are tested against faces with holes in their textures.
+
+Alpha-masked faces have a tree of their own, which is traced after everything else. A ray passes where the texel that it
+hits is a hole.
+
+The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree of
+their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts what
+they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-out's
+triangle, and if nothing solid blocks it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh import binned_sah
+from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.nodes import Bvh, tree_of
+from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr, U8Ptr
+from ..kernels.jit import inlined, kernel, overload
+from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.predicate.exact import ray_along, segment
+from ..kernels.predicate.filters import BEYOND, is_nearer, weights
+from ..kernels.predicate.hits import single_weights
+from ..kernels.simd import get, lowest_bit, ptr
+from ..kernels.vec import scalars
+from ..query.ray_list import HitArrays, RayArrays
+from ..query.ray_passes import RayPass
+from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..scene.areas import with_area
+from ..scene.materials import CLAMP, MIRROR
+from ..scene.triangles import Triangles
+from .frusta.multi_frusta import trace_shadow
+from .rays.ray_hits import intersections
+from .rays.ray_traversal import CLOSEST, LEFT_FIRST, passed, triangle_hit, walk
+
+# --- Texels of cut-outs in kernels: does a ray that meets a face pass through a hole of its texture? ------------------
+
+
+class AlphaTexels(NamedTuple):
+    """What the slots of a tree of cut-outs need to find texels: see `scene.cutouts.Cutouts`."""
+
+    uv: np.ndarray  # (m, 6) float32, slot -> texture coordinates of the three corners
+    mask: np.ndarray  # (m,) int32, slot -> mask
+    shapes: np.ndarray  # (p, 4) int32
+    first: np.ndarray  # (p,) int64
+    texels: np.ndarray  # (b,) uint8
+
+
+class TexelPointers(NamedTuple):
+    """Pointers to the arrays of `Texels`, which must outlive them."""
+
+    uv: F32Ptr  # float32 *
+    mask: I32Ptr  # int32 *
+    shapes: I32Ptr  # int32 *
+    first: I64Ptr  # int64 *
+    texels: U8Ptr  # uint8 *
+
+
+@inlined
+def texel_pointers(texels):
+    """`TexelPointers` of `Texels`."""
+    return TexelPointers(
+        ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels)
+    )  # fmt: skip
+
+
+@inlined
+def _wrapped(x, size, wrap):
+    """The texel 0 .. size - 1 that stands at place x of the endless texture."""
+    if wrap == CLAMP:
+        return min(max(x, np.int64(0)), size - 1)
+    if wrap == MIRROR:
+        x = x % (2 * size)
+        return x if x < size else 2 * size - 1 - x
+    return x % size
+
+
+@inlined
+def _inside(weight):
+    """A weight, which rounding may have moved beyond 0 or 1."""
+    return min(max(weight, np.float64(0.0)), np.float64(1.0))
+
+
+@inlined
+def _texture_coordinate(uv, slot, axis, b, c):
+    f, at = np.float64, 6 * slot + axis
+    return (1.0 - b - c) * f(get(uv, at)) + b * f(get(uv, at + 2)) + c * f(get(uv, at + 4))
+
+
+@kernel
+def is_hole(texels, ray, corners, slot):
+    """Is the texel clear where the ray meets the cut-out in `slot`? One fixed float64 expression finds the texel."""
+    b, c = weights(ray, corners, slot)
+    b, c = _inside(b), _inside(c)
+    k = np.int64(get(texels.mask, slot))
+    w, h = np.int64(get(texels.shapes, 4 * k)), np.int64(get(texels.shapes, 4 * k + 1))
+    u = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 0, b, c) * w))
+    v = np.int64(np.floor(_texture_coordinate(texels.uv, slot, 1, b, c) * h))
+    x, y = _wrapped(u, w, get(texels.shapes, 4 * k + 2)), _wrapped(v, h, get(texels.shapes, 4 * k + 3))
+    byte = get(texels.texels, get(texels.first, k) + y * ((w + 7) >> 3) + (x >> 3))
+    return np.int64(byte) >> (x & 7) & 1 == 0
+
+
+@overload(passed)
+def _passed(listener, ray, corners, slot, prim):
+    if getattr(listener, "instance_class", None) is TexelPointers:
+        return lambda listener, ray, corners, slot, prim: is_hole(listener, ray, corners, slot)
+    return None
+
+
+# --- Cut-outs after everything else: rays that no solid triangle stops are tested against faces with holes ------------
+#
+# The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree
+# of their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts
+# what they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-
+# out's triangle, and if nothing solid blocks it.
+
+
+class CutoutTree(NamedTuple):
+    """The cut-outs of a scene at one moment; triangles have their indices in the whole scene."""
+
+    bvh: Bvh
+    blocks: BlockTree
+    texels: AlphaTexels
+
+
+def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree | None:
+    """The `CutoutTree` of a scene's triangles; None if it has no cut-outs."""
+    own = triangles.cutouts
+    if own is None or not len(own.faces):
+        return None
+    vertices = triangles.vertices[own.faces]
+    areas = with_area(vertices, thread_count(threads))
+    bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
+    at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
+    bvh = bvh._replace(prim_ids=own.faces[at])
+    texels = AlphaTexels(own.uv[at].reshape(-1, 6), own.mask[at], own.shapes, own.first, own.texels)
+    return CutoutTree(bvh, block_tree(bvh, threads), texels)
+
+
+@inlined
+def _ray_to(query, patch, i, s):
+    o, (lx, ly, lz) = scalars(query.origins, 3 * i, 1), sample_of(query, patch, i, s)
+    return segment(o.x, o.y, o.z, lx, ly, lz)
+
+
+@inlined
+def _stopper(tree, holes, ray, skip, cull_faces, last):
+    """The slot of a cut-out that stops the ray, or -1. `last`, which stopped the ray before, is tested first."""
+    if last >= 0 and get(tree.prim_ids, last) != skip:
+        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, None) and not is_hole(
+            holes, ray, tree.corners, last
+        ):
+            return last
+    return walk(tree, ray, skip, cull_faces, np.int64(LEFT_FIRST), holes, None)[0]
+
+
+@kernel
+def _shadows(ticket, bvh, texels, query, met, bits):
+    """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
+    tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
+    found, out, last = ptr(met), ptr(bits), np.int64(-1)
+    for i in items(ticket):
+        skip = np.int64(get(asked.ids, i))
+        for k in range(asked.words):
+            left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
+            if left == 0:
+                continue
+            patch = patch_of(asked, i)
+            while left != 0:
+                s = 64 * k + lowest_bit(left)
+                left &= left - np.uint64(1)
+                slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
+                if slot >= 0:
+                    last = slot
+                    set_bit(asked, out, i, s)
+
+
+def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
+    """Set bit s of ``bits[y, x]`` where a cut-out occludes sample s.
+
+    bits : (h, w, ceil(spp / 64)) uint64, the answer of a tracer over the solid triangles
+    """
+    met = new_bits(query)
+    trace_shadow(tree.blocks, query, met, threads)
+    ticket = new_ticket(query.sides.size, 256)
+    run(_shadows, thread_count(threads), ticket, tree.bvh, tree.texels, query, met, bits)
+
+
+class CutoutRays(NamedTuple):
+    """Rays in the recentred frame."""
+
+    origins: np.ndarray  # (m, 3) float32
+    directions: np.ndarray  # (m, 3) float32; zero: no ray; or the targets of segments
+    skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
+    tmin: np.ndarray  # (m,) float64
+    tmax: np.ndarray  # (m,) float64
+    cull_faces: int = 0  # a value of `query.shadow_query.CULL_FACES`
+    segments: bool = False
+
+
+def rays_of_pass(rays: RayPass) -> CutoutRays:
+    """`CutoutRays` over (0, inf)."""
+    m = len(rays.origins)
+    return CutoutRays(*rays, np.zeros(m), np.full(m, np.inf))
+
+
+def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
+    """`CutoutRays` of a checked ray list."""
+    ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
+    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
+
+
+@kernel
+def _nearest(ticket, bvh, texels, rays, out):
+    tree, holes = tree_of(bvh), texel_pointers(texels)
+    for i in items(ticket):
+        o, d, skip = rays.origins[i], rays.directions[i], np.int64(rays.skip[i])
+        if rays.segments:
+            ray = segment(o[0], o[1], o[2], d[0], d[1], d[2])
+        else:
+            tmax = min(rays.tmax[i], out.t[i] * BEYOND)
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], rays.tmin[i], tmax)
+        if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:
+            continue
+        slot, t = walk(tree, ray, skip, rays.cull_faces, np.int64(CLOSEST), holes, None)
+        if slot < 0:
+            continue
+        prim = np.int64(get(tree.prim_ids, slot))
+        if out.face[i] < 0 or is_nearer(t, prim, out.t[i], np.int64(out.face[i])):
+            u, v = single_weights(ray, tree.corners, slot)
+            out.face[i], out.t[i], out.u[i], out.v[i] = prim, t, u, v
+
+
+def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
+    """Replace hits by those on cut-outs that are nearer.
+
+    out : face, t, u and v of the nearest solid triangles: -1 and inf on a miss
+    """
+    ticket = new_ticket(len(rays.origins), 1024)
+    run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
+
+
+def show_cutouts(tree: CutoutTree | None, rays: RayPass, face, t, threads: int | None = None) -> None:
+    """Replace the hits of a pass of rays, face (m,) int32 and t (m,) float64, by those on cut-outs that are nearer."""
+    if tree is not None:
+        add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
+
+
+def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
+    return HitArrays(np.empty(0, np.bool_), face, t, np.empty(len(face), np.float32), np.empty(len(face), np.float32))
+
+
+def add_hits(
+    tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
+) -> None:
+    """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
+    if not any_hit:
+        add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
+        return
+    free = np.flatnonzero(~out.blocked)
+    hits = _hits(np.full(len(free), -1, np.int32), np.full(len(free), np.inf))
+    add_nearest(tree, rays_of_arguments(rays.part(free), cull_faces), hits, threads)
+    out.blocked[free] = hits.face >= 0
+
+
+@kernel
+def _stops(ticket, bvh, texels, origins, ends, rays, slots, stops):
+    """Worker: whether segments that meet cut-outs meet solid texels."""
+    tree, holes = tree_of(bvh), texel_pointers(texels)
+    for k in items(ticket):
+        o, e = origins[rays[k]], ends[rays[k]]
+        stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
+
+
+def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of a segment and a cut-out that stops it: (segment, triangle), (k,) each; see `intersections`."""
+    met = intersections(tree.bvh, origins, ends, skip, threads)
+    rays = np.repeat(np.arange(len(origins)), np.diff(met.first))
+    order = np.argsort(tree.bvh.prim_ids)
+    slots, stops = order[np.searchsorted(tree.bvh.prim_ids[order], met.prims)], np.empty(len(rays), np.bool_)
+    ticket = new_ticket(len(rays), 1024)
+    run(_stops, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
+    return rays[stops], met.prims[stops]

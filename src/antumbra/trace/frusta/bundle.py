@@ -1,0 +1,308 @@
+"""Bundles: up to 16 tiles whose shafts traverse the trees of a tree list together, and their block tests.
+
+Each thread has scratch memory for one bundle.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.links import block_leaf, bounds_at, is_leaf
+from ...bvh.nodes import MAX_DEPTH
+from ...kernels.fields import F32Ptr, I32Ptr
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
+from ..descent import Shafts, left, next_leaf, nowhere, save, slabs_of
+from ..light_table import ALL_GROUPS, STRATA
+from ..shafts import have_shafts
+from ..tile import TILE_FLOATS, QueryChunk, finished_strata, tile_at
+from ..tree_list import TREE, list_of, tree_in, walk_tree, walk_tree_list
+from ..triangle_tests import DEFERRED, deferred_ints, fetch, resolve_deferred
+from .shaft_culling import trace_block
+from .tile_clusters import MAX_TILES
+from .tile_group import (
+    be_filled,
+    finished,
+    give_to_tile,
+    give_to_tiles,
+    take_from_tiles,
+    tile_group_at,
+    tile_in,
+    tiles_by_beams,
+    trace_tile_group,
+)
+
+# --- A bundle, up to 16 tiles whose shafts go through the tree together, and a thread's scratch memory for it ---------
+
+
+TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile group
+LANES = 12 * 16
+STACK = 4 * MAX_DEPTH
+PLACES = 2 * MAX_TILES
+WAITING = TREE + 1  # a leaf, and its lanes
+BLOCKERS = WAITING + 2  # the number of a tree, and blocks that blocked all segments of a lane, the last one first
+N_BLOCKERS = 4
+AT = BLOCKERS + 1 + N_BLOCKERS
+DEFERRED_INTS = deferred_ints(MAX_TILES)
+
+
+class Bundle(NamedTuple):
+    """How the 16 lanes of a bundle share its tiles and strata."""
+
+    tiles: int  # 1 to 16, a power of two; a tile group counts as one tile
+    groups: int  # groups of strata of each tile: lanes are slot * groups + group
+    strata: int  # strata in a group
+    is_tile_group: bool
+
+
+class Scratch(NamedTuple):
+    """A thread's memory."""
+
+    tiles: F32Ptr  # float32: the parts of a cluster
+    lanes: F32Ptr  # float32, rows of `Shafts`
+    work: F32Ptr  # float32, for `shaftleaf`
+    tile_group: F32Ptr  # float32, see `tilegroup`
+    stack: I32Ptr  # int32: links and masks
+    slots: I32Ptr  # int32: the bundle's tiles
+    valid: I32Ptr  # int32: bits of each tile's receivers
+    parts: I32Ptr  # int32, see `clusters`
+    places: I32Ptr  # int32: y and x of each tile's first pixel
+    planes: F32Ptr  # float32, for `horizon`
+    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE, WAITING and BLOCKERS what these describe
+    deferred: I32Ptr  # int32, see `deferred`
+    trials: F32Ptr  # float32, see `grouping`
+
+
+@inlined
+def _power_of_two(n):
+    """The least power of two that is at least n."""
+    power = np.int64(1)
+    while power < n:
+        power *= 2
+    return power
+
+
+@inlined
+def tiles_to_fill(count):
+    """The number of tiles that fill the lanes if each has `count` samples."""
+    return STRATA // _power_of_two(count)
+
+
+@inlined
+def bundle_of(tiles, count):
+    """The `Bundle` of a number of tiles with `count` samples each."""
+    size, strata = _power_of_two(tiles), _power_of_two(count)
+    groups = STRATA // size if STRATA // size < strata else strata
+    return Bundle(size, groups, strata // groups, False)
+
+
+@inlined
+def tile_group_of(scratch, chunk):
+    """The `TileGroup` of a bundle. Its first tile is in the first slot."""
+    whole = tile_at(scratch.tiles, MAX_TILES, chunk)
+    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
+
+
+@inlined
+def lane_strata(lanes, bundle):
+    """Bits of the strata in some groups of a tile (bits)."""
+    if bundle.strata == 1:
+        return lanes
+    ones, strata = (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    while lanes != 0:
+        strata |= ones << (lowest_bit(lanes) * bundle.strata)
+        lanes &= lanes - 1
+    return strata
+
+
+@inlined
+def finished_groups(tile, valid, bundle):
+    """Bits of the groups to which no segment from the `valid` receivers (bits) is left."""
+    strata, ones, groups = finished_strata(tile, valid), (np.int64(1) << bundle.strata) - 1, np.int64(0)
+    for q in range(bundle.groups):
+        if (strata >> (q * bundle.strata)) & ones == ones:
+            groups |= np.int64(1) << q
+    return groups
+
+
+@kernel
+def fill_lanes(slot, tile, bundle, lanes):
+    """Write the shafts of a tile's groups to the lanes of a slot."""
+    first_group = 16 // bundle.strata
+    for q in range(bundle.groups):
+        lane, group = slot * bundle.groups + q, first_group + q
+        for k in range(3):
+            low, high = get(tile.info, 6 + k), get(tile.info, 9 + k)
+            put(lanes, 16 * k + lane, low)
+            put(lanes, 48 + 16 * k + lane, high)
+            put(lanes, 96 + 16 * k + lane, get(tile.groups, group + k * ALL_GROUPS) - low)
+            put(lanes, 144 + 16 * k + lane, get(tile.groups, group + (3 + k) * ALL_GROUPS) - high)
+
+
+@inlined
+def shafts_of(p):
+    """Load the `Shafts` of the lanes from p."""
+    return Shafts(
+        load16(p, 0), load16(p, 16), load16(p, 32), load16(p, 48), load16(p, 64), load16(p, 80),
+        load16(p, 96), load16(p, 112), load16(p, 128), load16(p, 144), load16(p, 160), load16(p, 176),
+    )  # fmt: skip
+
+
+# --- The walk of a bundle through the trees of a forest, and its tests of the blocks that it finds --------------------
+
+
+@inlined
+def _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
+    """Test a block against the segments of a tile to some strata (bits)."""
+    strata &= ~finished_strata(tile, valid)
+    if strata != 0:
+        (block, triangles), facing = block_leaf(link), chunk.query.facing
+        trace_block(tile, tree, block, triangles, strata, valid, facing, scratch.work, scratch.deferred, counters)
+
+
+@inlined
+def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
+    """Test a block against some strata (bits) of a tile group.
+
+    Return bits of the strata to which the group has no segment left.
+    """
+    tile_group, (block, triangles) = tile_group_of(scratch, chunk), block_leaf(link)
+    be_filled(tile_group, chunk)
+    live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
+    if live < 0:
+        trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
+        live = np.int64(0)
+    changed = np.int64(0)
+    while live != 0:
+        g = lowest_bit(live)
+        live &= live - 1
+        tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
+        give_to_tile(tile_group, g, tile.dead)
+        before = load16(tile.dead, 0)
+        _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
+        if bits(load16(tile.dead, 0) != before) != 0:
+            changed |= np.int64(1) << g
+    if changed != 0:
+        take_from_tiles(tile_group, changed, chunk)
+    return finished(tile_group)
+
+
+@inlined
+def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
+    """Test a block against the lanes in `mask`. Return bits of the lanes that have no segment left."""
+    if bundle.is_tile_group:
+        return _tile_group_leaf(tree, link, mask, chunk, scratch, counters)
+    done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
+    for slot in range(bundle.tiles):
+        groups = mask >> (slot * bundle.groups) & all_groups
+        if groups != 0:
+            g = np.int64(get(scratch.slots, slot))
+            tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+            have_shafts(tile)
+            _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
+            done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
+    return done
+
+
+class RegionJob(NamedTuple):
+    """The job of `walk_tree` for a bundle: the bundle, and its chunk of the query."""
+
+    chunk: QueryChunk
+    bundle: Bundle
+
+
+@overload(walk_tree)
+def _by_job(tree, slabs, at, alive, job, scratch, counters):
+    if job.instance_class is RegionJob:
+        return lambda tree, slabs, at, alive, job, scratch, counters: _walk_tree(
+            tree, slabs, at, alive, job, scratch, counters
+        )
+
+
+@inlined
+def forget_blockers(scratch, tree):
+    """Note that no block of a tree is known to block all segments of a lane."""
+    put(scratch.at, BLOCKERS, tree)
+    for k in range(N_BLOCKERS):
+        put(scratch.at, BLOCKERS + 1 + k, 0)  # the root: no leaf
+
+
+@inlined
+def _remember_blocker(scratch, link):
+    """Put a block that blocks all segments of a lane in front of those known."""
+    moved = np.int32(link)
+    for k in range(N_BLOCKERS):
+        old = get(scratch.at, BLOCKERS + 1 + k)
+        put(scratch.at, BLOCKERS + 1 + k, moved)
+        if old == link:
+            return
+        moved = old
+
+
+@inlined
+def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
+    """`walk_tree` of a bundle. It prefetches a block when it finds it, and tests it when it finds the next one.
+
+    First it tests blocks that blocked all segments of a lane in the bundles before.
+    """
+    link, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
+    known = np.int64(N_BLOCKERS)
+    if at.place == -1:
+        known = np.int64(0)
+        if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
+            forget_blockers(scratch, np.int64(get(scratch.at, TREE)))
+    while True:
+        if known >= N_BLOCKERS:
+            at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
+            if at.mask != 0:
+                prefetch(tree.bounds, bounds_at(block_leaf(at.link).block))
+                fetch(tree, at.link)
+        if mask & alive != 0:
+            if np.int64(get(scratch.deferred, 0)) > DEFERRED:
+                put(scratch.at, WAITING, link)
+                put(scratch.at, WAITING + 1, mask)
+                return at, alive
+            done = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
+            if done != 0:
+                _remember_blocker(scratch, link)
+                alive &= ~done
+        if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
+            put(scratch.at, WAITING + 1, 0)
+            return nowhere(), alive
+        if known < N_BLOCKERS:
+            link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
+            mask = alive if is_leaf(link) else np.int64(0)
+            known += 1
+        else:
+            link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else np.int64(0)
+            at = left(at)
+
+
+@kernel
+def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
+    """`walk_forest` of a bundle."""
+    slabs = slabs_of(shafts_of(scratch.lanes), alive)
+    return walk_tree_list(forest, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
+
+
+@inlined
+def trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
+    """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
+
+    Deferred tests are settled in three cases: when their memory runs low, before a tree with other arrays, and at the
+    end.
+    """
+    i, end = list_of(forest, y, x, np.int64(0))
+    save(scratch.at, nowhere())
+    put(scratch.at, WAITING + 1, 0)
+    put(scratch.at, TREE, 0)
+    while True:
+        if i < end and alive != 0:
+            i, alive = _walk(forest, i, end, alive, chunk, bundle, scratch, counters)
+        if bundle.is_tile_group:
+            give_to_tiles(tile_group_of(scratch, chunk), chunk)
+        if np.int64(get(scratch.deferred, 0)) != 0:
+            corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
+            resolve_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
+        if i >= end or alive == 0:
+            return

@@ -1,0 +1,224 @@
+"""`multifrusta`: trace 16 shafts of shadow rays at once through a shallow BVH [Benthin and Wald 2009].
+
+Single rays are tested only where shafts do not decide. This is multi-frusta tracing [Benthin and Wald 2009] for area
+lights.
+"""
+
+import numpy as np
+
+from ...bvh.nodes import boxes_of
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
+from ...scene.lights import is_list
+from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
+from ..horizon import PLANES, apply_horizon
+from ..light_table import STRATA, light_table
+from ..packets.packet16 import over_pixels, over_samples
+from ..packets.ray_tile import extents_of, is_far, is_huge, is_incoherent
+from ..shafts import forget_inverses, forget_shafts, make_beams
+from ..tile import (
+    bound_receivers,
+    finished_strata,
+    first_pixel,
+    move_light,
+    query_chunk_of,
+    read_bits,
+    sets_of,
+    tile_at,
+    tile_shape,
+    write_bits,
+)
+from ..tree_list import TreeList, is_idle, tree_list_pointers, whole
+from .bundle import (
+    AT,
+    DEFERRED_INTS,
+    LANES,
+    PLACES,
+    STACK,
+    TILES,
+    Bundle,
+    Scratch,
+    bundle_of,
+    fill_lanes,
+    finished_groups,
+    forget_blockers,
+    tile_group_of,
+    tiles_to_fill,
+    trace_lanes,
+)
+from .shaft_culling import WORK
+from .tile_clusters import (
+    MAX_TILES,
+    PARTS_INTS,
+    REGIONS,
+    RUN,
+    TRIAL_FLOATS,
+    choose_group,
+    corner_of,
+    expect,
+    forget_trials,
+    layout_of,
+    learn,
+    list_parts,
+    load_cluster,
+    order_parts,
+    parts_at,
+    runs,
+    work_of,
+)
+from .tile_group import TILE_GROUP_FLOATS, finished, make_tile_group
+
+_INTERLEAVED = 4  # least number of tiles in a bundle with separate shafts
+_BUSY = 64  # least number of regions for a thread, if it is to take more than one at once
+
+
+@inlined
+def _start_tile(chunk, g, scratch, fresh, known, counters):
+    """Prepare tile g, whose receivers are loaded. Return whether it has a segment to trace.
+
+    Unless `fresh`, the bits at `known` give the blocked segments.
+    """
+    tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
+    y0, x0 = first_pixel(scratch.places, g)
+    bound_receivers(tile, valid)
+    if not chunk.fixed:
+        move_light(chunk, y0, x0, valid, tile)
+    if fresh:
+        apply_horizon(chunk, y0, x0, valid, tile, scratch.planes, scratch.deferred, counters)
+    else:
+        read_bits(chunk, y0, x0, valid, tile, known)
+    if finished_strata(tile, valid) == 0xFFFF:
+        return False
+    make_beams(tile)
+    forget_inverses(tile)
+    forget_shafts(tile)
+    return True
+
+
+@inlined
+def _fill_slot(chunk, bundle, slot, g, scratch):
+    """Give tile g a slot of a bundle. Return bits of its lanes that have a segment to trace."""
+    tile = tile_at(scratch.tiles, g, chunk)
+    put(scratch.slots, slot, g)
+    fill_lanes(slot, tile, bundle, scratch.lanes)
+    groups = ~finished_groups(tile, np.int64(get(scratch.valid, g)), bundle) & ((np.int64(1) << bundle.groups) - 1)
+    return groups << (slot * bundle.groups)
+
+
+@inlined
+def _bundle_separate(numbers, chunk, scratch):
+    """Make a `Bundle` of the first of some tiles (bits), each with its own shafts.
+
+    Return the bundle, bits of its live lanes, and bits of the tiles left.
+    """
+    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
+    bundle, alive = bundle_of(n, chunk.count), np.int64(0)
+    for slot in range(n):
+        alive |= _fill_slot(chunk, bundle, slot, lowest_bit(numbers), scratch)
+        numbers &= numbers - 1
+    return bundle, alive, numbers
+
+
+@inlined
+def _bundle_together(members, chunk, scratch, counters):
+    """Make a `Bundle` of some tiles (bits) as a tile group. Return the bundle and bits of its live lanes."""
+    count(counters, TILE_GROUP_TILES, popcount(members))
+    put(scratch.slots, 0, lowest_bit(members))
+    bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
+    make_tile_group(tile_group, members, chunk)
+    fill_lanes(np.int64(0), tile_group.whole, bundle, scratch.lanes)
+    return bundle, ~finished(tile_group) & 0xFFFF
+
+
+@inlined
+def _trace_parts(forest, n, chunk, scratch, known, counters):
+    """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
+    (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
+    for g in range(n):
+        if _start_tile(chunk, g, scratch, forest.fresh, known, counters):
+            live |= np.int64(1) << g
+    grouping, before = choose_group(chunk, scratch.tiles, live, scratch.trials), work_of(counters)
+    members, separate = grouping.members, live & ~grouping.members
+    while members | separate != 0:
+        if members != 0:
+            bundle, alive = _bundle_together(members, chunk, scratch, counters)
+        else:
+            bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
+        trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
+        members = np.int64(0)
+    learn(scratch.trials, grouping, work_of(counters) - before, live)
+
+
+@kernel
+def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samples, out, counters):
+    """Worker: trace the areas of a picture, cluster by cluster.
+
+    layout : Layout
+    regions : in an area
+    k : number of the chunk
+    n_samples : samples in the chunk
+    out : the bits of all receivers
+    """
+    # In: query, table, shape, layout, regions, k, n_samples. Out: out, counters.
+    scratch = Scratch(
+        stack_f32(TILES), stack_f32(LANES), stack_f32(WORK), stack_f32(TILE_GROUP_FLOATS), stack_i32(STACK),
+        stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PARTS_INTS), stack_i32(PLACES), stack_f32(PLANES),
+        stack_i32(AT), stack_i32(DEFERRED_INTS), stack_f32(TRIAL_FLOATS),
+    )  # fmt: skip
+    forest, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    chunk, places = query_chunk_of(query, table, shape, k, n_samples), ptr(out)
+    parts, n_tiles, room = parts_at(scratch.parts), regions * MAX_TILES, tile_at(scratch.tiles, 0, chunk)
+    put(scratch.deferred, 0, 0)
+    forget_trials(scratch.trials)
+    for at in items(ticket):
+        y, x = corner_of(layout, at * regions)
+        idle = is_idle(forest, y * shape.height, x * shape.width)
+        expect(parts, n_tiles, 0 if idle else 0xFFFF)
+        forget_blockers(scratch, np.int64(-1))
+        n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
+        while n > 0:
+            order_parts(parts, n)
+            for first in range(0, n, MAX_TILES):
+                m = min(n - first, MAX_TILES)
+                load_cluster(chunk, layout, y, x, first, m, scratch)
+                _trace_parts(forest, m, chunk, scratch, places, mine)
+                for g in range(m):
+                    y0, x0 = first_pixel(scratch.places, g)
+                    write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
+            n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
+    add_counters(counters, mine)
+
+
+def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    Packets trace the queries that shafts cannot trace well (`packets.incoherent`). These are hemispheres, interleaved
+    lists, huge lights, and coordinates too large for shafts.
+
+    tree : BlockTree
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    if is_incoherent(query) or is_huge(query, extents_of(tree)) or is_far(query, boxes_of(tree.nodes[:1])):
+        by_packets = over_samples if is_list(query.light) else over_pixels
+        by_packets(tree, query, bits, threads, counters, progress)
+        return
+    trace_tree_list(whole(tree), query, bits, threads, counters, progress)
+
+
+def trace_tree_list(forest: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
+    """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
+
+    bits : zeros; if the forest is not fresh, the blocked segments found so far
+    chunks : range of the chunks of 16 samples to trace; None: all
+    """
+    counters = new_counters() if counters is None else counters
+    shape, spp = tile_shape(query), query.samples.shape[1]
+    table, layout, n_threads = light_table(query, sets_of(shape)), layout_of(shape), thread_count(threads)
+    regions = REGIONS if layout.rows * layout.columns >= _BUSY * n_threads else 1
+    for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
+        count = min(STRATA, spp - chunk * STRATA)
+        ticket = new_ticket(runs(layout) * RUN // regions, 1)
+        arrays = forest, query, table, shape, layout, regions, chunk, count, bits, counters
+        run(_trace_areas, n_threads, ticket, *arrays, progress=progress)

@@ -1,0 +1,292 @@
+"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's.
+
+Frusta. A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an
+endless shaft (`trace.descent`) [Benthin and Wald 2009, Sec. 4.1].
+
+Tiles. A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a
+`BlockTree` together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested
+by halves of frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front
+and an interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own
+predicates settle it after the block. The float64 t of a visible triangle is computed once, after the tree
+(`pixel_hits.resolve`).
+
+The tracer takes a tree list (`trace.tree_list`). Each tile goes through the trees of its list, one after the other.
+Later it may go through another list, and starts from its hits so far.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.blocks import BlockTree, block_tree
+from ...bvh.links import box_at
+from ...bvh.nodes import boxes_of
+from ...kernels.fields import F32Ptr
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
+from ...kernels.vec import rows
+from ...query.raster_setup import RasterView, direction_error, make_view
+from ...scene.camera import CameraRays
+from ..counters import N_COUNTERS, add_counters, cleared, new_counters
+from ..descent import (
+    WAITING_FLOATS,
+    WAITING_INTS,
+    Near,
+    Shafts,
+    Slabs,
+    Waiting,
+    endless_slabs_of,
+    entry,
+    next_block,
+    visited,
+)
+from ..tree_list import Hits, TreeList, item, list_of, root_in, tree_in, tree_list_pointers, whole
+from .pixel_hits import (
+    KNOWN_FLOATS,
+    KNOWN_PLANES,
+    MARK_WORDS,
+    PLANE_FLOATS,
+    ResolveScratch,
+    keep,
+    resolve,
+    resume,
+    settle,
+    shorten,
+    start,
+)
+from .pixel_tests import CELLS, DEFERRED, HEIGHT, PIXELS, WIDTH, WORK, Pixels, TileFrame, frame_of, trace_block
+
+# --- Slab tests of the 16 frusta of a tile of primary rays: 8 x 4 pixels each, the camera as common origin ------------
+#
+# A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an endless
+# shaft (`trace.descent`) [Benthin and Wald 2009, Sec. 4.1].
+
+
+_LOW, _HIGH = 0, 48  # rows of 16: d_low (x, y, z), d_high
+FLOATS = 96
+
+
+@kernel
+def bound_directions(rays, error, x0, y0, directions):
+    """Write d_low and d_high of the frusta of the tile at pixel (x0, y0).
+
+    Frusta beyond the picture are bounded, too.
+
+    error : (3,) float64, bound of the error of `pixel_direction`
+    """
+    for axis in range(3):
+        dx, dy = rays.dx[axis], rays.dy[axis]
+        half = 3.5 * abs(dx) + 1.5 * abs(dy) + 2.0 * error[axis]
+        for f in range(16):
+            middle = rays.corner[axis] + (x0 + 8 * (f & 3) + 4.0) * dx + (y0 + 4 * (f >> 2) + 2.0) * dy
+            put(directions, _LOW + 16 * axis + f, middle - half)
+            put(directions, _HIGH + 16 * axis + f, middle + half)
+
+
+@inlined
+def slabs_from(eye, directions):
+    """`Slabs` of the 16 frusta."""
+    x, y, z = splat16(np.float32(eye.x)), splat16(np.float32(eye.y)), splat16(np.float32(eye.z))
+    low, high = rows(directions, _LOW, 16), rows(directions, _HIGH, 16)
+    shafts = Shafts(x, y, z, x, y, z, low.x, low.y, low.z, high.x, high.y, high.z)
+    return endless_slabs_of(shafts, np.int64(0xFFFF))
+
+
+# --- Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's --------
+#
+# A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a `BlockTree`
+# together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested by halves
+# of frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front and an
+# interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own predicates
+# settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.resolve`).
+#
+# The tracer takes a forest (`trace.tree_list`). Each tile goes through the trees of its list, one after the other. Later
+# it may go through another list, and starts from its hits so far.
+
+
+_F = np.float32
+_SUPER = 4  # tiles along the side of a square that is traced in Morton order
+
+
+class PictureSeen(NamedTuple):
+    """A camera's picture: its rays, and their hits so far."""
+
+    rays: CameraRays
+    hits: Hits
+    camera: RasterView
+    error: np.ndarray  # (3,) float64: error bound of directions
+    scale: float  # see `_scale`
+
+
+class _Tile(NamedTuple):
+    """A tile of frusta."""
+
+    x0: int  # first pixel
+    y0: int
+    frame: TileFrame
+    alive: int  # bits of the frusta that have pixels
+    slabs: Slabs
+
+
+class _PrimaryScratch(NamedTuple):
+    """Pointers to a thread's memory."""
+
+    pixels: Pixels
+    seen: ResolveScratch
+    directions: F32Ptr  # float32, FLOATS: see `frusta`
+    work: F32Ptr  # float32, WORK: for a block
+    waiting: Waiting
+
+
+@kernel
+def _walk(forest, k, alive, picture, tile, scratch, counters):
+    """Trace the frusta in `alive` (bits) through tree k. A block is prefetched, and tested after the next is found."""
+    tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
+    at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
+    while True:
+        at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
+        if last.mask != 0:
+            seen = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
+            if get(pixels.deferred, 0) != 0:
+                settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
+                seen = True
+            if seen:
+                shorten(pixels, _F(scale))
+        if at.mask == 0:
+            return
+        last, at = at, visited(at)
+
+
+@inlined
+def _place(k, across):
+    """First pixel (x0, y0) of tile k: squares of _SUPER x _SUPER tiles, each in Morton order."""
+    square, k = k // (_SUPER * _SUPER), k % (_SUPER * _SUPER)
+    x, y = square % across * _SUPER, square // across * _SUPER
+    return WIDTH * (x + (k & 1) + (k >> 1 & 2)), HEIGHT * (y + (k >> 1 & 1) + (k >> 2 & 2))
+
+
+@inlined
+def _start(picture, x0, y0, fresh, scratch):
+    """Start the tile at pixel (x0, y0): from nothing if `fresh`, otherwise from its hits so far."""
+    rays, hits = picture.rays, picture.hits
+    if fresh:
+        alive = start(scratch.pixels, x0, y0, rays)
+    else:
+        alive = resume(scratch.pixels, x0, y0, rays, ptr(hits.face), ptr(hits.t), picture.scale)
+    bound_directions(rays, picture.error, x0, y0, scratch.directions)
+    frame = frame_of(picture.camera, x0, y0, picture.scale)
+    return _Tile(x0, y0, frame, alive, slabs_from(frame.eye, scratch.directions))
+
+
+@kernel
+def _trace_tile(forest, begin, end, picture, tile, scratch, counters):
+    """Trace the frusta of a tile through the trees begin .. end of the lists."""
+    pixels, new = scratch.pixels, forest.fresh
+    for i in range(begin, end):
+        k = item(forest, i)
+        met = entry(forest.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
+        if met != 0:
+            _walk(forest, k, met, picture, tile, scratch, counters)
+            new |= keep(pixels, k)
+    if new:
+        resolve(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
+
+
+@kernel
+def _trace_tiles(ticket, arrays, picture, across, counters):
+    """Worker: trace whole tiles."""
+    pixels = Pixels(
+        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
+        stack_i32(PIXELS), stack_i32(DEFERRED),
+    )  # fmt: skip
+    seen = ResolveScratch(
+        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
+        stack_i32(MARK_WORDS),
+    )  # fmt: skip
+    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    scratch = _PrimaryScratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), waiting)
+    forest, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    for k in items(ticket):
+        x0, y0 = _place(k, across)
+        if x0 < picture.rays.width and y0 < picture.rays.height:
+            begin, end = list_of(forest, y0, x0, np.int64(0))
+            if begin < end:
+                tile = _start(picture, x0, y0, forest.fresh, scratch)
+                _trace_tile(forest, begin, end, picture, tile, scratch, mine)
+    add_counters(counters, mine)
+
+
+def _scale(box, view) -> float:
+    """A power of two that brings pixel coordinates to about 1; 0 where float32 has no room for it."""
+    eye = np.array([view.eye_x, view.eye_y, view.eye_z])
+    reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
+    if not 1e-30 < reach < 1e30:
+        return 0.0
+    return float(2.0 ** -np.ceil(np.log2(reach)))
+
+
+def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest hits of the pixel-centre rays.
+
+    Parameters
+    ----------
+    tree : BlockTree, or Bvh
+        A Bvh is first made into a `BlockTree`.
+    rays : CameraRays
+    threads : int, optional
+        None: all cores. The result does not depend on it.
+    counters : (N_COUNTERS,) int64, optional
+        From `new_counters`; nodes, tests of boxes, and triangles are added.
+
+    Returns
+    -------
+    face : (H, W) int32
+        -1 on a miss. Among triangles at the same t, the one with the lowest index.
+    t : (H, W) float64
+        In lengths of the pixel's direction; inf on a miss.
+
+    Raises
+    ------
+    InputError
+        If directions of neighbouring pixels are too close, as in `rasterise`.
+    """
+    if not isinstance(tree, BlockTree):
+        tree = block_tree(tree, threads)
+    shape, nowhere = (rays.height, rays.width), np.empty((0, 0), np.int32)
+    hits = Hits(np.empty(shape, np.int32), np.empty(shape), nowhere, nowhere)
+    trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters)
+    return hits.face, hits.t
+
+
+def picture_seen(rays, box: np.ndarray, hits: Hits) -> PictureSeen:
+    """A camera's picture, ready to be traced.
+
+    Parameters
+    ----------
+    rays : CameraRays
+    box : (2, 3) float32
+        Around all triangles.
+    hits : Hits
+        The hits so far. Tracing changes them in place.
+    """
+    view = make_view(rays)
+    return PictureSeen(rays, hits, view, direction_error(rays), _scale(box, view))
+
+
+def trace_hits(forest: TreeList, picture: PictureSeen, threads: int, counters=None) -> None:
+    """Trace pixel-centre rays through a forest. Unless the forest is fresh, start from the rays' hits so far.
+
+    Parameters
+    ----------
+    forest : Forest
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles that have trees write their hits.
+    picture : PictureSeen
+        Its hits are changed in place.
+    counters : (N_COUNTERS,) int64, optional
+        From `new_counters`.
+    """
+    width, height = picture.rays.width, picture.rays.height
+    across, down = -(-width // (WIDTH * _SUPER)), -(-height // (HEIGHT * _SUPER))
+    ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
+    run(_trace_tiles, threads, ticket, forest, picture, across, new_counters() if counters is None else counters)

@@ -1,0 +1,440 @@
+"""Rays one at a time: interleaved any-hit rays, the tracers `single` and `wide`, and exact step counts.
+
+Interleaving. A single ray waits for memory at nearly every step, because each step decides which node comes next. So a
+step prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
+share only the first step. Any-hit queries take it together, one ray to a lane.
+
+Tracers. `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random`
+differ only in the order of children (see below).
+
+Steps. A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There
+are three classes of steps:
+
+- path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
+- false hits (faux hits): for a blocked ray, all other steps
+- unoccluded: the steps of rays that nothing blocks
+
+Rays are walked one by one, and the last blocker is not tested first.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.links import LINK, bvh_leaf
+from ...bvh.nodes import Bvh, Tree, parents_first, tree_of
+from ...bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh, wide_tree_of
+from ...kernels.fields import F32Ptr, I32Ptr
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.predicate.exact import segment
+from ...kernels.simd import (
+    atomic_add,
+    bits,
+    broadcast8,
+    get,
+    load8,
+    lowest_bit,
+    mask_from_bits8,
+    mask_from_bits16,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    stack_array,
+    stack_f32,
+    stack_f64,
+    stack_i32,
+    stack_i64,
+    store,
+    store_compressed,
+)
+from ...kernels.vec import scalars
+from ...query.receivers import NOTHING
+from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ..counters import (
+    BELOW_HORIZON,
+    BOX_TESTS,
+    N_COUNTERS,
+    NODES,
+    RAYS,
+    REPEAT_HITS,
+    TRIANGLE_TESTS,
+    add_counters,
+    cleared_if,
+    count,
+    new_counters,
+)
+from .ray_packet import enter_each
+from .ray_traversal import BUILT, Ordered, triangle_hit, walk
+from .wide_traversal import (
+    BLOCK_WORDS,
+    DEFERRED_WORDS,
+    DX,
+    ENDS,
+    LANES,
+    LIMIT,
+    OX,
+    PRECISE_WORDS,
+    REST,
+    STACK,
+    TMAX,
+    TMIN,
+    WAY,
+    Query,
+    RayBlock,
+    WideHit,
+    enter,
+    fetch,
+    prepare,
+    push_sorted,
+    settle_block,
+    slabs_of,
+    slot_of,
+    start,
+    visit_leaf,
+)
+
+# --- Interleaved rays: incoherent rays take turns, and each takes one step down the wide BVH, a node or a leaf --------
+#
+# A single ray waits for memory at nearly every step, because each step decides which node comes next. So a step
+# prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
+# share only the first step. Any-hit queries take it together, one ray to a lane.
+
+
+_STACKS = LANES * STACK
+
+
+@inlined
+def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
+    """Push the children that ray i enters, the first one to visit on top. Return the new height."""
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, WIDTH)
+    at = link * NODE_WORDS
+    entered, near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
+    hits = bits(entered)
+    if query.any_hit:
+        store_compressed(stack, height, mask_from_bits8(hits), load8(tree.links, at + LINKS))
+        return height + popcount(hits)
+    store(nears, 0, near)
+    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, hits)
+
+
+@inlined
+def _open_root(tree, rays, alive, stacks, heights, counters):
+    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of rays that enter."""
+    entered, n = splat16(np.int32(0)), 0
+    while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
+        inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
+        entered |= select(inside, splat16(np.int32(1 << n)), splat16(np.int32(0)))
+        n += 1
+    count(counters, NODES, 1)
+    count(counters, BOX_TESTS, n)
+    hits, links = stack_i32(LANES), load8(tree.links, LINKS)
+    store(hits, 0, entered)
+    alive &= bits(entered != splat16(np.int32(0)))
+    turn = alive
+    while turn:
+        i = lowest_bit(turn)
+        turn &= turn - 1
+        inside = np.int64(get(hits, i))
+        height = popcount(inside)
+        store_compressed(stacks, i * STACK, mask_from_bits8(inside), links)
+        put(heights, i, height)
+        fetch(tree, np.int64(get(stacks, i * STACK + height - 1)))
+    return alive
+
+
+@inlined
+def walk_interleaved(tree, rays, alive, query, found, counters):
+    """Trace the rays in `alive` (bits) of a prepared block, and write their hits, any or nearest, to `found`."""
+    stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
+    nears = stack_f32(WIDTH)
+    if query.any_hit and alive & (alive - 1):  # two or more rays
+        alive = _open_root(tree, rays, alive, stacks, heights, counters)
+    else:
+        for i in range(LANES):
+            put(heights, i, 1)
+            put(stacks, i * STACK, 0)
+            put(entries, i * STACK, 0.0)
+    while alive:
+        turn = alive
+        while turn:
+            i = lowest_bit(turn)
+            turn &= turn - 1
+            stack, entry = ptr_at(stacks, i * STACK), ptr_at(entries, i * STACK)
+            height = np.int64(get(heights, i)) - 1
+            link = np.int64(get(stack, height))
+            if link >= 0:
+                height = _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters)
+            elif visit_leaf(tree, rays, i, link, query, found, counters):
+                height = np.int64(0)
+            while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
+                height -= 1
+            if height == 0:
+                alive &= ~(1 << i)
+            else:
+                put(heights, i, height)
+                fetch(tree, np.int64(get(stack, height - 1)))
+
+
+@kernel
+def any_hit_wide(tree, ray, skip, cull_faces, counters):
+    """Slot of a triangle that a segment meets, or -1."""
+    rows, precise, skips = stack_f32(BLOCK_WORDS), stack_f64(PRECISE_WORDS), stack_i32(LANES)
+    f = np.float32
+    store(rows, OX, splat16(f(ray.ox)))
+    store(rows, OX + LANES, splat16(f(ray.oy)))
+    store(rows, OX + 2 * LANES, splat16(f(ray.oz)))
+    store(rows, DX, splat16(f(ray.dx)))
+    store(rows, DX + LANES, splat16(f(ray.dy)))
+    store(rows, DX + 2 * LANES, splat16(f(ray.dz)))
+    store(rows, TMIN, splat16(f(ray.tmin)))
+    store(rows, TMAX, splat16(f(ray.tmax)))
+    put(precise, ENDS, ray.tmin)
+    put(precise, ENDS + LANES, ray.tmax)
+    put(precise, WAY, ray.dx)
+    put(precise, WAY + LANES, ray.dy)
+    put(precise, WAY + 2 * LANES, ray.dz)
+    put(precise, REST, ray.rx)
+    put(precise, REST + LANES, ray.ry)
+    put(precise, REST + 2 * LANES, ray.rz)
+    put(skips, 0, skip)
+    found = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    prepare(rows, tree.reach)
+    block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
+    start(found, block)
+    walk_interleaved(tree, block, np.int64(1), query, found, counters)
+    if get(found.deferred, 0) > 0:
+        settle_block(tree, block, query, found, counters)
+    return slot_of(tree, found, 0)
+
+
+# --- `single` and `wide`: one shadow ray at a time, over the binary BVH or a wide one, by the same loop ---------------
+#
+# `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random` differ
+# only in the order of children (`orders`).
+
+
+TILE = 16  # side of a tile in pixels; one thread traces a tile's pixels one after the other
+
+
+def as_built(bvh, threads=None) -> Ordered:
+    """A `Bvh` whose children are visited as its builder chose."""
+    return Ordered(bvh, BUILT)
+
+
+class OrderedTree(NamedTuple):
+    """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
+
+    tree: Tree
+    prim_ids: I32Ptr  # int32 *
+    corners: F32Ptr  # float32 *, 9 a triangle
+    order: int
+
+
+def pointers(prepared):
+    """In kernels: the `OrderedTree` of an `Ordered`, the `WideTree` of a `WideBvh`."""
+
+
+def any_hit(tree, ray, skip, cull_faces, counters):
+    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree chooses the walk."""
+
+
+@inlined
+def _ordered_tree(prepared):
+    tree = tree_of(prepared.bvh)
+    return OrderedTree(tree, tree.prim_ids, tree.corners, np.int64(prepared.order))
+
+
+@overload(pointers)
+def _pointers(prepared):
+    if prepared.instance_class is Ordered:
+        return lambda prepared: _ordered_tree(prepared)
+    return lambda prepared: wide_tree_of(prepared)
+
+
+@overload(any_hit)
+def _any_hit(tree, ray, skip, cull_faces, counters):
+    if tree.instance_class is OrderedTree:
+        return lambda tree, ray, skip, cull_faces, counters: walk(
+            tree.tree, ray, skip, cull_faces, tree.order, None, counters
+        )[0]
+    return lambda tree, ray, skip, cull_faces, counters: any_hit_wide(tree, ray, skip, cull_faces, counters)
+
+
+@inlined
+def _blocked(tree, ray, skip, cull_faces, last, counters):
+    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tested first."""
+    if last >= 0 and get(tree.prim_ids, last) != skip:
+        o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
+        d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
+        if triangle_hit(tree.corners, last, ray, o, d, cull_faces, counters):
+            count(counters, REPEAT_HITS, 1)
+            return last
+    return any_hit(tree, ray, skip, cull_faces, counters)
+
+
+@inlined
+def _shadow_pixel(tree, query, i, bits, last, counters):
+    """Trace all samples of receiver i. Return the slot of the last blocker."""
+    o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    patch, horizon = patch_of(query, i), horizon_of(query, i)
+    count(counters, RAYS, query.spp)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        if not is_above(horizon, lx, ly, lz, query.corners):
+            count(counters, BELOW_HORIZON, 1)
+        else:
+            ray = segment(o.x, o.y, o.z, lx, ly, lz)
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment, which float32 could not decide
+                continue
+            slot = _blocked(tree, ray, skip, query.facing, last, counters)
+            if slot < 0:
+                continue
+            last = slot
+        set_bit(query, bits, i, s)
+    return last
+
+
+@kernel
+def _shadow_tiles(ticket, prepared, query, bits, counters):
+    chunk, out = query_pointers(query), ptr(bits)
+    h, w = chunk.h, chunk.w
+    columns = (w + TILE - 1) // TILE
+    mine, tree = cleared_if(counters, stack_i64(N_COUNTERS)), pointers(prepared)
+    for tile in items(ticket):
+        y0, x0 = tile // columns * TILE, tile % columns * TILE
+        last = np.int64(-1)  # reset for each tile, so that counts do not depend on threads
+        for y in range(y0, min(y0 + TILE, h)):
+            for x in range(x0, min(x0 + TILE, w)):
+                if get(chunk.sides, y * w + x) != NOTHING:
+                    last = _shadow_pixel(tree, chunk, y * w + x, out, last, mine)
+    add_counters(counters, mine)
+
+
+def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+    """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
+
+    bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
+    counters : from `new_counters`, or None
+    """
+    if counters is None and isinstance(prepared, WideBvh):
+        counters = new_counters()  # counting is free here; the binary walk takes twice as long when it counts
+    h, w = query.sides.shape
+    tiles = -(-h // TILE) * -(-w // TILE)
+    run(
+        _shadow_tiles,
+        thread_count(threads),
+        new_ticket(tiles, 1),
+        prepared,
+        query,
+        bits,
+        counters,
+        progress=progress,
+    )
+
+
+# --- Exact step counts of any-hit rays, by class and receiver [Feltman et al. 2012, Sec. 4.1] -------------------------
+#
+# A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There are
+# three classes of steps:
+#
+# - path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
+# - false hits (faux hits): for a blocked ray, all other steps
+# - unoccluded: the steps of rays that nothing blocks
+#
+# Rays are walked one by one, and the last blocker is not tested first.
+
+
+CLASSES = ("path to the hit", "false hits", "unoccluded")
+PATH, FALSE, UNOCCLUDED = range(3)
+
+
+class Steps(NamedTuple):
+    """The steps of the rays of a query with (H, W) receivers."""
+
+    boxes: np.ndarray  # (H, W, 3) int64, boxes tested, by class
+    triangles: np.ndarray  # (H, W) int64, triangles tested
+    rays: np.ndarray  # (H, W) int64, rays walked: samples above the horizon
+    blocked: np.ndarray  # (H, W) int64, walked rays that are blocked
+    hits: np.ndarray  # (n,) int64, for each triangle of the scene, rays whose blocker it was
+
+
+@kernel
+def _count_boxes(bvh, order, inner, depths):
+    """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
+    for node in order:
+        for side in range(2):
+            link, depth = bvh.links[node, LINK + side], inner[node] + 1
+            if link >= 0:
+                inner[link] = depth
+            else:
+                leaf = bvh_leaf(np.int64(link))
+                for slot in range(leaf.first, min(leaf.first + leaf.count, len(depths))):
+                    depths[slot] = depth
+
+
+def leaf_depths(bvh: Bvh) -> np.ndarray:
+    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, with the leaf's own."""
+    depths = np.zeros(len(bvh.prim_ids), np.int32)
+    _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
+    return depths
+
+
+@inlined
+def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
+    """Walk the rays to all samples of one receiver, and count their steps."""
+    tree, i = tree_of(bvh), y * query.w + x
+    o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
+    patch, horizon = patch_of(query, i), horizon_of(query, i)
+    for s in range(query.spp):
+        lx, ly, lz = sample_of(query, patch, i, s)
+        ray = segment(o.x, o.y, o.z, lx, ly, lz)
+        if (ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0) or not is_above(horizon, lx, ly, lz, query.corners):
+            continue
+        counters[:] = 0
+        slot = walk(tree, ray, skip, query.facing, order, None, counters)[0]
+        tested = counters[BOX_TESTS]
+        steps.rays[y, x] += 1
+        steps.triangles[y, x] += counters[TRIANGLE_TESTS]
+        if slot < 0:
+            steps.boxes[y, x, UNOCCLUDED] += tested
+        else:
+            steps.blocked[y, x] += 1
+            steps.boxes[y, x, PATH] += depths[slot]
+            steps.boxes[y, x, FALSE] += tested - depths[slot]
+            atomic_add(steps.hits, bvh.prim_ids[slot], 1)
+
+
+@kernel
+def _walk_rows(ticket, bvh, order, query, depths, steps):
+    counters, chunk = stack_array(np.int64, N_COUNTERS), query_pointers(query)
+    for y in items(ticket):
+        for x in range(chunk.w):
+            if get(chunk.sides, y * chunk.w + x) != NOTHING:
+                _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
+
+
+def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
+    """Walk all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
+    bvh, shape = ordered.bvh, query.sides.shape
+    planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
+    steps = Steps(*planes, np.zeros(n_triangles, np.int64))
+    ticket = new_ticket(shape[0], 1)
+    order, depths = np.int64(ordered.order), leaf_depths(bvh)
+    run(_walk_rows, thread_count(threads), ticket, bvh, order, query, depths, steps, progress=progress)
+    return steps
+
+
+def add_steps(all_steps: list[Steps]) -> Steps:
+    """The sums of the steps of several queries with the same receivers."""
+    return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
+
+
+def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
+    """(k,) int64: the number of rays blocked at each depth of the BVH; `hits` as in `Steps`."""
+    depths = leaf_depths(bvh)
+    return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)

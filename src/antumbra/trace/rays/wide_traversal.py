@@ -1,0 +1,390 @@
+"""Traversal of a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries.
+
+Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
+directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse
++ offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the offsets move the
+planes outwards by more than this error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.links import wide_leaf
+from ...bvh.nodes import MAX_DEPTH
+from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
+from ...kernels.fields import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.exact import Ray, ray_along
+from ...kernels.predicate.filters import BEYOND
+from ...kernels.predicate.hits import comes_first, hit_t
+from ...kernels.predicate.vector_filters import FilterRays, FilterTriangles, error_unit, meet
+from ...kernels.simd import (
+    absolute,
+    broadcast8,
+    fma,
+    get,
+    load8,
+    load16,
+    lowest_bit,
+    maximum,
+    minimum,
+    prefetch,
+    ptr_at,
+    put,
+    select,
+    splat16,
+    store,
+)
+from ..counters import TRIANGLE_TESTS, count
+from .ray_traversal import BUILT, CLOSEST, settle, walk
+
+# --- Sixteen rays side by side, with the numbers that box and triangle tests need, computed once for all sixteen ------
+#
+# A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
+# directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c *
+# inverse + offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the
+# offsets move the planes outwards by more than this error, both where a ray enters and where it leaves.
+# docs/design/wide.md has the proof.
+
+
+LANES = 16
+BLOCKS = 4  # blocks that lie one after the other
+OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
+INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
+LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
+BLOCK_WORDS = 20 * LANES
+ENDS, WAY, REST = 0, 2 * LANES, 5 * LANES  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
+PRECISE_WORDS = 8 * LANES
+
+_SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
+_ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
+_PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the largest coordinate in play
+_INF = np.float32(np.inf)
+
+
+class RayBlock(NamedTuple):
+    """A block of rays: pointers to scratch memory."""
+
+    rows: F32Ptr  # float32 *, BLOCK_WORDS
+    precise: F64Ptr  # float64 *, PRECISE_WORDS: tmin and tmax; for segments also the direction and its remainder
+    skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
+    segments: bool  # the rays are segments between float32 points; False: the float32 direction is exact
+
+
+@inlined
+def block_of(rays, j):
+    """Block j of a `RayBlock` that holds several blocks, one after the other."""
+    rows, precise = ptr_at(rays.rows, j * BLOCK_WORDS), ptr_at(rays.precise, j * PRECISE_WORDS)
+    return RayBlock(rows, precise, ptr_at(rays.skip, j * LANES), rays.segments)
+
+
+@inlined
+def first_block(rays):
+    """The block of the first of some rays (bits) of several blocks."""
+    return lowest_bit(rays) // LANES
+
+
+@inlined
+def rays_of_block(j):
+    """Bits of the rays of block j among several blocks."""
+    return np.int64((1 << LANES) - 1) << (j * LANES)
+
+
+@inlined
+def rays_in(rays, j):
+    """Those of some rays (bits) of several blocks that are in block j, as bits of this block."""
+    return (rays >> (j * LANES)) & ((1 << LANES) - 1)
+
+
+@inlined
+def ray_of(rays, i):
+    """Ray i in float64."""
+    f, b, p = np.float64, rays.rows, rays.precise
+    ox, oy, oz, tmin, tmax = get(b, OX + i), get(b, OY + i), get(b, OZ + i), get(p, ENDS + i), get(p, ENDS + LANES + i)
+    if not rays.segments:
+        return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
+    return Ray(
+        f(ox), f(oy), f(oz), get(p, WAY + i), get(p, WAY + LANES + i), get(p, WAY + 2 * LANES + i),
+        get(p, REST + i), get(p, REST + LANES + i), get(p, REST + 2 * LANES + i), tmin, tmax, 1.0,
+    )  # fmt: skip
+
+
+@inlined
+def prepare(block, tree_reach):
+    """Fill the rows from INVERSE on. Rays too long, short or far for float32's range enter every box."""
+    ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
+    dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
+    largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
+    reach = maximum(maximum(maximum(absolute(ox), absolute(oy)), absolute(oz)), splat16(tree_reach))
+    tame = (largest > _SMALL) & (largest < LARGE) & (reach > _SMALL) & (reach < LARGE)
+    along, pad = largest * _ALONG, reach * _PAD
+    for k in range(3):
+        o, d = load16(block, OX + LANES * k), load16(block, DX + LANES * k)
+        steep = select(absolute(d) > along, d, along)
+        inverse = splat16(np.float32(1.0)) / steep
+        offset, grow = -(o * inverse), pad * absolute(inverse)
+        store(block, INVERSE + LANES * k, select(tame, inverse, np.float32(0.0)))
+        store(block, NEAR + LANES * k, select(tame, offset - grow, -_INF))
+        store(block, FAR + LANES * k, select(tame, offset + grow, _INF))
+    unit, floor = error_unit(tame, dx, dy, dz, reach)
+    store(block, UNIT, unit)
+    store(block, FLOOR, floor)
+    store(block, LIMIT, load16(block, TMAX))
+
+
+@inlined
+def filter_ray8(block, lane):
+    """`FilterRays` of one ray of a block, in eight lanes; its tmax is the limit of the search."""
+    b = lane
+    return FilterRays(
+        broadcast8(block, OX + b), broadcast8(block, OY + b), broadcast8(block, OZ + b),
+        broadcast8(block, DX + b), broadcast8(block, DY + b), broadcast8(block, DZ + b),
+        broadcast8(block, TMIN + b), broadcast8(block, LIMIT + b), broadcast8(block, UNIT + b),
+        broadcast8(block, FLOOR + b),
+    )  # fmt: skip
+
+
+@inlined
+def filter_rays16(block):
+    """`FilterRays` of all rays of a block."""
+    return FilterRays(
+        load16(block, OX), load16(block, OY), load16(block, OZ), load16(block, DX), load16(block, DY),
+        load16(block, DZ), load16(block, TMIN), load16(block, LIMIT), load16(block, UNIT), load16(block, FLOOR),
+    )  # fmt: skip
+
+
+# --- One ray and a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries ------------
+
+
+STACK = (MAX_DEPTH + 2) * WIDTH
+DEFERRED = 128  # most tests that can be deferred for a block of rays
+DEFERRED_WORDS = 2 + 2 * DEFERRED
+NONE = -1
+_LINE = 16  # float32 of a cache line
+
+
+class Query(NamedTuple):
+    """The kind of a query."""
+
+    cull_faces: int  # a value of CULL_FACES
+    any_hit: bool  # any hit, not the nearest
+
+
+class WideHit(NamedTuple):
+    """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
+
+    lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
+    prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
+    t: F64Ptr  # float64 *: `hit_t` of the hit; only for the nearest hit
+    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
+
+
+@inlined
+def hits_of(found, j):
+    """The `WideHit` of block j, where `found` has memory for several blocks, one after the other."""
+    at = j * LANES
+    lane, prim, t = ptr_at(found.lane, at), ptr_at(found.prim, at), ptr_at(found.t, at)
+    return WideHit(lane, prim, t, ptr_at(found.deferred, j * DEFERRED_WORDS))
+
+
+@inlined
+def slot_of(tree, found, i):
+    """Slot of the triangle found for ray i, or -1."""
+    lane = np.int64(get(found.lane, i))
+    return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
+
+
+@inlined
+def start(found, rays):
+    """Reset `found`: no ray of a block has a hit."""
+    put(found.deferred, 0, 0)
+    put(found.deferred, 1, 0)
+    for i in range(LANES):
+        put(found.lane, i, NONE)
+        put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
+
+
+@inlined
+def _defer_lanes(found, i, first, lanes):
+    """Note that ray i may meet the triangles in some lanes (bits) of a group; `first`: the group's first lane."""
+    n = np.int64(get(found.deferred, 0))
+    while lanes:
+        k = lowest_bit(lanes)
+        lanes &= lanes - 1
+        if n == DEFERRED:
+            put(found.deferred, 1, np.int64(get(found.deferred, 1)) | np.int64(1) << i)
+            break
+        put(found.deferred, 2 + 2 * n, i)
+        put(found.deferred, 3 + 2 * n, first + k)
+        n += 1
+    put(found.deferred, 0, n)
+
+
+@inlined
+def keep(tree, rays, i, at, query, found):
+    """Keep the triangle in lane `at`, which ray i meets: for the nearest, only if it is nearer than the best so far.
+
+    Return whether an any-hit query is answered.
+    """
+    slot = np.int64(get(tree.slots, at))
+    prim = np.int64(get(tree.prim_ids, slot))
+    if prim == get(rays.skip, i):
+        return False
+    if query.any_hit:
+        put(found.lane, i, at)
+        return True
+    ray = ray_of(rays, i)
+    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, found, i)
+    best_prim, best_t = get(found.prim, i), get(found.t, i)
+    if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
+        put(found.lane, i, at)
+        put(found.prim, i, prim)
+        put(found.t, i, t)
+        limit = np.float32(t * BEYOND)
+        if limit < get(rays.rows, LIMIT + i):
+            put(rays.rows, LIMIT + i, limit)
+    return False
+
+
+@kernel
+def settle_block(tree, rays, query, found, counters):
+    """Settle the deferred tests. Rays that lost tests are traced again, by the exact walk over the binary BVH."""
+    lost, order = np.int64(get(found.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    for k in range(get(found.deferred, 0)):
+        i, at = np.int64(get(found.deferred, 2 + 2 * k)), np.int64(get(found.deferred, 3 + 2 * k))
+        if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
+            continue
+        side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
+        if side != 0 and side != query.cull_faces:
+            keep(tree, rays, i, at, query, found)
+    while lost:
+        i = lowest_bit(lost)
+        lost &= lost - 1
+        skip = np.int64(get(rays.skip, i))
+        slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
+        put(found.lane, i, -2 - slot)
+        put(found.t, i, t)
+        if slot >= 0:
+            put(found.prim, i, np.int64(get(tree.prim_ids, slot)))
+
+
+@inlined
+def group_of(groups, at):
+    """The `FilterTriangles` of the group that starts at word `at`."""
+    return FilterTriangles(
+        load8(groups, at), load8(groups, at + 8), load8(groups, at + 16), load8(groups, at + 24),
+        load8(groups, at + 32), load8(groups, at + 40), load8(groups, at + 48), load8(groups, at + 56),
+        load8(groups, at + 64), load8(groups, at + 72),
+    )  # fmt: skip
+
+
+@inlined
+def facing(hits, positive, cull_faces):
+    """The hits that are not culled."""
+    if cull_faces == 0:
+        return hits
+    return hits & (~positive if cull_faces > 0 else positive)
+
+
+@inlined
+def visit_leaf(tree, rays, i, link, query, found, counters):
+    """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
+    group, n = wide_leaf(link)
+    count(counters, TRIANGLE_TESTS, n)
+    hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    there = (1 << n) - 1
+    hits = facing(hits, positive, query.cull_faces) & there
+    if query.any_hit and hits and get(rays.skip, i) < 0:
+        put(found.lane, i, group * WIDTH + lowest_bit(hits))
+        return True
+    while hits:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        if keep(tree, rays, i, group * WIDTH + k, query, found):
+            return True
+    unsure &= there
+    if unsure:
+        _defer_lanes(found, i, group * WIDTH, unsure)
+    return False
+
+
+@inlined
+def defer(found, rays, at):
+    """Note that some rays (bits) may meet the triangle in lane `at`."""
+    while rays:
+        i = lowest_bit(rays)
+        rays &= rays - 1
+        _defer_lanes(found, i, at, np.int64(1))
+
+
+@inlined
+def fetch(tree, link):
+    """Prefetch the memory of a node or a leaf."""
+    p = ptr_at(tree.nodes, link * NODE_WORDS) if link >= 0 else ptr_at(tree.groups, wide_leaf(link).group * GROUP_WORDS)
+    prefetch(p, 0)
+    prefetch(p, _LINE)
+    prefetch(p, 2 * _LINE)
+    prefetch(p, 3 * _LINE)
+    prefetch(p, 4 * _LINE)
+
+
+class WideSlabs(NamedTuple):
+    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes where it enters."""
+
+    ix: F32x8
+    iy: F32x8
+    iz: F32x8
+    near_x: F32x8
+    near_y: F32x8
+    near_z: F32x8
+    far_x: F32x8
+    far_y: F32x8
+    far_z: F32x8
+    tmin: F32x8
+    x: int
+    y: int
+    z: int
+
+
+@inlined
+def slabs_of(block, i):
+    b = block
+    upper = np.int64(WIDTH)
+    return WideSlabs(
+        broadcast8(b, INVERSE + i), broadcast8(b, INVERSE + LANES + i), broadcast8(b, INVERSE + 2 * LANES + i),
+        broadcast8(b, NEAR + i), broadcast8(b, NEAR + LANES + i), broadcast8(b, NEAR + 2 * LANES + i),
+        broadcast8(b, FAR + i), broadcast8(b, FAR + LANES + i), broadcast8(b, FAR + 2 * LANES + i),
+        broadcast8(b, TMIN + i),
+        upper if get(b, INVERSE + i) < 0 else np.int64(0),
+        2 * upper + (upper if get(b, INVERSE + LANES + i) < 0 else np.int64(0)),
+        4 * upper + (upper if get(b, INVERSE + 2 * LANES + i) < 0 else np.int64(0)),
+    )  # fmt: skip
+
+
+@inlined
+def enter(nodes, at, r, limit):
+    """Test the eight boxes of the node at word `at`: (mask of the boxes entered before `limit`, vector of entry t)."""
+    x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
+    near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
+    x, y, z = load8(nodes, at + (r.x ^ WIDTH)), load8(nodes, at + (r.y ^ WIDTH)), load8(nodes, at + (r.z ^ WIDTH))
+    far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
+    return near <= far, near
+
+
+@inlined
+def push_sorted(stack, entry, height, values, nears, hits):
+    """Push values[k] for each k in `hits`, with the least nears[k] on top. Return the new height."""
+    base = height
+    while hits:
+        k = lowest_bit(hits)
+        hits &= hits - 1
+        t, j = get(nears, k), height
+        while j > base and get(entry, j - 1) < t:
+            put(entry, j, get(entry, j - 1))
+            put(stack, j, get(stack, j - 1))
+            j -= 1
+        put(entry, j, t)
+        put(stack, j, get(values, k))
+        height += 1
+    return height

@@ -1,0 +1,327 @@
+"""Ray-triangle tests in float32, 16 rays at a time, and the deferred tests that float32 cannot decide.
+
+Overflow. Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite
+bound decides nothing. docs/design/exactness.md derives the bounds.
+
+Deferred tests. They are settled when their tile is done or their memory runs low. So the exact code stays out of the
+hot kernels. A ray that another triangle blocks in the meantime needs no exact test.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..bvh.blocks import BlockPointers
+from ..bvh.links import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
+from ..kernels.fields import F32Ptr, F32x16, I32Ptr
+from ..kernels.jit import inlined, kernel
+from ..kernels.predicate.exact import segment
+from ..kernels.simd import (
+    absolute,
+    bits,
+    broadcast16,
+    flip_sign,
+    fma,
+    get,
+    lowest_bit,
+    maximum,
+    minimum,
+    prefetch,
+    ptr_at,
+    put,
+    splat16,
+    store,
+)
+from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
+from ..query.shadow_query import horizon_of, is_above
+from .counters import TRIANGLE_TESTS, UNCERTAIN, count
+from .rays.ray_traversal import settle
+from .tile import first_pixel, place_of, tile_at
+
+# --- One triangle against 16 rays in float32. It decides only beyond the error bounds of `predicate.filters` ----------
+#
+# Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite bound
+# decides nothing. docs/design/exactness.md derives the bounds.
+
+
+_F = np.float32
+UNITS = 80  # units of 2^-24 in the error bounds: errors of an edge function and of D together, see `decide_signs`
+_ROOM = _F(8.0)  # a product times this is at least every sum made of such products
+_U = _F(UNITS * 2.0**-24 / 8.0)  # relative error bound, for products multiplied by _ROOM
+_TINY = _F(1e-37)
+LANES = 12 * 16  # float32 of kept `Lanes`
+
+
+class Triangle(NamedTuple):
+    """A triangle's first corner, the edges at it, their cross product, and their largest component; float32 scalars."""
+
+    v: Vec
+    p: Vec
+    q: Vec
+    n: Vec
+    size: float
+
+
+class Lanes(NamedTuple):
+    """A triangle relative to the origins of 16 rays; f32x16."""
+
+    cp: Vec  # a x p, where a = v0 - origin
+    qc: Vec  # q x a
+    n: Vec
+    t: F32x16  # a . n
+    e: F32x16  # error bound of the three edge functions
+    te: F32x16  # error bound of t, and of the distance of the ray's end from the plane
+
+
+@inlined
+def _wider(size, v):
+    x, y, z = abs(v.x), abs(v.y), abs(v.z)
+    size = x if x > size else size
+    size = y if y > size else size
+    return z if z > size else size
+
+
+@inlined
+def triangle_along(v, p, q):
+    """The `Triangle` of a corner and its two edges."""
+    n = Vec(p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x)
+    return Triangle(v, p, q, n, _wider(_wider(_F(0.0), p), q))
+
+
+@inlined
+def triangle_in(corners, slot):
+    """The `Triangle` in a slot of a BVH's corners."""
+    k = slot * 9
+    v = scalars(corners, k, 1)
+    return triangle_along(v, minus(scalars(corners, k + 3, 1), v), minus(scalars(corners, k + 6, 1), v))
+
+
+@inlined
+def splats(v):
+    """Three scalars, each in all lanes."""
+    return Vec(splat16(v.x), splat16(v.y), splat16(v.z))
+
+
+@inlined
+def error_bounds(reach, size, span):
+    """(error bound of the edge functions, error bound of the distances from the plane), f32x16.
+
+    reach, size : at least the largest component of v0 - origin, and of the edges at v0
+    span : at least the sum of the magnitudes of a ray's components
+    """
+    # Eq. (12) to (14) of docs/design/exactness.md
+    room, wide = size * _ROOM, maximum(reach, size)
+    far = fma(span, splat16(_F(2.0)), room + _F(1.0))
+    floor = fma(reach + room, far, far) * _TINY  # covers underflow; infinite wherever a product of two could overflow
+    return fma(room * wide * span, splat16(_U), floor), fma(room * size * (reach + span), splat16(_U), floor)
+
+
+@inlined
+def seen_from(origins, span, triangle):
+    """`Lanes` of a triangle for 16 origins; span: f32x16, at least the sum of the magnitudes of a ray's components."""
+    a = Vec(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
+    e, te = error_bounds(largest(a), splat16(triangle.size), span)
+    n = triangle.n
+    q = triangle.q
+    return Lanes(crosses(a, triangle.p), crosses(a, Vec(-q.x, -q.y, -q.z)), splats(n), dots(a, n), e, te)
+
+
+@inlined
+def length1(d):
+    """Sum of the components' magnitudes, rounded up."""
+    return total(d) * _F(1.0 + 2.0**-21)
+
+
+@inlined
+def decide_signs(e1, e2, dn, t, e, te, facing):
+    """(bits of the lanes whose ray surely meets its triangle, bits of the lanes that float32 cannot decide).
+
+    e1, e2 : two edge functions
+    dn, t : the ray's direction times the triangle's normal, and the distance of the ray's start from its plane
+    e, te : error bounds of the edge functions, and of the distances
+    """
+    # Eq. (15) of docs/design/exactness.md
+    e1, e2, t, size = flip_sign(e1, dn), flip_sign(e2, dn), flip_sign(t, dn), absolute(dn)
+    low, inside = minimum(minimum(e1, e2), size - e1 - e2), minimum(t, size - t)
+    hit, left = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
+    if facing != 0:
+        wrong = bits((low > e) & (flip_sign(splat16(_F(facing)), dn) > _F(0.0)))
+        return hit & ~wrong, left & ~hit & ~wrong
+    return hit, left & ~hit
+
+
+@inlined
+def decide(d, lanes, facing):
+    """(bits of the rays along d that surely meet the triangle, bits of the rays that float32 cannot decide)."""
+    # Eq. (7) of docs/design/exactness.md
+    e1, e2, dn = dot(d, lanes.qc), dot(d, lanes.cp), dot(d, lanes.n)
+    return decide_signs(e1, e2, dn, lanes.t, lanes.e, lanes.te, facing)
+
+
+@inlined
+def keep_lanes(memory, lanes):
+    """Write `Lanes` to LANES float32."""
+    keep(memory, 0, 16, lanes.cp)
+    keep(memory, 48, 16, lanes.qc)
+    keep(memory, 96, 16, lanes.n)
+    store(memory, 144, lanes.t)
+    store(memory, 160, lanes.e)
+    store(memory, 176, lanes.te)
+
+
+@inlined
+def kept_lane(memory, k):
+    """Lane k of kept `Lanes`, in all lanes."""
+    return Lanes(
+        broadcasts(memory, k, 16), broadcasts(memory, 48 + k, 16), broadcasts(memory, 96 + k, 16),
+        broadcast16(memory, 144 + k), broadcast16(memory, 160 + k), broadcast16(memory, 176 + k),
+    )  # fmt: skip
+
+
+@inlined
+def ray_meets(o, d, numbers, facing, limit):
+    """Test a ray from o along d against the 16 triangles of a block.
+
+    Return (bits of the triangles that it surely meets, bits of the triangles that float32 cannot decide).
+
+    o, d : the same ray in all lanes
+    numbers : the block's corners and edges
+    limit : triangles surely beyond it are left out; None: there is no limit
+    """
+    # Eq. (6) and (7) of docs/design/exactness.md
+    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    n, r = cross(p, q), cross(d, a)
+    e1, e2, dn, t = -dot(q, r), dot(p, r), dot(d, n), dot(a, n)
+    e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))
+    hit, unsure = decide_signs(e1, e2, dn, t, e, te, facing)
+    if limit is None:
+        return hit, unsure
+    beyond = bits(absolute(t) - te > (absolute(dn) + te + te) * limit)
+    return hit & ~beyond, unsure & ~beyond
+
+
+# --- Deferred tests: rays that float32 cannot decide, noted while tracing and settled later ---------------------------
+#
+# They are settled when their tile is done or their memory runs low. So the exact code stays out of the hot kernels. A
+# ray that another triangle blocks in the meantime needs no exact test.
+
+
+DEFERRED = 16 * 16 * 16  # most tests that one block and one tile defer: triangles * strata * receivers
+
+
+def deferred_ints(tiles):
+    """int32 of memory for DEFERRED tests, and for all tests of one more block with `tiles` tiles.
+
+    Layout: the count, an unused word, then slot and place of each test.
+    """
+    return 2 + 2 * (1 + tiles) * DEFERRED
+
+
+@inlined
+def defer(deferred, slot, place, step, unsure):
+    """Note the triangle in `slot` for the `unsure` lanes (bits) of a row. Lane i is at ``place + i step``.
+
+    A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 stands for the receiver's own surface: is the sample
+    above it?
+    """
+    n = np.int64(get(deferred, 0))
+    while unsure != 0:
+        put(deferred, 2 + 2 * n, slot)
+        put(deferred, 3 + 2 * n, place + lowest_bit(unsure) * step)
+        unsure &= unsure - 1
+        n += 1
+    put(deferred, 0, n)
+
+
+@inlined
+def defer_triangles(deferred, tree, block, own, place, unsure):
+    """Note the triangles of a block (bits) that may block the ray at `place`, except its receiver's `own` triangle."""
+    while unsure != 0:
+        slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
+        unsure &= unsure - 1
+        if get(tree.prim_ids, slot) != own:
+            defer(deferred, slot, place, 0, np.int64(1))
+
+
+@kernel
+def _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
+    """Decide exactly whether the triangle in `slot`, or the receiver's own surface (slot -1), blocks a segment."""
+    l = ptr_at(tile.points, s * 48 + lane)
+    if slot < 0:
+        count(counters, UNCERTAIN, 1)
+        horizon = horizon_of(chunk.query, place_of(chunk, y0, x0, lane))
+        return not is_above(horizon, get(l, 0), get(l, 16), get(l, 32), chunk.query.corners)
+    o = ptr_at(tile.origins, lane)
+    ray = segment(get(o, 0), get(o, 16), get(o, 32), get(l, 0), get(l, 16), get(l, 32))
+    side = settle(ray, corners, slot, counters)
+    return side != 0 and side != chunk.query.facing
+
+
+@kernel
+def resolve_deferred(corners, chunk, tiles, pixels, deferred, counters):
+    """Decide the deferred tests of some tiles exactly, and update the tiles' `dead`.
+
+    tiles, pixels : as `tile.tile_at` and `tile.first_pixel` read them
+    """
+    for k in range(np.int64(get(deferred, 0))):
+        slot, place = np.int64(get(deferred, 2 + 2 * k)), np.int64(get(deferred, 3 + 2 * k))
+        g, s, lane = place >> 8, place >> 4 & 15, place & 15
+        y0, x0 = first_pixel(pixels, g)
+        tile = tile_at(tiles, g, chunk)
+        dead = np.int64(get(tile.dead, s))
+        if dead >> lane & 1 == 0 and _is_blocked(corners, chunk, y0, x0, tile, slot, s, lane, counters):
+            put(tile.dead, s, dead | np.int64(1) << lane)
+    put(deferred, 0, 0)
+
+
+# --- A block of triangles: the block as tests see it, its prefetch, and the test of one ray against it ----------------
+
+
+class Block(NamedTuple):
+    """A block, and everything else that its tests against a tile's segments need."""
+
+    tree: BlockPointers
+    number: int
+    present: int  # bits of its triangles
+    valid: int  # bits of the tile's receivers
+    facing: int  # a value of CULL_FACES
+    work: F32Ptr | None  # float32 scratch memory; None: no test needs it
+    deferred: I32Ptr  # int32, see `deferred`
+
+
+@inlined
+def fetch(tree, link):
+    """Prefetch the node or the block behind a link. In large scenes, waiting for memory takes longest."""
+    if link >= 0:
+        prefetch(tree.nodes, line_at(link))
+        return
+    block = block_leaf(link).block
+    for row in range(ROWS):
+        prefetch(tree.blocks, row_at(block, row))
+    prefetch(tree.slots, slots_at(block))
+
+
+@inlined
+def numbers_of(b):
+    return ptr_at(b.tree.blocks, rows_at(b.number))
+
+
+@inlined
+def slot_of(b, i):
+    """The slot of triangle i: its place in the BVH's arrays."""
+    return np.int64(get(b.tree.slots, slot_at(b.number, i)))
+
+
+@inlined
+def blocks_ray(b, o, d, own, place, counters):
+    """Does a triangle of a block surely block the ray from o along d, given in all lanes?
+
+    If not, tests that float32 cannot decide are deferred for the ray's `place`, except the receiver's `own` triangle.
+    """
+    count(counters, TRIANGLE_TESTS, 1)
+    hit, unsure = ray_meets(o, d, numbers_of(b), b.facing, None)
+    if hit & b.present != 0:
+        return True
+    if unsure & b.present != 0:
+        defer_triangles(b.deferred, b.tree, b.number, own, place, unsure & b.present)
+    return False
