@@ -34,8 +34,8 @@ from antumbra.papers.peers.contest import contest, rows
 from antumbra.papers.peers.queries import query_of
 from antumbra.papers.peers.ray_sets import ORDERS, shadow_rays
 from antumbra.plan import Plan, parse_plan
-from antumbra.rayhierarchy.soup import soup_of
 from antumbra.rendering.render_jobs import warm_up
+from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes, other_peers
 

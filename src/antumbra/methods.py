@@ -13,10 +13,10 @@ from .auto import trace as auto
 from .bvh import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 from .bvh.blocks import block_tree
 from .bvh.widen import widen
-from .chcrt.options import Options as CullingOptions
-from .cull.cull import cull
-from .rayhierarchy.options import FASTEST
-from .rayhierarchy.options import Options as ConeOptions
+from .techniques.culling.pre_bvh_culling import cull
+from .techniques.tracer_options import FASTEST_RAY_HIERARCHY
+from .techniques.tracer_options import ChcRtOptions as CullingOptions
+from .techniques.tracer_options import RayHierarchyOptions as ConeOptions
 from .trace.frusta import multi_frusta as multifrusta
 from .trace.packets import packet16
 from .trace.rays import single_rays as single
@@ -75,7 +75,7 @@ class Tracer(NamedTuple):
 
     ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree.
     ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer without a BVH prepares a
-    `rayhierarchy.soup.Soup` instead. A tracer that gains by it may take several queries of receivers of the same shape:
+    `techniques.culling.pre_bvh_culling.Soup` instead. A tracer that gains by it may take several queries of receivers of the same shape:
     ``trace_all(prepared, queries, bits, threads, counters, progress)``.
     """
 
@@ -181,7 +181,9 @@ def by_cones(options: ConeOptions, description: str) -> Tracer:
     """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
 
     def trace(soup, query, bits, threads, counters, progress):
-        from .rayhierarchy.trace import trace_shadow  # imported on first use: other plans start sooner
+        from .techniques.rayhierarchy.ray_hierarchy import (
+            trace_shadow,  # imported on first use: other plans start sooner
+        )
 
         trace_shadow(soup, query, bits, threads, counters, progress, options)
 
@@ -192,12 +194,12 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
     """A tracer with occlusion queries (CHC+RT)."""
 
     def prepare(bvh, threads=None):  # imported on first use: other plans start sooner
-        from .chcrt.trace import prepare
+        from .techniques.chcrt.chc_rt import prepare
 
         return prepare(bvh, options, threads)
 
     def trace_all(prepared, queries, bits, threads, counters, progress):
-        from .chcrt.trace import trace_shadows
+        from .techniques.chcrt.chc_rt import trace_shadows
 
         trace_shadows(prepared, queries, bits, threads, counters, progress)
 
@@ -250,7 +252,7 @@ TRACERS: dict[str, Tracer] = {
         "Benthin and Wald 2009, Sec. 5.1",
     ),
     "cones": by_cones(
-        FASTEST, "no hierarchy over the scene, but one over the shadow rays, by which triangles find them"
+        FASTEST_RAY_HIERARCHY, "no hierarchy over the scene, but one over the shadow rays, by which triangles find them"
     ),
     "chcrt": by_culling(
         CullingOptions(), "occlusion queries for pairs of screen tiles and subtrees, which remember what was visible"

@@ -7,21 +7,18 @@ from hypothesis import strategies as st
 
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
-from antumbra.chcrt.fronts import INNER, INVISIBLE, VISIBLE, Fronts
-from antumbra.chcrt.lists import lists_of
-from antumbra.chcrt.options import Options
-from antumbra.chcrt.parts import _order, parts_of
-from antumbra.chcrt.queries import Answers
-from antumbra.chcrt.schedule import trace_frame
-from antumbra.chcrt.tiles import tiles_of
 from antumbra.methods import BUILDERS
+from antumbra.techniques.chcrt.occlusion_queries import Answers, tiles_of
+from antumbra.techniques.chcrt.tree_parts import _order, lists_of, parts_of
+from antumbra.techniques.chcrt.visibility_fronts import INNER, INVISIBLE, VISIBLE, Fronts, trace_frame
+from antumbra.techniques.tracer_options import ChcRtOptions
 from antumbra.trace.tile import TileShape
 
 
 def _parts(n=3000, triangles=200, seed=0):
     rng = np.random.default_rng(seed)
     soup = (rng.normal(size=(n, 1, 3)) * 5 + rng.normal(size=(n, 3, 3)) * 0.2).astype(np.float32)
-    return parts_of(block_tree(BUILDERS["bsah"].build(soup, 1)), Options(triangles=triangles)), soup
+    return parts_of(block_tree(BUILDERS["bsah"].build(soup, 1)), ChcRtOptions(triangles=triangles)), soup
 
 
 def _tiles(w=200, h=120, pixels=32):
@@ -69,7 +66,7 @@ def _covered(fronts):
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 1000), sets=st.sampled_from([1, 3]), frames=st.integers(1, 5))
 def test_leaves_cover_everything_once(seed, sets, frames):
-    fronts = Fronts(_tiles(), _parts()[0], sets, Options(every=2))
+    fronts = Fronts(_tiles(), _parts()[0], sets, ChcRtOptions(every=2))
     assert fronts.parts.inner > 5 and fronts.tiles.smallest > 5
     rays = _Guessing(seed)
     for _ in range(frames):
@@ -80,7 +77,7 @@ def test_leaves_cover_everything_once(seed, sets, frames):
 
 
 def test_what_was_visible_is_traced_first_and_once_a_frame():
-    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=3))
+    fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=3))
     trace_frame(fronts, _Guessing(3))
     shown = fronts.of(VISIBLE)
     assert len(shown) > 3
@@ -95,7 +92,7 @@ def test_what_was_visible_is_traced_first_and_once_a_frame():
 
 @pytest.mark.parametrize("front_to_back", [True, False])
 def test_lists_have_each_visible_part_once_in_their_order(front_to_back):
-    fronts = Fronts(_tiles(), _parts()[0], 2, Options())
+    fronts = Fronts(_tiles(), _parts()[0], 2, ChcRtOptions())
     trace_frame(fronts, _Guessing(3))
     shown, parts = fronts.of(VISIBLE), fronts.parts
     lists = _lists(fronts, fronts.pairs(shown), fronts.key[shown], front_to_back)
@@ -119,7 +116,7 @@ def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
             self.asked = [*getattr(self, "asked", []), (again, len(pairs.tile))]
             return Answers(np.full(len(pairs.tile), 1, np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
-    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=3))
+    fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=3))
     trace_frame(fronts, Counting(0))
     n, asked = len(fronts.of(VISIBLE)), 0
     assert n > 100 and not len(fronts.of(INVISIBLE))
@@ -141,7 +138,7 @@ def test_invisibility_is_pulled_up_one_level_a_frame():
         def ask(self, pairs, threshold, again):
             return Answers(np.ones(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
-    fronts = Fronts(_tiles(), _parts()[0], 1, Options(every=1))
+    fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=1))
     trace_frame(fronts, Seeing(0))
     sizes = [len(fronts)]
     while len(fronts) > 1:
@@ -155,7 +152,7 @@ def test_domains_are_split_by_their_shares():
     """A node larger than t_q times the tile is split; otherwise the tile is split [Mattausch et al. 2015, Sec. 4.4]."""
     parts, _ = _parts()
     for weight, in_object in ((1e-6, True), (1e6, False)):
-        fronts = Fronts(_tiles(64, 64, 32), parts, 1, Options(weight=weight))
+        fronts = Fronts(_tiles(64, 64, 32), parts, 1, ChcRtOptions(weight=weight))
         children = fronts.split(np.array([0]))
         same_tile = fronts.tile[children] == fronts.tile[0]
         assert same_tile.all() == in_object and len(children) == (2 if in_object else 4)
@@ -167,7 +164,7 @@ def test_parts_hold_all_triangles_once_within_the_limits():
     seen = []
 
     def below(link, depth):
-        assert depth <= Options().height
+        assert depth <= ChcRtOptions().height
         if link >= 0:
             return below(tree.links[link, 12], depth + 1) + below(tree.links[link, 13], depth + 1)
         block, n = ~link >> 5, ~link & 31

@@ -6,17 +6,23 @@ import pytest
 import antumbra as at
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import boxes_of
-from antumbra.chcrt.options import Options
-from antumbra.chcrt.parts import parts_of
-from antumbra.chcrt.passes import pass_rays
-from antumbra.chcrt.queries import Pairs
-from antumbra.chcrt.raysets import Pass, Segments, Together, View, segments_of
 from antumbra.methods import BUILDERS
 from antumbra.query.ray_passes import RayPass
 from antumbra.query.shadow_query import segments
+from antumbra.techniques.chcrt.occlusion_queries import Pairs
+from antumbra.techniques.chcrt.picture_ray_sets import (
+    CameraRaySet,
+    CombinedRaySets,
+    PassRaySet,
+    SegmentRaySets,
+    segments_of,
+)
+from antumbra.techniques.chcrt.ray_bundles import pass_rays
+from antumbra.techniques.chcrt.tree_parts import parts_of
+from antumbra.techniques.tracer_options import ChcRtOptions
 from asking import query_of
 
-OPTIONS = Options(tile=32, triangles=64)
+OPTIONS = ChcRtOptions(tile=32, triangles=64)
 EVERYTHING = 1 << 30
 
 
@@ -73,7 +79,7 @@ def _tile_of(h, w, rays):
 def test_camera_rays(atrium):
     camera, _, parts = atrium
     reach = 4.0 * float(np.abs(parts.boxes).max())
-    rays = View(parts, OPTIONS, camera, slice(0, camera.height), reach, 2)
+    rays = CameraRaySet(parts, OPTIONS, camera, slice(0, camera.height), reach, 2)
     y, x = np.mgrid[: camera.height, : camera.width] + 0.5
     ways = (camera.corner + x[..., None] * camera.dx + y[..., None] * camera.dy).reshape(-1, 3) * rays.length
     origins = np.broadcast_to(camera.origin.astype(np.float64), ways.shape)
@@ -89,7 +95,7 @@ def test_passes(atrium, alike):
         ways = np.tile(rng.normal(size=(4, 4, 3)), (h // 4 + 1, w // 4 + 1, 1))[:h, :w]
     ways[rng.random((h, w)) < 0.1] = 0.0
     flat = RayPass(query.origins.reshape(-1, 3), ways.astype(np.float32).reshape(-1, 3), np.full(h * w, -1, np.int32))
-    rays = Pass(parts, OPTIONS, pass_rays(flat, h, w, 100.0), 2)
+    rays = PassRaySet(parts, OPTIONS, pass_rays(flat, h, w, 100.0), 2)
     assert rays.rays.picture.spread == (alike == "every fourth")
     rays.hits.t[: h // 2] = 3.0 + rng.random((h // 2, w))  # how far rays look counts
     there = (flat.directions != 0).any(1)
@@ -102,7 +108,7 @@ def test_segments(atrium):
     (h, w), spp = query.sides.shape, query.samples.shape[1]
     bits = np.random.default_rng(1).integers(0, 1 << spp, (h, w, 1)).astype(np.uint64)
     ((chunks, trace, several),) = segments_of(parts, query)
-    rays = Segments(parts, OPTIONS, query, bits, chunks, trace, several, threads=2, counters=None, progress=None)
+    rays = SegmentRaySets(parts, OPTIONS, query, bits, chunks, trace, several, threads=2, counters=None, progress=None)
     ends, _ = segments(query)
     origins = np.broadcast_to(query.origins[:, :, None], ends.shape).reshape(-1, 3).astype(np.float64)
     blocked = (bits >> np.arange(spp, dtype=np.uint64) & np.uint64(1)).astype(bool).ravel()
@@ -122,8 +128,8 @@ def test_several_ray_sets_answer_as_each_by_itself(atrium):
         )
         for _ in range(3)
     ]
-    members = [Pass(parts, OPTIONS, pass_rays(rays, h, w, 100.0), 2) for rays in made]
-    both = Together(members)
+    members = [PassRaySet(parts, OPTIONS, pass_rays(rays, h, w, 100.0), 2) for rays in made]
+    both = CombinedRaySets(members)
     n = 4000
     tile, set_, row = (
         rng.integers(0, both.tiles.smallest, n),

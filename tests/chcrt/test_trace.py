@@ -5,14 +5,14 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.blocks import block_tree
-from antumbra.chcrt.options import Options
-from antumbra.chcrt.parts import parts_of
-from antumbra.chcrt.trace import Scheduled, camera_hits, nearest_hits
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.ray_passes import RayPass
 from antumbra.rendering.renderer import Renderer
+from antumbra.techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits
+from antumbra.techniques.chcrt.tree_parts import parts_of
+from antumbra.techniques.tracer_options import ChcRtOptions
 from antumbra.trace.rays.ray_hits import nearest_hits as one_by_one
 from antumbra.trace.tree_list import Hits
 from asking import answer, query_of
@@ -39,8 +39,8 @@ def atrium():
 
 def _scheduled(triangles, /, **options):
     """CHC+RT with many small parts and tiles."""
-    options = Options(**{"tile": 32, "triangles": 64, "every": 2} | options)
-    return Scheduled(parts_of(block_tree(BUILDERS["bsah"].build(triangles.vertices, 2), 2), options), options)
+    options = ChcRtOptions(**{"tile": 32, "triangles": 64, "every": 2} | options)
+    return ChcRtState(parts_of(block_tree(BUILDERS["bsah"].build(triangles.vertices, 2), 2), options), options)
 
 
 def _ask(scheduled, query, spp):

@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import oracle
-from antumbra.cull.cull import cull as culling
-from antumbra.cull.relevance import marks_of
 from antumbra.methods import CULLERS
 from antumbra.papers.pre_bvh_culling.convex import mark_convex
 from antumbra.papers.pre_bvh_culling.lines import mark_lines
@@ -20,6 +18,8 @@ from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import ShadowQuery, segments
 from antumbra.scene.triangles import Triangles
+from antumbra.techniques.culling.pre_bvh_culling import cull as culling
+from antumbra.techniques.culling.pre_bvh_culling import marked_cells_of
 from asking import query_of
 from strategies import point_arrays, soups
 
@@ -179,7 +179,7 @@ def test_nothing_to_cull_and_nobody_who_asks(cull):
 @given(n=st.integers(1, 9), seed=st.integers(0, 10**6))
 def test_sums_of_cells(n, seed):
     cells = (np.random.default_rng(seed).random((n, n, n)) < 0.3).astype(np.uint8)
-    sums = marks_of(cells, 2).sums
+    sums = marked_cells_of(cells, 2).sums
     np.testing.assert_array_equal(sums[1:, 1:, 1:], cells.cumsum(0, np.int64).cumsum(1).cumsum(2))
     assert not sums[0].any() and not sums[:, 0].any() and not sums[:, :, 0].any()
 

@@ -6,14 +6,14 @@ import pytest
 import antumbra as at
 import oracle
 from antumbra.engine import engine
-from antumbra.engine.solid import solid_count
-from antumbra.engine.srdh_rays import fewer_samples
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan, with_sample
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments
 from antumbra.rendering import renderer
 from antumbra.rendering.renderer import Renderer
+from antumbra.techniques.culling.pre_bvh_culling import solid_count
+from antumbra.techniques.srdh.representative_rays import fewer_samples
 from asking import query_of
 
 SIZE = (40, 30)

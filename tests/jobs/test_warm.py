@@ -69,7 +69,7 @@ def test_a_plan_that_nobody_recorded_is_put_together():
     assert str(plan) not in {str(p) for p in covering_plans(papers=True)}
     found = rendering_job(plan).kernels()
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
-    assert {"bvh.lbvh", "cull.relevance", "trace.packets.packet16"} <= names
+    assert {"bvh.lbvh", "techniques.culling.pre_bvh_culling", "trace.packets.packet16"} <= names
     assert found < {each for name in NAMES for each in needs.of_job(name)}
     assert rendering_job(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
 

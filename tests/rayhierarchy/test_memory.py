@@ -5,8 +5,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from antumbra.rayhierarchy import memory
-from antumbra.rayhierarchy.memory import borrowed
+from antumbra.techniques.rayhierarchy import ray_leaves as memory
+from antumbra.techniques.rayhierarchy.ray_leaves import borrowed
 
 
 @pytest.fixture(autouse=True)

@@ -7,9 +7,9 @@ from hypothesis import given, reject, settings
 
 import antumbra as at
 from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.rayhierarchy.beams import beams_of
-from antumbra.rayhierarchy.boxes import Boxes
-from antumbra.rayhierarchy.soup import soup_of
+from antumbra.techniques.culling.pre_bvh_culling import soup_of
+from antumbra.techniques.rayhierarchy.box_nodes import Boxes
+from antumbra.techniques.rayhierarchy.light_beams import beams_of
 from beam_scenes import LIGHTS, RECEIVERS, beside_a_small_light, lit
 from hierarchies import hierarchy, met_by, said
 

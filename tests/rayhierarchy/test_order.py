@@ -10,12 +10,10 @@ from antumbra.kernels.simd import load16, store
 from antumbra.kernels.vec import rows
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import segments
-from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
-from antumbra.rayhierarchy.blocks import rays_by_blocks
-from antumbra.rayhierarchy.keys import BITS, cells_of, hilbert, keys_of, on_cube
-from antumbra.rayhierarchy.order import order_of
-from antumbra.rayhierarchy.packed import left_of, rays_of
-from antumbra.rayhierarchy.rays import finished, write_bits
+from antumbra.techniques.rayhierarchy.leaf_packing import left_of, rays_by_blocks, rays_of
+from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
+from antumbra.techniques.rayhierarchy.ray_leaves import finished, write_bits
+from antumbra.techniques.rayhierarchy.receiver_order import BITS, cells_of, hilbert, keys_of, on_cube, order_of
 from antumbra.trace.counters import as_dict, new_counters
 from asking import unpack
 from beam_scenes import LIGHTS, lit, on_surfaces

@@ -12,10 +12,10 @@ from antumbra.papers.ray_hierarchy.cones import Cones
 from antumbra.papers.ray_hierarchy.variants import CONES, combination
 from antumbra.plan import parse_plan
 from antumbra.query.shadow_query import segments
-from antumbra.rayhierarchy import trace
-from antumbra.rayhierarchy.options import FASTEST, Options
-from antumbra.rayhierarchy.soup import Soup, soup_of
-from antumbra.rayhierarchy.trace import trace_shadow
+from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
+from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
+from antumbra.techniques.rayhierarchy.ray_hierarchy import trace_shadow
+from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
@@ -108,7 +108,7 @@ def test_numbers_of_samples(light, spp):
 @pytest.mark.parametrize("light", ["quad", "sun", "ambient", "interleaved list"])
 def test_queries_that_are_cut_into_parts(light, shape, segments_held, monkeypatch):
     triangles, query = on_surfaces(8, light, shape, n=40, spp=3)
-    whole = _bits(triangles, query, FASTEST)
+    whole = _bits(triangles, query, FASTEST_RAY_HIERARCHY)
     monkeypatch.setattr(trace, "SEGMENTS", segments_held)
     for name in ("cones", "cones:precise:sorted", "cones:SpheresSorted"):
         np.testing.assert_array_equal(_bits(triangles, query, combination(name) or CONES[name][0]), whole)
@@ -281,5 +281,13 @@ def test_better_tests_and_orders_visit_fewer_nodes():
 def test_progress_is_told():
     triangles, query = on_surfaces(1, "point", (20, 20), n=600)
     told, bits = [], np.zeros((20, 20, 1), np.uint64)
-    trace_shadow(soup_of(triangles), query, bits, 1, None, lambda done, n: told.append((done, n)), Options(nodes=Cones))
+    trace_shadow(
+        soup_of(triangles),
+        query,
+        bits,
+        1,
+        None,
+        lambda done, n: told.append((done, n)),
+        RayHierarchyOptions(nodes=Cones),
+    )
     assert told[-1] == (600, 600) and bits.any()

@@ -9,34 +9,37 @@ from antumbra.kernels.parallel import new_ticket
 from antumbra.kernels.simd import ptr, ptr_at, stack_array, stack_f32
 from antumbra.papers.ray_hierarchy.cones import Cones
 from antumbra.papers.ray_hierarchy.variants import TABLE_1
-from antumbra.rayhierarchy import occluders, trace
-from antumbra.rayhierarchy.beams import beams_of
-from antumbra.rayhierarchy.boxes import Boxes
-from antumbra.rayhierarchy.occluders import AREA, NEAREST, SOLID_ANGLE, occluders_first
-from antumbra.rayhierarchy.options import FASTEST, Options
-from antumbra.rayhierarchy.rays import leaves_of
-from antumbra.rayhierarchy.rows import BLOCK, LANES, NUMBERS
-from antumbra.rayhierarchy.soup import Soup, soup_of
-from antumbra.rayhierarchy.traverse import (
+from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
+from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
+from antumbra.techniques.rayhierarchy import triangle_traversal as occluders
+from antumbra.techniques.rayhierarchy.box_nodes import Boxes
+from antumbra.techniques.rayhierarchy.light_beams import beams_of, view_of
+from antumbra.techniques.rayhierarchy.ray_leaves import leaves_of
+from antumbra.techniques.rayhierarchy.ray_tree import tree_pointers
+from antumbra.techniques.rayhierarchy.shadow_planes import BLOCK, LANES, NUMBERS
+from antumbra.techniques.rayhierarchy.triangle_traversal import (
     _QUEUES,
+    AREA,
     BATCH,
+    NEAREST,
     PAIRS,
-    How,
+    SOLID_ANGLE,
+    TraversalOptions,
     _queue_block,
     _Queues,
     _traverse,
     memory_for,
+    occluders_first,
     trace_triangles,
     write_rows,
 )
-from antumbra.rayhierarchy.tree import tree_pointers
-from antumbra.rayhierarchy.view import view_of
+from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
 from antumbra.trace.counters import as_dict, new_counters
 from asking import unpack
 from beam_scenes import lit, on_surfaces
 from hierarchies import hierarchy, met_by, nodes_in, points_query, receivers_in, triangles_of
 
-HOW = How(False, True, 0, False, PAIRS)
+HOW = TraversalOptions(False, True, 0, False, PAIRS)
 
 
 def _traced(made, triangles, how=HOW, counters=None, picks=None):
@@ -126,7 +129,7 @@ def test_queues_never_hold_more_than_they_may(kind, ways, early_accept):
     assert BATCH // 2 < held[0] <= BATCH + LANES and held[1] > (held[0] if early_accept else 2 * BATCH)
 
 
-@pytest.mark.parametrize("options", [FASTEST, TABLE_1["Spheres"], TABLE_1["PreciseSEATP"]], ids=str)
+@pytest.mark.parametrize("options", [FASTEST_RAY_HIERARCHY, TABLE_1["Spheres"], TABLE_1["PreciseSEATP"]], ids=str)
 def test_the_smallest_queues_give_the_same_bits(options, monkeypatch):
     triangles, query = on_surfaces(4, "quad", (33, 40), n=200, spp=3)
     bits = [np.zeros((33, 40, 1), np.uint64) for _ in range(2)]
@@ -207,7 +210,7 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
     triangles, query = on_surfaces(9, light, (20, 30), n=120, spp=3)
     blank = lambda: np.zeros((20, 30, 1), np.uint64)
     plain, bits = blank(), blank()
-    trace.trace_shadow(soup_of(triangles), query, plain, 1, None, None, Options(nodes=Cones))
+    trace.trace_shadow(soup_of(triangles), query, plain, 1, None, None, RayHierarchyOptions(nodes=Cones))
     monkeypatch.setattr(occluders, "SHARE", 0.25)
     picked = []
 
@@ -216,7 +219,11 @@ def test_two_passes_give_the_same_bits_whatever_goes_first(rule, light, monkeypa
         return picked[-1]
 
     monkeypatch.setattr(trace, "occluders_first", chosen)
-    for options in (Options(nodes=Cones, two_pass=True), FASTEST._replace(two_pass=True), TABLE_1["PreciseSEATP"]):
+    for options in (
+        RayHierarchyOptions(nodes=Cones, two_pass=True),
+        FASTEST_RAY_HIERARCHY._replace(two_pass=True),
+        TABLE_1["PreciseSEATP"],
+    ):
         bits[:] = 0
         trace.trace_shadow(soup_of(triangles), query, bits, 2, None, None, options)
         np.testing.assert_array_equal(bits, plain)
@@ -252,7 +259,7 @@ def test_threads_share_a_hierarchy():
     """The bits are the same, and dead rays stay dead, for any thread that finds them."""
     triangles, query = lit(3, "point", "all around", 1.0, 2000, 11)
     truth = met_by(query, triangles.vertices.reshape(-1, 9)).any(0)[:, :1]
-    for options in (FASTEST, Options(nodes=Cones, early_accept=True, sorted=True)):
+    for options in (FASTEST_RAY_HIERARCHY, RayHierarchyOptions(nodes=Cones, early_accept=True, sorted=True)):
         for threads in (1, 2, 3):
             bits = np.zeros((1, 2000, 1), np.uint64)
             trace.trace_shadow(soup_of(triangles), query, bits, threads, None, None, options)

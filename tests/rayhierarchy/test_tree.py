@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.rayhierarchy.beams import PERSPECTIVE, beams_of
-from antumbra.rayhierarchy.boxes import Boxes
-from antumbra.rayhierarchy.tree import tree_of
+from antumbra.techniques.rayhierarchy.box_nodes import Boxes
+from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
+from antumbra.techniques.rayhierarchy.ray_tree import tree_of
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
 from hierarchies import hierarchy, nodes_in, receivers_in
 

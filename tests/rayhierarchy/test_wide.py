@@ -9,10 +9,12 @@ import antumbra as at
 from antumbra.papers.ray_hierarchy.cones import Cones
 from antumbra.papers.ray_hierarchy.variants import combination
 from antumbra.plan import parse_plan
-from antumbra.rayhierarchy import clusters, trace, wide
-from antumbra.rayhierarchy.options import FASTEST, Options
-from antumbra.rayhierarchy.soup import soup_of
-from antumbra.rayhierarchy.trace import trace_shadow
+from antumbra.techniques.culling.pre_bvh_culling import soup_of
+from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
+from antumbra.techniques.rayhierarchy import ray_hierarchy as wide
+from antumbra.techniques.rayhierarchy import shaft_hierarchy as clusters
+from antumbra.techniques.rayhierarchy.ray_hierarchy import trace_shadow
+from antumbra.techniques.tracer_options import FASTEST_RAY_HIERARCHY, RayHierarchyOptions
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 from beam_scenes import LIGHTS, RECEIVERS, lit, on_surfaces
@@ -22,7 +24,7 @@ WIDE = ["quad", "sphere", "sun", "ambient"]  # lights with an extent
 TWO_PASSES = "cones:boxes:wide:blocks:early-accept:two-pass:shared:shafts"
 
 
-def _bits(triangles, query, options=FASTEST, threads=2, counters=None):
+def _bits(triangles, query, options=FASTEST_RAY_HIERARCHY, threads=2, counters=None):
     """(h, w, spp) bool: a variant's answer to a query."""
     spp = query.samples.shape[1]
     bits = np.zeros((*query.sides.shape, -(-spp // 64)), np.uint64)
@@ -120,7 +122,7 @@ def test_any_rays_and_triangles(_shafts_always, seed, light, receivers, scale):
 @pytest.mark.parametrize("light", WIDE)
 def test_queries_that_are_cut_into_parts(light, segments_held, monkeypatch, shafts_always):
     triangles, query = on_surfaces(8, light, (23, 18), n=40, spp=3)
-    whole = _bits(triangles, query, Options(nodes=Cones, shared=True))
+    whole = _bits(triangles, query, RayHierarchyOptions(nodes=Cones, shared=True))
     monkeypatch.setattr(trace, "SEGMENTS", segments_held)
     np.testing.assert_array_equal(_bits(triangles, query), whole)
     assert whole.any() and not whole.all() and shafts_always
@@ -144,8 +146,8 @@ def _counted(triangles, query, options):
 
 def test_a_light_as_large_as_the_scene_takes_few_tests():
     triangles, query = _large_light(20_000, 1.0)
-    got, counts = _counted(triangles, query, FASTEST)
-    plain, before = _counted(triangles, query, FASTEST._replace(shafts=False))
+    got, counts = _counted(triangles, query, FASTEST_RAY_HIERARCHY)
+    plain, before = _counted(triangles, query, FASTEST_RAY_HIERARCHY._replace(shafts=False))
     np.testing.assert_array_equal(got, plain)
     assert got.any() and not got.all()
     print({name: (counts[name], before[name]) for name in counts})

@@ -12,17 +12,23 @@ from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE
 from antumbra.query.shadow_query import ShadowQuery, segments
-from antumbra.rayhierarchy.beams import Beam
-from antumbra.rayhierarchy.nodes import covered, possible
-from antumbra.rayhierarchy.order import Order, order_of
-from antumbra.rayhierarchy.packed import rays_of
-from antumbra.rayhierarchy.rays import PAD, LeafRays
-from antumbra.rayhierarchy.rows import LANES, NUMBERS
-from antumbra.rayhierarchy.soup import Soup
-from antumbra.rayhierarchy.traverse import BATCH, PAIRS, How, row_at, write_rows
-from antumbra.rayhierarchy.tree import RayTree, group_at, groups_of, tree_of, tree_pointers
-from antumbra.rayhierarchy.view import view_of
 from antumbra.scene.triangles import Triangles
+from antumbra.techniques.culling.pre_bvh_culling import Soup
+from antumbra.techniques.rayhierarchy.leaf_packing import rays_of
+from antumbra.techniques.rayhierarchy.light_beams import Beam, view_of
+from antumbra.techniques.rayhierarchy.ray_leaves import PAD, LeafRays
+from antumbra.techniques.rayhierarchy.ray_tree import (
+    RayTree,
+    covered,
+    group_at,
+    groups_of,
+    possible,
+    tree_of,
+    tree_pointers,
+)
+from antumbra.techniques.rayhierarchy.receiver_order import Order, order_of
+from antumbra.techniques.rayhierarchy.shadow_planes import LANES, NUMBERS
+from antumbra.techniques.rayhierarchy.triangle_traversal import BATCH, PAIRS, TraversalOptions, row_at, write_rows
 
 
 def triangles_of(vertices) -> Triangles:
@@ -159,7 +165,7 @@ def said(made: Hierarchy, soup: Soup, spheres=False):
     may, full = np.zeros(shape, bool), np.zeros(shape, bool)
     parts = len(tree.faces)
     memory, found = np.zeros(parts * BATCH * NUMBERS, np.float32), np.zeros(parts, np.int32)
-    _say(tree, made.beam, soup, How(spheres, True, 0, False, PAIRS), may, full, memory, found)
+    _say(tree, made.beam, soup, TraversalOptions(spheres, True, 0, False, PAIRS), may, full, memory, found)
     for node in nodes_in(made):
         if len(node.receivers):
             k = tree.groups[node.part, node.level] * ways + node.index

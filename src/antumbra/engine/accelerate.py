@@ -10,17 +10,15 @@ from ..bvh.blocks import block_tree
 from ..bvh.kept import part_of
 from ..bvh.nodes import Bvh
 from ..bvh.srdh_rays import SrdhRays
-from ..chcrt.trace import Scheduled
-from ..cull.cull import Culled
 from ..errors import InputError
 from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
 from ..plan import Plan
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..rayhierarchy.soup import soup_of
 from ..scene.triangles import Triangles
+from ..techniques.chcrt.chc_rt import ChcRtState
+from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
+from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
-from .solid import solid_of, solid_tree
-from .srdh_rays import Bounce, Showing, Shown
 
 
 class Accelerated(NamedTuple):
@@ -32,9 +30,9 @@ class Accelerated(NamedTuple):
     cutouts: CutoutTree | None = None  # faces with holes, which are not in the BVH; None: there are none
 
     @property
-    def scheduled(self) -> Scheduled | None:
+    def scheduled(self) -> ChcRtState | None:
         """The state of a tracer that remembers earlier frames; None for other tracers."""
-        return self.prepared if isinstance(self.prepared, Scheduled) else None
+        return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
     def chosen(self) -> Auto | None:
@@ -43,7 +41,7 @@ class Accelerated(NamedTuple):
 
     def begin(self) -> None:
         """Tell the tracer that a new frame, or a new query of points, begins."""
-        if isinstance(self.prepared, (Scheduled, Auto)):
+        if isinstance(self.prepared, (ChcRtState, Auto)):
             self.prepared.begin()
 
 
@@ -58,7 +56,7 @@ class Accelerator:
 
     def __init__(self, plan: Plan, threads: int):
         self.plan, self.threads = plan, threads
-        self.showing = Showing(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
+        self.showing = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
         self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
         self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
         self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
@@ -90,15 +88,19 @@ class Accelerator:
         """Should a tree that was kept be built again, by a better builder?"""
         return False
 
-    def culled(self, triangles: Triangles, queries) -> Culled | None:
+    def culled(self, triangles: Triangles, queries) -> CullResult | None:
         """The triangles that segments of these queries can meet; None if the plan has no culler."""
         return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
 
-    def show(self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None) -> Shown | None:
+    def show(
+        self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None
+    ) -> RepresentativeRays | None:
         """The rays to show to this plan's builder for these queries; None if it takes none. See `Showing.show`."""
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
-    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
+    def build(
+        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+    ) -> Accelerated:
         """Prepare all triangles, or the culled set, for tracing; build a BVH unless the tracer walks none.
 
         Parameters
@@ -131,14 +133,14 @@ class Accelerator:
             self.showing.built(bvh)
         return self.prepare(triangles, bvh, left)
 
-    def _tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+    def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
         """A new BVH of all triangles, or of those that are left."""
         if culled is None:
             return self._new_tree(triangles.vertices, self.threads)
         bvh = self._new_tree(culled.vertices, self.threads)
         return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
 
-    def _updated_tree(self, triangles: Triangles, culled: Culled | None) -> Bvh:
+    def _updated_tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
         """The BVH of the solid triangles that the updater keeps, or its part with those that culling left."""
         assert self._kept is not None
         if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
@@ -173,7 +175,7 @@ class Accelerator:
             self._cutouts = triangles, cutout_tree(triangles, self.threads)
         return self._cutouts[1]
 
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         """Convert the BVH, or the triangles if the tracer walks no BVH, to the input of this plan's tracer.
 
         `culled`: the triangles left by culling; None: all.

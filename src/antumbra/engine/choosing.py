@@ -10,15 +10,14 @@ from ..auto.facts import facts_of
 from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
 from ..auto.trace import Auto
 from ..bvh.nodes import Bvh
-from ..cull.cull import Culled
 from ..methods import BUILDERS, OPTIMISERS, TRACERS, UPDATERS
 from ..plan import Plan, parse_plan
 from ..query.query_bounds import bounds
 from ..scene.triangles import Triangles
+from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of
+from ..techniques.srdh.representative_rays import RepresentativeRays
 from .accelerate import Accelerated, Accelerator
 from .ready import Job, fixed_job, make_ready, small_scene
-from .solid import solid_count, solid_of
-from .srdh_rays import Shown
 
 _RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
 
@@ -95,7 +94,9 @@ class Choosing(Accelerator):
         if self._tree_name == QUICK and good_pays(lost, triangles):
             self._tree_name = GOOD
 
-    def build(self, triangles: Triangles, culled: Culled | None = None, shown: Shown | None = None) -> Accelerated:
+    def build(
+        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+    ) -> Accelerated:
         n = solid_count(triangles)
         self._choose(self._loss(self._rays_soon + self._later), n)
         if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
@@ -116,7 +117,7 @@ class Choosing(Accelerator):
             self._tree_name = GOOD
         return tree
 
-    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: Culled | None = None) -> Accelerated:
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
         better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
         tracer = Auto(bvh, self.threads, self.memory, self._built, better)

@@ -14,11 +14,11 @@ from ..scene.data import SceneData
 from ..scene.lights import Light
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
+from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
 from .accelerate import Accelerated, Accelerator
 from .memory import FrameMemory
 from .source import Progress, RenderSource
-from .srdh_rays import Shown, bounced_queries
 
 
 class Methods(NamedTuple):
@@ -26,7 +26,7 @@ class Methods(NamedTuple):
 
     plan: str
     choices: list[Choice] | None  # of the plan `auto`, one per query
-    statistics: list[dict] | None  # of CHC+RT: cost of each query, see `chcrt.schedule.Statistics`
+    statistics: list[dict] | None  # of CHC+RT: cost of each query, see `techniques.chcrt.visibility_fronts.Statistics`
 
 
 class FrameTracer:
@@ -47,7 +47,7 @@ class FrameTracer:
         self._source, self._accelerator = source, accelerator
         self._whole: Accelerated | None = None  # a tree of all triangles; it may serve camera rays only
         self._ready: Accelerated | None = None  # answers the queries that were prepared last
-        self._shown: Shown | None = None  # sample rays for the builder
+        self._shown: RepresentativeRays | None = None  # sample rays for the builder
         self._open: tuple[Nearest, Accelerated] | None = None  # for bounced rays
 
     @property

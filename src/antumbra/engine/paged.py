@@ -5,10 +5,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..chcrt.hits import mark_hits, number_hits
-from ..chcrt.options import Options
-from ..chcrt.parts import parts_of_chunks
-from ..chcrt.trace import Scheduled, camera_hits, nearest_hits, prepare, ray_hits
 from ..checks import byte_count
 from ..errors import InputError
 from ..methods import BUILDERS
@@ -24,6 +20,10 @@ from ..scene.triangles import Triangles, joined
 from ..store.data import StoreData
 from ..store.residency import Copies, Paging, Residency, marked, places
 from ..store.resident import release_freed, resident
+from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
+from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
+from ..techniques.chcrt.tree_parts import parts_of_chunks
+from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_hits import Nearest, surfaces_met
 from ..trace.tree_list import Hits
 from .accelerate import Accelerated, Accelerator
@@ -44,7 +44,7 @@ def paged_job() -> Job:
 
     def work():
         scene, (h, w) = small_scene(), (8, 8)
-        scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), Options(), 2)
+        scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), ChcRtOptions(), 2)
         first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
         camera_hits(scheduled, view, 2)
         rays, _ = subpixel_rays(view, np.ones((view.height // 4, view.width // 4), np.bool_), 2)
@@ -103,7 +103,7 @@ class Paged:
         self._bands, self._looked = Bands(), 0  # bytes read when the last camera rays had been traced
         self._reads = int(store.chunks.bytes.sum())  # bytes that the last frame read; at first those of the store
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
-        scheduled = Scheduled(parts, plan.tracer.culling)
+        scheduled = ChcRtState(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     def warm_up(self) -> None:
@@ -198,7 +198,7 @@ class Paged:
         return self.nearest
 
     def nearest(
-        self, passes: Sequence[RayPass], shape: tuple[int, int], by: Scheduled | None = None
+        self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
     ) -> Iterator[Surfaces]:
         """The first surfaces that each of some passes of rays meets. Each chunk is read once for all of them.
 

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..chcrt.trace import ray_hits
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
 from ..kernels.predicate.exact import ray_along
@@ -14,6 +13,7 @@ from ..query.query_bounds import morton_codes
 from ..query.ray_list import RayArrays, changed
 from ..query.ray_passes import RayPass
 from ..scene.triangles import Triangles
+from ..techniques.chcrt.chc_rt import ray_hits
 from ..trace.tree_list import Hits
 
 RAY_BYTES = 160

@@ -6,12 +6,12 @@ import numpy as np
 
 from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
 from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
-from ..chcrt.queries import Pairs, ask
-from ..chcrt.raysets import Segments, segments_of
 from ..errors import InputError
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..store.layout import Chunk
 from ..store.resident import resident
+from ..techniques.chcrt.occlusion_queries import Pairs, ask
+from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..trace.rays.single_rays import leaf_depths
 from .paged import Paged
 
@@ -52,7 +52,7 @@ def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
         bits = new_bits(query)
         for step in segments_of(scheduled.parts, query):
             how = {"threads": paged.threads, "counters": None, "progress": None}
-            rays = Segments(scheduled.parts, scheduled.options, query, bits, *step, **how)
+            rays = SegmentRaySets(scheduled.parts, scheduled.options, query, bits, *step, **how)
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that is the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))

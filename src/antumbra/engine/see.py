@@ -7,7 +7,6 @@ import numpy as np
 from ..auto.ways import WAYS
 from ..bvh import lbvh
 from ..bvh.blocks import BlockTree
-from ..chcrt.surfaces import nearest_scheduled, primary_hits
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
@@ -17,12 +16,13 @@ from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
 from ..scene.triangles import Triangles
+from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
+from ..techniques.culling.pre_bvh_culling import solid_tree
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerate import Accelerated
 from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
-from .solid import solid_tree
 
 
 def see(

@@ -4,9 +4,9 @@ from functools import partial
 from pathlib import Path
 
 from ..bvh.blocks import block_tree
-from ..cull.cull import cull
 from ..kernels import needs
 from ..methods import BENTHIN, SELGRAD, Culler, Tracer, by_cones, register, register_family
+from ..techniques.culling.pre_bvh_culling import cull
 from .chc_rt.variants import find_aggressive
 from .multi_frusta import frusta, packet256
 from .pre_bvh_culling.convex import mark_convex

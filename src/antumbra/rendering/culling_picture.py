@@ -5,12 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..cull.targets import sample_points
 from ..methods import CULLERS
 from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
 from ..query.shadow_query import shadow_queries
 from ..scene.lights import FIXED, LIST, SPHERE, check_lights
+from ..techniques.culling.culling_grid import sample_points
 from .render_jobs import warm_up
 from .renderer import Renderer
 

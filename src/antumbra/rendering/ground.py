@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..cull.targets import targets_of
 from ..image.filter import smoothed
 from ..image.fraction import finer_query, refined, visible
 from ..image.shade import arriving, shade
@@ -22,6 +21,7 @@ from ..query.ray_passes import GroundHits, ground_hits, plane_below, rays_throug
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
 from ..scene.lights import DIRECTIONAL, is_bounced
+from ..techniques.culling.culling_grid import targets_of
 from .frame import Ground
 from .state import FrameState, TracedLights, ask, ask_all, smooths
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from ..engine.accelerate import Accelerated, Accelerator
 from ..engine.see import see
-from ..engine.srdh_rays import bounced_queries
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, shadow_queries, surface_queries
 from ..scene.camera import Camera
 from ..scene.triangles import Triangles
+from ..techniques.srdh.representative_rays import bounced_queries
 from .memory import frame_memory
 from .options import RenderOptions
 from .request import Request, request_of

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from antumbra.chcrt.options import Options
 from antumbra.engine.building import build_store
 from antumbra.engine.loading import load
 from antumbra.engine.scene import procedural
@@ -16,6 +15,7 @@ from antumbra.papers.chc_rt.rays import DIFFUSE, PRIMARY, SOFT, differing
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
 from antumbra.scene.camera import Camera
+from antumbra.techniques.tracer_options import ChcRtOptions
 
 SIZE = 24
 AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"
@@ -24,7 +24,7 @@ AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"
 @pytest.fixture(scope="module")
 def core():
     view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
-    return InCore(place_of(view), 2, Options(triangles=1 << 12))
+    return InCore(place_of(view), 2, ChcRtOptions(triangles=1 << 12))
 
 
 def test_walks_go_from_one_camera_to_the_other(core):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from antumbra.chcrt.options import WHOLE, Options
 from antumbra.engine.building import build_store
 from antumbra.engine.loading import load
 from antumbra.engine.scene import procedural
@@ -14,6 +13,7 @@ from antumbra.papers.chc_rt.plot import shares
 from antumbra.papers.chc_rt.rays import AO, DIFFUSE, KINDS, PRIMARY, SOFT
 from antumbra.papers.chc_rt.views import place_of
 from antumbra.papers.views import own_view
+from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 
 SIZE = 24
 PACE = Pace(3, 1, 60.0)
@@ -28,7 +28,7 @@ def quiet(text):
 @pytest.fixture(scope="module")
 def core():
     view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
-    return InCore(place_of(view), 2, Options(triangles=1 << 12))
+    return InCore(place_of(view), 2, ChcRtOptions(triangles=1 << 12))
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_sizes_of_a_store_are_of_its_file(place, core):
 
 def test_variants_change_what_they_say(core):
     whole = core.culling_by("whole", ablation.VARIANTS["no screen hierarchy"]).scheduled
-    assert whole.options == Options(triangles=1 << 12)._replace(tile=WHOLE)
+    assert whole.options == ChcRtOptions(triangles=1 << 12)._replace(tile=WHOLE_SCREEN)
     assert whole.parts is core.culling().scheduled.parts
     larger = core.culling_by("larger", ablation.VARIANTS["parts of 4 M triangles"]).scheduled
     assert 0 < len(larger.parts.trees) < len(whole.parts.trees)

@@ -9,9 +9,9 @@ from antumbra.methods import find_method
 from antumbra.papers.ray_hierarchy.cones import Cones
 from antumbra.papers.ray_hierarchy.variants import CONES, TABLE_1, combination
 from antumbra.plan import parse_plan
-from antumbra.rayhierarchy.options import Options
+from antumbra.techniques.tracer_options import RayHierarchyOptions
 
-WORDS = ["spheres", "precise", "boxes", *(field.replace("_", "-") for field in Options._fields[2:])]
+WORDS = ["spheres", "precise", "boxes", *(field.replace("_", "-") for field in RayHierarchyOptions._fields[2:])]
 EXCLUDED = {("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")}
 
 
@@ -36,7 +36,7 @@ def test_the_variants_of_table_1():
 def options_of(*words):
     """The options of words, by another formula."""
     flags = {word.replace("-", "_"): True for word in words} | {"nodes": None if "boxes" in words else Cones}
-    return Options(**{name: flag for name, flag in flags.items() if name not in ("boxes", "precise")})
+    return RayHierarchyOptions(**{name: flag for name, flag in flags.items() if name not in ("boxes", "precise")})
 
 
 def test_each_option_has_a_word_and_each_name_options_of_its_own():

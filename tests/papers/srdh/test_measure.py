@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from antumbra.engine.scene import procedural
-from antumbra.engine.srdh_rays import segments_of
 from antumbra.errors import InputError
 from antumbra.papers.srdh import measure as srdh
 from antumbra.papers.srdh import published as published_srdh
@@ -22,6 +21,7 @@ from antumbra.papers.srdh.measure import (
 from antumbra.papers.srdh.times import BuildTimes
 from antumbra.papers.views import View, own_view
 from antumbra.scene.camera import Camera
+from antumbra.techniques.srdh.representative_rays import segments_of
 from antumbra.trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 
 SIZE = 24

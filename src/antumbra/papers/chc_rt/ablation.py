@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import inf
 
-from ...chcrt.options import WHOLE
+from ...techniques.tracer_options import WHOLE_SCREEN
 from . import measure, stores
 from .measure import InCore, Pace, Say, Turn
 from .rays import AO, DIFFUSE, SAMPLER, SOFT
@@ -13,7 +13,7 @@ from .views import WalkPlace
 AS_IT_IS = "as it is"
 VARIANTS: dict[str, dict] = {
     AS_IT_IS: {},
-    "no screen hierarchy": {"tile": WHOLE},
+    "no screen hierarchy": {"tile": WHOLE_SCREEN},
     "no state from frame to frame": {"keep": False},
     "no pull-up": {"pull_up": False},
     "t_q 0.125": {"weight": 0.125},

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...bvh.blocks import BlockTree
 from ...bvh.links import CHILDREN, block_leaf, is_leaf
-from ...chcrt.fronts import INNER, VISIBLE, Fronts
-from ...chcrt.parts import Parts
-from ...chcrt.tiles import Tiles
+from ...techniques.chcrt.occlusion_queries import Tiles
+from ...techniques.chcrt.tree_parts import TreeParts
+from ...techniques.chcrt.visibility_fronts import INNER, VISIBLE, Fronts
 from ...trace.tree_list import ROOT, Hits
 
 
@@ -32,7 +32,7 @@ class Rectangles(NamedTuple):
     visible: np.ndarray  # (k,) bool
 
 
-def columns_of(parts: Parts) -> Columns:
+def columns_of(parts: TreeParts) -> Columns:
     """The columns of the matrix; the parts are subtrees of a `BlockTree`."""
     tree = parts.keeps
     assert isinstance(tree, BlockTree)

@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import BlockTree
-from ...chcrt.fronts import Fronts
-from ...chcrt.options import Options
-from ...chcrt.parts import Parts, parts_of
-from ...chcrt.passes import pass_rays
-from ...chcrt.raysets import Pass
-from ...chcrt.trace import Scheduled, camera_hits
 from ...errors import InputError
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import Surfaces
+from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits
+from ...techniques.chcrt.picture_ray_sets import PassRaySet
+from ...techniques.chcrt.ray_bundles import pass_rays
+from ...techniques.chcrt.tree_parts import TreeParts, parts_of
+from ...techniques.chcrt.visibility_fronts import Fronts
+from ...techniques.tracer_options import ChcRtOptions
 from ...trace.tree_list import Hits
 from .measure import InCore, bled
 from .rays import DIFFUSE, SAMPLER, Culling, FrameRays, timed
@@ -45,7 +45,7 @@ class Culled(NamedTuple):
     """The data behind the pictures of a place."""
 
     name: str
-    parts: Parts
+    parts: TreeParts
     surfaces: Surfaces
     length: float  # of the long rays, in world units
     camera: Seen
@@ -68,10 +68,10 @@ class Culled(NamedTuple):
         return max(1, min(_MANY, int(self.triangles * _MUCH)))
 
 
-def options_of(triangles: int, width: int) -> Options:
+def options_of(triangles: int, width: int) -> ChcRtOptions:
     """The options of the pictures: see this module."""
     tile = 32 * max(1, round(width / _TILES / 32))
-    return Options(tile=tile, triangles=min(1 << 20, max(1, triangles // _PARTS)))
+    return ChcRtOptions(tile=tile, triangles=min(1 << 20, max(1, triangles // _PARTS)))
 
 
 def culled(core: InCore) -> Culled:
@@ -85,9 +85,9 @@ def culled(core: InCore) -> Culled:
     parts = parts_of(tree, options)
     low, high = parts.boxes[0].astype(np.float64)
     length = float(np.linalg.norm(high - low))
-    camera, short, long = (Scheduled(parts, options) for _ in range(3))
+    camera, short, long = (ChcRtState(parts, options) for _ in range(3))
     methods = [
-        Culling(tracer_name(n), Scheduled(parts, options._replace(threshold=n)), core.threads) for n in (0, ERROR)
+        Culling(tracer_name(n), ChcRtState(parts, options._replace(threshold=n)), core.threads) for n in (0, ERROR)
     ]
     for frame in range(_FRAMES):
         asked = core.asked(walk.camera(frame, _WALK), SAMPLER)
@@ -102,24 +102,24 @@ def culled(core: InCore) -> Culled:
     return Culled(core.place.name, parts, asked.surfaces, length, seen, *bounced, *pictures)
 
 
-def _looked(scheduled: Scheduled, asked: FrameRays, threads: int) -> Seen:
+def _looked(scheduled: ChcRtState, asked: FrameRays, threads: int) -> Seen:
     """A frame of the camera's rays."""
     scheduled.begin()
     hits = camera_hits(scheduled, asked.camera, threads)
     return Seen(hits, _state(scheduled))
 
 
-def _bounced(scheduled: Scheduled, rays: RayPass, shape: tuple[int, int], length: float, threads: int) -> Seen:
+def _bounced(scheduled: ChcRtState, rays: RayPass, shape: tuple[int, int], length: float, threads: int) -> Seen:
     """A frame of diffuse rays of this length."""
     scheduled.begin()
     low, high = scheduled.parts.boxes[0].astype(np.float64)
     made = pass_rays(rays, *shape, 2.0 * float(np.linalg.norm(high - low)))
     made = made._replace(spans=np.array([[0.0, length]]))
-    scheduled.run(Pass(scheduled.parts, scheduled.options, made, threads), shape)
+    scheduled.run(PassRaySet(scheduled.parts, scheduled.options, made, threads), shape)
     return Seen(made.hits, _state(scheduled))
 
 
-def _state(scheduled: Scheduled) -> Fronts:
+def _state(scheduled: ChcRtState) -> Fronts:
     """The state of the frame's only question."""
     ((_, fronts),) = scheduled.states()
     return fronts

@@ -12,9 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.blocks import block_tree
-from ...chcrt.options import Options
-from ...chcrt.parts import parts_of
-from ...chcrt.trace import Scheduled
 from ...errors import InputError
 from ...image.tonemap import to_srgb8
 from ...plan import parse_plan
@@ -23,6 +20,9 @@ from ...query.shadow_query import Surfaces, surfaces_of
 from ...rendering.render_jobs import warm_up, warm_up_indirect
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
+from ...techniques.chcrt.chc_rt import ChcRtState
+from ...techniques.chcrt.tree_parts import parts_of
+from ...techniques.tracer_options import ChcRtOptions
 from .rays import (
     AO,
     DIFFUSE,
@@ -47,7 +47,7 @@ SAMPLERS = tuple(name for name in ROTATIONS if ":" in name)
 
 Say = Callable[[str], None]
 PHASES = ("phase 1", "phase 2", "phase 3")
-_OPTIONS = Options()
+_OPTIONS = ChcRtOptions()
 
 
 class Pace(NamedTuple):
@@ -98,7 +98,7 @@ class Turn(NamedTuple):
 class InCore:
     """A place in memory: its triangles, and the acceleration structures of all methods."""
 
-    def __init__(self, place: WalkPlace, threads: int, options: Options = _OPTIONS):
+    def __init__(self, place: WalkPlace, threads: int, options: ChcRtOptions = _OPTIONS):
         self.place, self.threads, self._options = place, threads, options
         plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
@@ -120,7 +120,7 @@ class InCore:
         options = self._options._replace(**changed)
         cut = {"triangles", "height"} & changed.keys()
         parts = parts_of(self._tree, options) if cut else self._parts
-        return Culling(name, Scheduled(parts, options), self.threads)
+        return Culling(name, ChcRtState(parts, options), self.threads)
 
     def bytes(self) -> tuple[int, int]:
         """Bytes of (the nodes of the BVH, the triangles) that CHC+RT traces."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...chcrt.tiles import Tiles
 from ...output import replacing
+from ...techniques.chcrt.occlusion_queries import Tiles
 from . import coverage, published
 from .culled import ERROR, SHORT, Culled, Seen, culled
 from .measure import InCore, Say, error_of

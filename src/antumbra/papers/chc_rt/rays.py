@@ -13,7 +13,6 @@ import numpy as np
 
 from ...bvh.blocks import BlockTree
 from ...bvh.nodes import Bvh
-from ...chcrt.trace import Scheduled, camera_hits, nearest_hits, trace_shadow
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...plan import parse_plan
@@ -23,6 +22,7 @@ from ...query.ray_passes import RayPass, diffuse_passes, diffuse_rays
 from ...query.shadow_query import ShadowQuery, Surfaces, new_bits, ray_count, surface_queries
 from ...scene.camera import Camera, CameraRays
 from ...scene.lights import AmbientOcclusion
+from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, trace_shadow
 from ...trace.primary.primary_rays import trace_primary
 from ...trace.rays import ray_hits as bounce
 from .views import WalkPlace
@@ -105,7 +105,7 @@ def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
 class Culling:
     """CHC+RT, with its state from the frame before."""
 
-    def __init__(self, name: str, scheduled: Scheduled, threads: int, together: int = 1):
+    def __init__(self, name: str, scheduled: ChcRtState, threads: int, together: int = 1):
         self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
         self.together = together  # passes of diffuse rays that are traced together
 

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...chcrt.trace import Scheduled
 from ...engine.paged import Paged
 from ...engine.paged_scene import PagedScene
 from ...errors import InputError
@@ -26,6 +25,7 @@ from ...rendering.renderer import Renderer
 from ...rendering.request import Request
 from ...scene.camera import Camera
 from ...scene.lights import AmbientOcclusion
+from ...techniques.chcrt.chc_rt import ChcRtState
 from ..answers import digest
 from .measure import CHCRT, Pace, Say, Turn, begin, bled, error_of, told_by
 from .rays import DIFFUSE, KINDS, PASSES, SAMPLER, SPP, Culling, FrameRays, asked_of, timed
@@ -83,7 +83,7 @@ def _bleed_through(
     the same frames.
     """
     exact, threads = paged.accelerated.prepared, paged.threads
-    by = Scheduled(exact.parts, exact.options._replace(threshold=threshold))
+    by = ChcRtState(exact.parts, exact.options._replace(threshold=threshold))
     name = tracer_name(threshold)
     seeing, method = Culling(CHCRT, exact, threads), Culling(name, by, threads)
     turns: list[Turn] = []

@@ -3,8 +3,8 @@
 They leave out subtrees that few rays of a tile may meet.
 """
 
-from ...chcrt.options import Options
 from ...methods import Tracer, by_culling
+from ...techniques.tracer_options import ChcRtOptions
 
 THRESHOLDS = 0, 20, 100, 200
 """Thresholds: a subtree is neglected if at most so many rays of a tile may meet it; 0: exact, as in `chcrt`."""
@@ -20,5 +20,5 @@ def find_aggressive(text: str) -> tuple[str, Tracer] | None:
     for n in THRESHOLDS[1:]:
         if text == tracer_name(n):
             about = f"as chcrt, but subtrees that at most {n} rays of a tile may meet are left out: not exact"
-            return text, by_culling(Options(threshold=n), about)
+            return text, by_culling(ChcRtOptions(threshold=n), about)
     return None

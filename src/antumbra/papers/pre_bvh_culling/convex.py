@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ...cull.grid import PAD
+from ...techniques.culling.culling_grid import PAD
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], float)
 

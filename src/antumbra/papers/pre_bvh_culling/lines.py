@@ -4,14 +4,14 @@ The module walks a line from the centre of every source cell to the centre of ev
 1987]. It marks each cell on the line with its one-ring. This is conservative. Take a point of a segment between two
 cells, and the point of the line at the same parameter. They are at most half a cell apart on each axis.
 
-The module `cull.swept` marks fewer cells in less time. This one serves for comparison.
+The module `techniques.culling.culling_grid` marks fewer cells in less time. This one serves for comparison.
 """
 
 import numpy as np
 
-from ...cull.grid import cell_at
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
+from ...techniques.culling.culling_grid import cell_at
 
 
 def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...cull.cull import STEPS, cull
 from ...engine.accelerate import Accelerator
 from ...errors import InputError
 from ...query.light_samples import light_samples
 from ...query.shadow_query import shadow_queries
 from ...rendering.renderer import Renderer
+from ...techniques.culling.pre_bvh_culling import STEPS, cull
 from ..answers import digest
 from .convex import mark_convex
 from .lines import mark_lines

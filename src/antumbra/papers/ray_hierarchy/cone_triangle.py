@@ -15,8 +15,16 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.predicate.filters import dot as dot3
 from ...kernels.simd import absolute, bits, fma, load16, maximum, select, splat16, square_root
 from ...kernels.vec import Vec, dot, rows
-from ...rayhierarchy.planes import sphere_of
-from ...rayhierarchy.rows import COVERS, INNER, OUTER, number16, put_number, put_whole, whole
+from ...techniques.rayhierarchy.shadow_planes import (
+    COVERS,
+    INNER,
+    OUTER,
+    number16,
+    put_number,
+    put_whole,
+    sphere_of,
+    whole,
+)
 
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
 """Places in a row. SPHERE: the triangle's bounding sphere. It has the unit vector to its centre, its radius relative to

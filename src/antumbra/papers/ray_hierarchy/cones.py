@@ -11,9 +11,9 @@ import numpy as np
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.predicate.filters import cross, dot
 from ...kernels.simd import get, put
-from ...rayhierarchy import nodes as names
-from ...rayhierarchy.rays import block_of
-from ...rayhierarchy.view import relative
+from ...techniques.rayhierarchy import ray_tree as names
+from ...techniques.rayhierarchy.light_beams import relative
+from ...techniques.rayhierarchy.ray_leaves import block_of
 from .cone_triangle import TINY, covered_cones, possible_cones, unit_of, write_cone_row
 
 ROWS = 7  # rows of a node: x, y and z of the axis, cos a, sin a, lengths of the shortest and the longest ray

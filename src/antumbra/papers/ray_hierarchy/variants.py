@@ -2,7 +2,7 @@
 
 from ...errors import InputError
 from ...methods import Tracer, by_cones
-from ...rayhierarchy.options import Options
+from ...techniques.tracer_options import RayHierarchyOptions
 from .cones import Cones
 
 _EXCLUDE = ("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")
@@ -23,13 +23,13 @@ _WORDS = {
 }
 
 
-def with_words(*words: str) -> Options:
+def with_words(*words: str) -> RayHierarchyOptions:
     """The options that the words name.
 
     Without "boxes", nodes are the report's cones. Without "spheres", they are tested precisely (Sec. 3.2).
     """
     flags = {word.replace("-", "_"): True for word in words if word not in ("boxes", "precise")}
-    return Options(nodes=None if "boxes" in words else Cones, **flags)
+    return RayHierarchyOptions(nodes=None if "boxes" in words else Cones, **flags)
 
 
 _TABLE_1_WORDS = {
@@ -51,14 +51,14 @@ def with_culling(name: str) -> str:
     return ":".join(("cones", *_TABLE_1_WORDS[name], "backface"))
 
 
-CONES: dict[str, tuple[Options, str]] = {
+CONES: dict[str, tuple[RayHierarchyOptions, str]] = {
     **{f"cones:{word}": (with_words(word), text) for word, text in _WORDS.items()},
     **{f"cones:{name}": (options, f"the report's variant {name}") for name, options in TABLE_1.items()},
 }
 """Name -> (options, description)."""
 
 
-def combination(name: str) -> Options | None:
+def combination(name: str) -> RayHierarchyOptions | None:
     """The options of a name such as ``cones:spheres:sorted``; None if it is no such name.
 
     Each word may occur once, in any order.

@@ -13,12 +13,17 @@ import numpy as np
 
 from ...bvh import binned_sah, srdh
 from ...bvh.nodes import Bvh
-from ...engine.srdh_rays import Showing, Shown, SrdhRays, sparse_gbuffer
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...query.light_samples import MAX_SPP, light_samples
 from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
+from ...techniques.srdh.representative_rays import (
+    RepresentativeRays,
+    RepresentativeRaySelector,
+    SrdhRays,
+    sparse_gbuffer,
+)
 from ...trace.rays.ray_hits import bounced
 from ...trace.rays.ray_traversal import BUILT, SRDH, Ordered
 from ...trace.rays.single_rays import UNOCCLUDED, count_steps
@@ -79,14 +84,16 @@ class Workload:
         """All shadow queries: of the visible surfaces, and of the bounces."""
         return [*self._seen, *self._bounce(None, self._samples, self.sah)]
 
-    def shown(self, pixels: int | None, bvh: Bvh | None) -> Shown:
+    def shown(self, pixels: int | None, bvh: Bvh | None) -> RepresentativeRays:
         """The representative rays: those of a pre-render, or all (`pixels` None).
 
         `bvh` holds all triangles. It traces the bounces and finds the triangles that the rays meet.
         """
         asked, samples = SrdhRays(size=pixels, spp=MAX_SPP, bounce=True), self._prerendered if pixels else self._samples
         seen = [query._replace(samples=sets) for query, sets in zip(self._seen, samples)]
-        return Showing(asked, self.threads).show(seen, self.triangles, bvh, partial(self._bounce, pixels, samples))
+        return RepresentativeRaySelector(asked, self.threads).show(
+            seen, self.triangles, bvh, partial(self._bounce, pixels, samples)
+        )
 
     def _queries(self, gbuffer, samples) -> list[ShadowQuery]:
         return shadow_queries(self.triangles, gbuffer, self.view.lights, samples, threads=self.threads)

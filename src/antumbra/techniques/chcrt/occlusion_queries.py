@@ -1,0 +1,432 @@
+"""Occlusion queries: how many rays of a screen tile may meet a box before their hits so far?
+
+Sources. A *source* holds the rays of a screen: `PassRays`, `CameraBundles` or `SegmentBundles`. Each kind of source
+gives `load_bundle` and `bundles_in` a meaning in kernels.
+
+Cells. The rays of a *cell* lie in one shaft (`trace.descent`), from the box of its receivers to the box of the rays'
+ends. Each cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit.
+These numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length,
+and negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
+`trace.frusta.bundle.shafts_of` loads.
+
+The receivers of a cell are 4 x 4 neighbours, or 16 of a row. In *spread* pictures they are every fourth pixel of a
+square of 16 x 16 pixels. Such pixels take the same sample of each set, so their directions are alike (Sec. 5.3).
+
+Queries. [Mattausch et al. 2015, Sec. 4.1]. The paper uses the graphics hardware. Here a query first tests the shafts of
+the tile's cells, 16 side by side. Where a shaft meets the box, the single rays of the cell are tested side by side,
+each up to its own limit, and counted. Counting ends when the answer is known.
+
+All queries of one tile are answered together, while its rays are in the cache: the paper's *multi-query* (Sec. 5.1).
+Unlike the paper's, it answers for each box, so no box is queried again by itself. A query tests the boxes of a node's
+two children instead of the node's own: the paper's *tighter bounds*.
+"""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...bvh.links import box_at
+from ...kernels.fields import F32Ptr, I32Ptr
+from ...kernels.jit import inlined, kernel, overloaded
+from ...kernels.parallel import items, new_ticket, run
+from ...kernels.simd import (
+    bits,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    minimum,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    reduce_min,
+    select,
+    splat16,
+    stack_f32,
+)
+from ...kernels.vec import rows
+from ...trace.descent import entry, rays_as_shafts, slabs_of
+from ...trace.frusta.bundle import shafts_of
+from ...trace.frusta.tile_clusters import RegionLayout, layout_of
+from ...trace.tile import TileShape
+
+# --- Bundles: the single rays of a cell, 16 at a time, as occlusion queries and tracers load them ---------------------
+#
+# A *source* holds the rays of a screen: `passes.PassRays`, `camera.CameraBundles` or `segments.SegmentBundles`. Each
+# kind of source gives `load_bundle` and `bundles_in` a meaning in kernels.
+
+
+BUNDLE_FLOATS = 128
+
+
+class RayBundle(NamedTuple):
+    """16 rays: pointers to BUNDLE_FLOATS float32 of scratch memory."""
+
+    rays: F32Ptr  # rows ox oy oz, and the whole length of the rays along x, y and z
+    lengths: F32Ptr  # this multiple of its direction takes a ray to its end
+    limits: F32Ptr  # how far each ray looks, as a share of its whole length; -1: there is no ray
+
+
+@inlined
+def bundle_in(memory):
+    """The `Bundle` in BUNDLE_FLOATS float32."""
+    return RayBundle(memory, ptr_at(memory, 96), ptr_at(memory, 112))
+
+
+@inlined
+def slabs_in(bundle, live):
+    """The rays of a bundle, prepared for slab tests; `live`: bits of its rays."""
+    return slabs_of(rays_as_shafts(rows(bundle.rays, 0, 16), rows(bundle.rays, 48, 16)), live)
+
+
+@overloaded("ray_bundles")
+def bundles_in(source):
+    """In kernels: the number of bundles of each cell."""
+
+
+@overloaded("ray_bundles")
+def load_bundle(source, picture, y0, x0, s, k, blind, bundle):
+    """In kernels: fill bundle k of a cell, in ray set s. Return bits of the rays that look.
+
+    y0, x0 : the first receiver of the cell
+    blind : also load rays that are blocked
+    """
+
+
+# --- Cells: the rays of a screen as occlusion queries test them, 16 cells of 16 receivers side by side ----------------
+#
+# The rays of a *cell* lie in one shaft (`trace.descent`), from the box of its receivers to the box of the rays' ends.
+# Each
+# cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit. These
+# numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length, and
+# negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
+# `trace.frusta.bundle.shafts_of` loads.
+#
+# The receivers of a cell are 4 x 4 neighbours, or 16 of a row. In *spread* pictures they are every fourth pixel of a
+# square of 16 x 16 pixels. Such pixels take the same sample of each set, so their directions are alike (Sec. 5.3).
+
+
+_F = np.float32
+FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: how far rays look, number of rays that look, number of rays
+ROWS = 15
+NONE, BLOCKED = _F(-1.0), _F(-0.5)  # values of row FAR: a cell without rays, a cell whose rays are all blocked
+WORDS = ROWS * 16  # float32 of a region
+CELL = 4  # pixels of a cell of a picture, both ways
+
+
+class PictureCells(NamedTuple):
+    """How receivers are cut into cells and regions."""
+
+    shape: TileShape
+    layout: RegionLayout
+    h: int  # rows of receivers
+    w: int  # receivers in a row
+    spread: bool  # a cell's receivers are not neighbours, but every fourth one, both ways
+
+
+def picture_of(shape: TileShape, h: int, w: int) -> PictureCells:
+    """The `Picture` of (h, w) receivers whose cells are the tiles of a query."""
+    return PictureCells(shape, layout_of(shape), h, w, False)
+
+
+def pixels_of(h: int, w: int, spread: bool = False) -> PictureCells:
+    """The `Picture` of (h, w) pixels, also if they form a single row."""
+    shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
+    return PictureCells(shape, layout_of(shape), h, w, spread)
+
+
+def new_cells(picture: PictureCells, sets: int) -> np.ndarray:
+    """(sets, regions, ROWS, 16) float32: memory for the cells of some ray sets."""
+    return np.empty((sets, picture.layout.rows * picture.layout.columns, ROWS, 16), np.float32)
+
+
+@inlined
+def first_receiver(picture, region, g):
+    """(y, x) of the first receiver of cell g of a region."""
+    layout, shape = picture.layout, picture.shape
+    y, x = region // layout.columns * layout.down, region % layout.columns * layout.across
+    row, column = g // layout.across, g % layout.across
+    if picture.spread:
+        return y * shape.height + row, x * shape.width + column
+    return (y + row) * shape.height, (x + column) * shape.width
+
+
+@inlined
+def receiver_in(picture, y0, x0, lane):
+    """(y, x, whether it is in the picture) of a receiver of the cell whose first receiver is (y0, x0)."""
+    row, column = lane // picture.shape.width, lane % picture.shape.width
+    if picture.spread:
+        row, column = row * picture.layout.down, column * picture.layout.across
+    y, x = y0 + row, x0 + column
+    return y, x, y < picture.h and x < picture.w
+
+
+@inlined
+def regions_in(span):
+    """The number of regions in a tile; `span`: its row of `Tiles.spans`."""
+    return (span[1] - span[0]) * (span[3] - span[2])
+
+
+@inlined
+def region_in(span, j, columns):
+    """The index of a tile's j-th region; `columns`: regions in a row of the picture."""
+    across = span[1] - span[0]
+    return (span[2] + j // across) * columns + span[0] + j % across
+
+
+@inlined
+def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
+    """Write cell g.
+
+    o_low, o_high : box of the rays' origins
+    d_low, d_high : vectors from its lower and upper corner to the corners of the box of the rays' ends
+    far, n : how far the rays look, and how many rays look
+    """
+    for k in range(3):
+        put(cells, 16 * k + g, o_low[k])
+        put(cells, 48 + 16 * k + g, o_high[k])
+        put(cells, 96 + 16 * k + g, d_low[k])
+        put(cells, 144 + 16 * k + g, d_high[k])
+    put(cells, FAR * 16 + g, far)
+    put(cells, COUNT * 16 + g, n)
+    put(cells, ALL * 16 + g, n)
+
+
+@inlined
+def no_cell(cells, g):
+    """Write a cell g that has no rays."""
+    zero, one = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
+    put_cell(cells, g, zero, zero, one, one, NONE, _F(0.0))
+
+
+@inlined
+def wider(low, high, p):
+    """The box from `low` to `high`, widened by a point."""
+    return (
+        (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2])),
+        (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2])),
+    )
+
+
+@inlined
+def nothing_yet():
+    """The box of no points."""
+    inf = _F(np.inf)
+    return (inf, inf, inf), (-inf, -inf, -inf)
+
+
+# --- The hierarchy over the rays: a quadtree of screen tiles [Mattausch et al. 2015, Sec. 4.3] ------------------------
+
+
+class Tiles(NamedTuple):
+    """The t tiles of all levels, smallest first, row by row. The last tile is the whole screen."""
+
+    spans: np.ndarray  # (t, 4) int32: first and end column of a tile's regions, then first and end row
+    children: np.ndarray  # (t, 4) int32: tiles; -1 where there is none, and for the smallest tiles
+    share: np.ndarray  # (t,) float64: share of the screen's area
+    pixels: int  # side of the smallest tile in pixels
+    across: int  # smallest tiles in a row
+    smallest: int  # number of smallest tiles
+    columns: int  # regions in a row
+
+
+@lru_cache(maxsize=16)
+def tiles_of(shape: TileShape, pixels: int) -> Tiles:
+    """The quadtree over a query that `trace.tile.tile_shape` has cut into tiles of 16 receivers.
+
+    pixels : side of the smallest tile; 64 times as long if the receivers form one row
+    """
+    layout = layout_of(shape)
+    width, height = layout.across * shape.width, layout.down * shape.height  # pixels of a region
+    pixels = pixels if shape.height > 1 else 64 * pixels
+    step = pixels // width, max(pixels // height, 1)  # regions in a smallest tile
+    spans, children, first, level = [], [], 0, 0
+    across, down = -(-layout.columns // step[0]), -(-layout.rows // step[1])
+    grid = smallest = across, down
+    below = None
+    while True:
+        y, x = np.divmod(np.arange(grid[0] * grid[1]), grid[0])
+        size = step[0] << level, step[1] << level
+        spans.append(np.stack([x, x + 1, y, y + 1], 1) * [size[0], size[0], size[1], size[1]])
+        kids = np.full((len(x), 4), -1)
+        if below is not None:
+            (nx, ny), start = below
+            for k in range(4):
+                cx, cy = 2 * x + (k & 1), 2 * y + (k >> 1)
+                kids[:, k] = np.where((cx < nx) & (cy < ny), start + cy * nx + cx, -1)
+        children.append(kids)
+        if grid == (1, 1):
+            break
+        below, first = (grid, first), first + len(x)
+        grid, level = ((grid[0] + 1) // 2, (grid[1] + 1) // 2), level + 1
+    spans = np.minimum(np.concatenate(spans), [layout.columns] * 2 + [layout.rows] * 2).astype(np.int32)
+    area = (spans[:, 1] - spans[:, 0]) * (spans[:, 3] - spans[:, 2])
+    return Tiles(
+        spans, np.concatenate(children).astype(np.int32), area / area[-1], pixels, smallest[0],
+        smallest[0] * smallest[1], layout.columns,
+    )  # fmt: skip
+
+
+# --- Occlusion queries: how many rays of a screen tile may meet a box before their hits so far? -----------------------
+#
+# [Mattausch et al. 2015, Sec. 4.1]. The paper uses the graphics hardware. Here a query first tests the shafts of the
+# tile's cells, 16 side by side. Where a shaft meets the box, the single rays of the cell are tested side by side, each
+# up to its own limit, and counted. Counting ends when the answer is known.
+#
+# All queries of one tile are answered together, while its rays are in the cache: the paper's *multi-query* (Sec. 5.1).
+# Unlike the paper's, it answers for each box, so no box is queried again by itself. A query tests the boxes of a
+# node's two children instead of the node's own: the paper's *tighter bounds*.
+
+
+class ScreenRays(NamedTuple):
+    """The rays of a screen, as queries see them."""
+
+    source: Any  # see `bundles`
+    picture: PictureCells
+    tiles: Tiles
+    cells: np.ndarray  # (sets, regions, ROWS, 16) float32, see `cells.new_cells`
+
+
+class Pairs(NamedTuple):
+    """Some query pairs, (n,) each."""
+
+    tile: np.ndarray  # int32: a tile of `Tiles`
+    set: np.ndarray  # int32: a ray set
+    row: np.ndarray  # int32: a row of `Parts`
+
+
+class Answers(NamedTuple):
+    """The answers to n queries."""
+
+    counts: np.ndarray  # (n,) int32: rays that may meet the box; counting ends beyond the threshold
+    keys: np.ndarray  # (n,) float32: a parameter before which no ray enters the box, in [0, 1]
+    groups: int  # number of multi-queries
+
+
+class MultiQuery(NamedTuple):
+    """Some pairs of one set and tile, and their answers: pointers, from `first` to `end`."""
+
+    rows: I32Ptr  # int32: row of `lines`
+    counts: I32Ptr  # int32: rays found so far
+    keys: F32Ptr  # float32: see `Answers`
+    met: I32Ptr  # int32: bits of the cells of a region whose shafts meet the box
+    first: int
+    end: int
+    threshold: int  # counting ends beyond it
+
+
+@inlined
+def _entered(lines, row, slabs, far):
+    """(bits of the lanes that may enter a child's box of a row before `far`, where each enters)."""
+    left, a = entry(lines, box_at(row, 0), slabs, far)
+    right, b = entry(lines, box_at(row, 1), slabs, far)
+    return left | right, minimum(a, b)
+
+
+@inlined
+def _is_open(pairs, i):
+    return np.int64(get(pairs.counts, i)) <= pairs.threshold
+
+
+@kernel
+def _ask_shafts(cells, lines, pairs, blind):
+    """Test the shafts of a region's cells, and write `pairs.met` and keys. Return bits of the cells that meet a box."""
+    far, any_ = load16(cells, FAR * 16), np.int64(0)
+    if blind:
+        far = select(far >= BLOCKED, splat16(_F(1.0)), far)
+    live = bits(far >= _F(0.0))
+    if live == 0:
+        return any_
+    slabs = slabs_of(shafts_of(cells), live)
+    for i in range(pairs.first, pairs.end):
+        met = np.int64(0)
+        if _is_open(pairs, i):
+            met, enters = _entered(lines, np.int64(get(pairs.rows, i)), slabs, far)
+            met &= live
+            if met != 0:
+                near = reduce_min(select(mask_from_bits16(met), enters, splat16(_F(1.0))))
+                put(pairs.keys, i, min(get(pairs.keys, i), near))
+        put(pairs.met, i, met)
+        any_ |= met
+    return any_
+
+
+@kernel
+def _ask_bundle(bundle, live, lines, pairs, g):
+    """Count the rays of a bundle of cell g. Return how many pairs that met the cell's shaft are still open."""
+    slabs, far, left = slabs_in(bundle, live), load16(bundle.limits, 0), np.int64(0)
+    for i in range(pairs.first, pairs.end):
+        if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
+            met = _entered(lines, np.int64(get(pairs.rows, i)), slabs, far)[0] & live
+            put(pairs.counts, i, np.int64(get(pairs.counts, i)) + popcount(met))
+            left += np.int64(_is_open(pairs, i))
+    return left
+
+
+@kernel
+def _count_cell(pairs, g, n):
+    """Count all n rays of cell g for the pairs that meet its shaft."""
+    for i in range(pairs.first, pairs.end):
+        if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
+            put(pairs.counts, i, np.int64(get(pairs.counts, i)) + n)
+
+
+@kernel
+def _ask_region(source, picture, region, set_, cells, lines, pairs, blind, bundle):
+    """Add the rays of a region to the counts of the pairs. Return whether all counts exceed the threshold."""
+    # In: source, picture, region, set_, cells, lines, blind. Out: pairs. Scratch: bundle.
+    met, n = _ask_shafts(cells, lines, pairs, blind), bundles_in(source)
+    while met != 0:
+        g = lowest_bit(met)
+        met &= met - 1
+        if n == 0:
+            _count_cell(pairs, g, np.int64(get(cells, (ALL if blind else COUNT) * 16 + g)))
+        y, x = first_receiver(picture, region, g)
+        for k in range(n):
+            live = load_bundle(source, picture, y, x, set_, k, blind, bundle)
+            if live != 0 and _ask_bundle(bundle, live, lines, pairs, g) == 0:
+                break
+    for i in range(pairs.first, pairs.end):
+        if _is_open(pairs, i):
+            return False
+    return True
+
+
+@kernel
+def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, blind, counts, keys, met):
+    """Worker: answer groups of pairs of the same set and tile."""
+    # In: groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, blind. Out: counts, keys, met.
+    bundle, columns, regions = bundle_in(stack_f32(BUNDLE_FLOATS)), picture.layout.columns, cells.shape[1]
+    for group in items(ticket):
+        first, end = np.int64(groups[group]), np.int64(groups[group + 1])
+        pairs = MultiQuery(ptr(rows), ptr(counts), ptr(keys), ptr(met), first, end, threshold)
+        span, set_ = spans[tiles[first]], np.int64(sets[first])
+        for j in range(regions_in(span)):
+            region = region_in(span, j, columns)
+            place = ptr_at(ptr(cells), (set_ * regions + region) * WORDS)
+            if _ask_region(source, picture, region, set_, place, ptr(lines), pairs, blind, bundle):
+                break
+
+
+def ask(rays: ScreenRays, lines, pairs: Pairs, threshold: int, blind: bool, threads: int) -> Answers:
+    """Answer the queries of n pairs of a tile and a row of `lines`.
+
+    threshold : counting ends beyond it
+    blind : also count rays that are blocked
+    """
+    n = len(pairs.tile)
+    counts, keys = np.zeros(n, np.int32), np.ones(n, np.float32)
+    if n == 0:
+        return Answers(counts, keys, 0)
+    group = pairs.set.astype(np.int64) * len(rays.tiles.spans) + pairs.tile
+    order = np.argsort(group, kind="stable")
+    ordered = group[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1], [True]])).astype(np.int32)
+    found, near, met = np.zeros(n, np.int32), np.ones(n, np.float32), np.zeros(n, np.int32)
+    tile, set_, row = (np.ascontiguousarray(a[order], np.int32) for a in pairs)
+    arrays = starts, tile, set_, rays.tiles.spans, rays.source, rays.picture, rays.cells, lines, row
+    run(_ask, threads, new_ticket(len(starts) - 1, 1), *arrays, threshold, blind, found, near, met)
+    counts[order], keys[order] = found, near
+    return Answers(counts, keys, len(starts) - 1)

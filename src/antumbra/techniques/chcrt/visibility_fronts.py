@@ -1,0 +1,297 @@
+"""The query-pair hierarchy and its visible and invisible fronts, and one frame of CHC+RT (Algorithm 1).
+
+[Mattausch et al. 2015, Sec. 5.1]. A query pair is a screen tile and a node.
+
+Fronts. Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped.
+Inner pairs record the splits, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
+
+Each ray set has its own hierarchy. All rays to a light form one set. Each direction of ambient occlusion or of diffuse
+rays forms a set (Sec. 5.3). All hierarchies share the same arrays, because their queries are asked together.
+"""
+
+from collections.abc import Callable
+from contextlib import closing
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from ..tracer_options import ChcRtOptions
+from .occlusion_queries import Answers, Pairs, Tiles
+from .tree_parts import TreeParts, in_lists
+
+# --- The query-pair hierarchy: pairs of a screen tile and a node, and which pairs were visible ------------------------
+#
+# Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped. Inner
+# pairs record the splits, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
+#
+# Each ray set has its own hierarchy. All rays to a light form one set. Each direction of ambient occlusion or of
+# diffuse rays forms a set (Sec. 5.3). All hierarchies share the same arrays, because their queries are asked together.
+
+
+INNER, INVISIBLE, VISIBLE = range(3)
+
+
+class Fronts:
+    """The pairs of all sets, n of them, as arrays.
+
+    tile, set, row : (n,) int32
+        A tile of `Tiles`, a ray set, a row of `Parts`.
+    parent : (n,) int32
+        The pair that was split; -1 for the first of each set.
+    state : (n,) int8
+        INNER, INVISIBLE or VISIBLE.
+    due : (n,) int64
+        The frame in which a visible pair is queried again.
+    key : (n,) float32
+        The parameter at which rays last entered its box.
+    """
+
+    def __init__(self, tiles: Tiles, parts: TreeParts, sets: int, options: ChcRtOptions):
+        self.tiles, self.parts, self.sets, self.options = tiles, parts, sets, options
+        self.frame = 0
+        self._random = np.random.default_rng(0)
+        self._restart()
+
+    def _restart(self) -> None:
+        """Forget all pairs but the first of each set: the whole screen and the whole scene."""
+        sets = self.sets
+        self.tile = np.full(sets, len(self.tiles.spans) - 1, np.int32)
+        self.set = np.arange(sets, dtype=np.int32)
+        self.row = np.zeros(sets, np.int32)
+        self.parent = np.full(sets, -1, np.int32)
+        self.state = np.full(sets, INVISIBLE, np.int8)
+        self.due = np.zeros(sets, np.int64)
+        self.key = np.zeros(sets, np.float32)
+
+    def __len__(self) -> int:
+        return len(self.tile)
+
+    def begin_frame(self) -> None:
+        """Keep the pairs of the frame before, if the options say so (Sec. 4.5)."""
+        if not self.options.keep:
+            self._restart()
+
+    def pairs(self, chosen: np.ndarray) -> Pairs:
+        """Some of the pairs, by their indices."""
+        return Pairs(self.tile[chosen], self.set[chosen], self.row[chosen])
+
+    def of(self, state: int) -> np.ndarray:
+        """(k,) int64: the pairs in a state."""
+        return np.flatnonzero(self.state == state)
+
+    def is_final(self, pairs: np.ndarray) -> np.ndarray:
+        """(k,) bool: which pairs are final. A final pair is never split: a smallest tile and a part."""
+        return (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+
+    def split(self, pairs: np.ndarray) -> np.ndarray:
+        """Split pairs that are not final. Return their children, which are queried next.
+
+        A pair is split in object space if the node's share of the scene is larger than t_q times the tile's share of
+        the screen. Otherwise it is split in screen space (Sec. 4.4).
+        """
+        tile, row = self.tile[pairs], self.row[pairs]
+        smallest, part = tile < self.tiles.smallest, row >= self.parts.inner
+        larger = self.parts.share[row] > self.options.weight * self.tiles.share[tile]
+        in_object = ~part & (larger | smallest)
+        nodes = np.pad(self.parts.children[row], ((0, 0), (0, 2)), constant_values=-1)
+        tile2 = np.where(in_object[:, None], tile[:, None], self.tiles.children[tile])
+        row2 = np.where(in_object[:, None], nodes, row[:, None])
+        there = (tile2 >= 0) & (row2 >= 0)
+        self.state[pairs] = INNER
+        return self._add(tile2[there], row2[there], np.repeat(pairs, there.sum(1)))
+
+    def _add(self, tile, row, parent) -> np.ndarray:
+        first, n = len(self), len(tile)
+        self.tile, self.row = np.append(self.tile, tile), np.append(self.row, row)
+        self.set = np.append(self.set, self.set[parent])
+        self.parent = np.append(self.parent, parent.astype(np.int32))
+        self.state = np.append(self.state, np.full(n, INVISIBLE, np.int8))
+        self.due = np.append(self.due, np.zeros(n, np.int64))
+        self.key = np.append(self.key, np.ones(n, np.float32))
+        return np.arange(first, first + n)
+
+    def show(self, pairs: np.ndarray) -> None:
+        """Make pairs visible. Their first queries are spread at random over the next frames (Sec. 5.1)."""
+        self.state[pairs] = VISIBLE
+        self.due[pairs] = self.frame + self._random.integers(1, self.options.every + 1, len(pairs))
+
+    def end_frame(self) -> None:
+        """Pull invisibility up by at most one level (Sec. 5.1). Forget the children of pairs that became invisible."""
+        self.frame += 1
+        if self.options.pull_up:
+            self._pull_up()
+
+    def _pull_up(self) -> None:
+        n = len(self)
+        has_parent = self.parent >= 0
+        children = np.bincount(self.parent[has_parent], minlength=n)
+        hidden = np.bincount(self.parent[has_parent & (self.state == INVISIBLE)], minlength=n)
+        pulled = (children > 0) & (children == hidden)
+        if not pulled.any():
+            return
+        self.state[pulled] = INVISIBLE
+        kept = ~(has_parent & pulled[self.parent])
+        new = np.cumsum(kept, dtype=np.int32) - 1
+        self.parent = np.where(has_parent, new[self.parent], -1)[kept].astype(np.int32)
+        self.tile, self.set, self.row = self.tile[kept], self.set[kept], self.row[kept]
+        self.state, self.due, self.key = self.state[kept], self.due[kept], self.key[kept]
+
+
+# --- One frame of CHC+RT: the three phases of Algorithm 1 [Mattausch et al. 2015, Sec. 5.1] ---------------------------
+
+
+_FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches double up to `Options.batch`
+
+
+class FrameRaySet(Protocol):
+    """The rays of a picture, as the schedule sees them: one ray set, or several."""
+
+    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        """Answer occlusion queries for pairs; `again`: the pairs have just been traced.
+
+        A part that blocks a ray must stay visible for the next frame. So queries of traced pairs count blocked rays,
+        too.
+        """
+        ...
+
+    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+        """Trace the rays of final pairs, and update what the queries know of them; `keys`: see `Answers`."""
+        ...
+
+    def marker(self) -> Callable | None:
+        """The function that marks the hits so far: see `store.residency.Mark`. None: their triangles are not wanted."""
+        ...
+
+
+Progress = Callable[[int, int], None]
+
+
+class Statistics:
+    """The times and counts of a frame, by the phases of Fig. 8.
+
+    progress : function of (done, total) or None
+        It receives the number of parts traced, and the number of parts requested from the part memory.
+    """
+
+    def __init__(self, progress: Progress | None = None):
+        self.progress = progress
+        self.seconds = dict.fromkeys(("phase 1", "phase 2", "phase 3"), 0.0)
+        self.queries = self.multi_queries = self.traced = 0
+        self._last = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        now = perf_counter()
+        self.seconds[phase] += now - self._last
+        self._last = now
+
+    def as_dict(self, fronts: Fronts) -> dict:
+        """The statistics as a dict, for people and benchmarks."""
+        visible = int(np.count_nonzero(fronts.state == VISIBLE))
+        hidden = int(np.count_nonzero(fronts.state == INVISIBLE))
+        return {
+            **self.seconds, "queries": self.queries, "multi_queries": self.multi_queries, "traced pairs": self.traced,
+            "visible": visible, "invisible": hidden, "pairs": len(fronts),
+        }  # fmt: skip
+
+
+def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: Progress | None = None) -> Statistics:
+    """Trace the rays of a frame, and store the visible pairs in `fronts` for the next frame."""
+    fronts.begin_frame()
+    statistics = Statistics(progress)
+    shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
+    _trace(fronts, rays, shown, statistics)
+    statistics.lap("phase 1")
+    due = shown[fronts.due[shown] <= fronts.frame]
+    seen, still = _ask(fronts, rays, hidden, statistics), _ask(fronts, rays, due, statistics, True)
+    fronts.due[due] += fronts.options.every
+    fronts.state[due[~still]] = INVISIBLE
+    statistics.lap("phase 2")
+    _traverse(fronts, rays, hidden[seen], statistics)
+    fronts.end_frame()
+    statistics.lap("phase 3")
+    return statistics
+
+
+def _ask(
+    fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics, again: bool = False
+) -> np.ndarray:
+    """Query pairs. Return (k,) bool: which pairs have more rays than the threshold."""
+    answers = rays.ask(fronts.pairs(pairs), fronts.options.threshold, again)
+    fronts.key[pairs] = answers.keys
+    statistics.queries += len(pairs)
+    statistics.multi_queries += answers.groups
+    return answers.counts > fronts.options.threshold
+
+
+def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics) -> np.ndarray:
+    """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
+
+    The other parts follow nearest first, each once for all its pairs. A pair is left out if all its rays find a hit
+    before its part is read.
+    """
+    memory = fronts.parts.memory
+    if memory is None or not len(pairs):
+        statistics.traced += len(pairs)
+        rays.trace(fronts.pairs(pairs), fronts.key[pairs])
+        return pairs
+    parts = fronts.row[pairs] - fronts.parts.inner
+
+    def still(asked: np.ndarray) -> np.ndarray:
+        """Which parts do unblocked rays still meet? Called before the parts are read."""
+        those = pairs[np.isin(parts, asked)]
+        threshold = fronts.options.threshold
+        met = those[rays.ask(fronts.pairs(those), threshold, False).counts > threshold]
+        return np.isin(asked, fronts.row[met] - fronts.parts.inner)
+
+    wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
+    with closing(memory.groups(wanted, still, rays.marker())) as groups:
+        for group in groups:
+            traced.append(pairs[np.isin(parts, group)])
+            statistics.traced += len(traced[-1])
+            rays.trace(fronts.pairs(traced[-1]), fronts.key[traced[-1]])
+            done += len(group)
+            if statistics.progress is not None:
+                statistics.progress(done, len(wanted))
+    return np.concatenate(traced)
+
+
+def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
+    """The parts without repetition, in the order of their least keys."""
+    order = np.argsort(keys, kind="stable")
+    _, first = np.unique(parts[order], return_index=True)
+    return parts[order][np.sort(first)]
+
+
+def _traverse(fronts: Fronts, rays: FrameRaySet, seen: np.ndarray, statistics: Statistics) -> None:
+    """Phase 3: split newly visible pairs down to final pairs, and trace the final pairs.
+
+    In core this goes batch by batch. A batch has the nearest parts of each tile. The parts behind them are queried
+    again before they are traced. Out of core, the part memory does both.
+    """
+    waiting = [seen[:0]]
+    while len(seen):
+        final = fronts.is_final(seen)
+        waiting.append(seen[final])
+        children = fronts.split(seen[~final])
+        seen = children[_ask(fronts, rays, children, statistics)]
+    pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
+    if fronts.parts.memory is not None:
+        fronts.show(_trace(fronts, rays, pairs, statistics))
+        return
+    while len(pairs):
+        nearest = _rank(fronts, pairs) < batch
+        now, pairs = pairs[nearest], pairs[~nearest]
+        fronts.show(now)
+        _trace(fronts, rays, now, statistics)
+        pairs, batch = pairs[_ask(fronts, rays, pairs, statistics)], min(2 * batch, fronts.options.batch)
+
+
+def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
+    """(k,) int: the number of nearer pairs of the same tile and set."""
+    number, order = in_lists(fronts.pairs(pairs), fronts.key[pairs], fronts.sets)
+    ordered = number[order]
+    starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order
+    rank = np.empty(len(pairs), np.int64)
+    rank[order] = np.arange(len(pairs)) - np.repeat(starts, np.diff(np.append(starts, len(pairs))))
+    return rank

@@ -1,0 +1,546 @@
+"""Box nodes: boxes in the beam's projection, tighter and cheaper than the paper's cones.
+
+Rows in float32. The planes are those of `shadow_planes` in float32, with margins for the rounding error. Let u = 2^-24
+and let the apex A be exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. A normal n =
+a x e has errors of at most 8 u |a| |e| (largest components) in each component. Evaluate n_u u + n_v v + n_w with |u|,
+|v| up to 1, each off by at most 3 u. The sum is off by at most 54 u |a| |e|. The margin is 64 u, with the largest edge
+and corner.
+
+The volume d = N . a is off by less than 100 u |e1| |e2| |a|. It decides the light's side only if it exceeds 128 u of
+this product. If a product could overflow or may have underflowed, all planes are unknown.
+
+Boxes. On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth gives its end. Planes stay
+planes: n . x + m = depth (n_u u + n_v v + n_w + m q). A plane is tested at the box corner farthest along its normal,
+with three products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square section. For a distant
+light, it is a box along the light's direction.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.simd import (
+    absolute,
+    as_i32,
+    bits,
+    fma,
+    gather,
+    get,
+    load16,
+    mask_from_bits16,
+    maximum,
+    minimum,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+    splat16,
+    store,
+)
+from ...kernels.vec import Vec, cross, dot, largest, minus, times
+from . import ray_tree as names
+from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
+from .ray_leaves import block_of, origins_in
+from .shadow_planes import (
+    COVERS,
+    INNER,
+    LANES,
+    OUTER,
+    TRIANGLE,
+    nothing,
+    number,
+    number16,
+    put_number,
+    put_whole,
+    sphere_of,
+    whole,
+)
+
+# --- Triangle rows for the tests of `boxes`, one triangle at a time, in float64, for every kind of beam ---------------
+
+
+BOX, CORNERS = 32, 38
+"""Positions in a row: the box of the triangle's shadow, and the farthest box corners along its outer planes."""
+
+_E = np.float64(2.0**-19)  # exceeds the rounding error of planes, boxes and their products, for sums up to 1
+_FAR = np.float64(2.0**-12)  # _FAR _E exceeds the relative rounding error of planes far from their corners
+_TINY = np.float64(1e-30)  # exceeds the rounding error near the smallest float32 numbers
+_INFINITE = np.float64(np.inf)
+_SLANT = np.float64(1e-6)  # exceeds how far a receiver can lie beyond its face's edges, relative to its distance
+
+
+@inlined
+def _least(a, b):
+    return a if a < b else b
+
+
+@inlined
+def _most(a, b):
+    return a if a > b else b
+
+
+@inlined
+def lower(a, b):
+    """The lower of two points on each axis."""
+    return _least(a[0], b[0]), _least(a[1], b[1]), _least(a[2], b[2])
+
+
+@inlined
+def upper(a, b):
+    """The higher of two points on each axis."""
+    return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
+
+
+@inlined
+def _put_plane(row, at, plane, view, face, scale, sign):
+    """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
+    size = abs(plane.x) + abs(plane.y) + abs(plane.z)
+    s = 1.0 / size if size > 0.0 else np.float64(0.0)
+    x, y, z, m = plane.x * s, plane.y * s, plane.z * s, plane.m * s
+    if view.kind == PERSPECTIVE:
+        a, b, c = turned((x, y, z), face)
+        d = m + sign * _E * abs(m)
+        c += sign * _E if s > 0.0 else np.float64(0.0)
+    else:
+        a, b, d = x, y, z
+        c = m + sign * (_E * (abs(m) + scale) + _TINY) if s > 0.0 else np.float64(0.0)
+    put_number(row, at, a)
+    put_number(row, at + 1, b)
+    put_number(row, at + 2, c)
+    put_number(row, at + 3, d)
+
+
+@inlined
+def _corner(row, at, plane, ways):
+    """Write which numbers of a node are the box corner farthest along a plane's normal."""
+    put_whole(row, at, (1 if number(row, plane) > 0 else 0) * ways)
+    put_whole(row, at + 1, (3 if number(row, plane + 1) > 0 else 2) * ways)
+    put_whole(row, at + 2, (5 if number(row, plane + 3) > 0 else 4) * ways)
+
+
+@inlined
+def _shadow(x, z, r, low, high):
+    """Extend (low, high) by a corner's shadow: by all (x - k y) / (z - k w) with |y|, |w| <= r and k <= 1."""
+    near, far = 1.0 / (z - r), 1.0 / (z + r)
+    low = _least(low, (x - r) * (near if x - r < 0.0 else far))
+    return low, _most(high, (x + r) * (near if x + r > 0.0 else far))
+
+
+@inlined
+def _misses_face(corners, r):
+    """Is a triangle beyond one of the planes that bound a face, or behind the apex? Corners are (u, v, depth)."""
+    a, b, c, d, behind = True, True, True, True, True
+    for u, v, z in corners:
+        far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
+        a, b, c, d = a and z - u < far, b and z + u < far, c and z - v < far, d and z + v < far
+        behind = behind and z < far
+    return a or b or c or d or behind
+
+
+@inlined
+def _perspective_box(view, face, corners):
+    """(lower, upper, exists): the box in (u, v, q) of the triangle's shadow on a face, if there is one."""
+    inf, r = _INFINITE, view.radius
+    corners = turned(corners[0], face), turned(corners[1], face), turned(corners[2], face)
+    if _misses_face(corners, r):
+        return (inf, inf, inf), (-inf, -inf, -inf), False
+    nearest = _least(_least(corners[0][2], corners[1][2]), corners[2][2])
+    if not nearest > r * 1.000001 + 1e-30:
+        return (-inf, -inf, -inf), (inf, inf, inf), True
+    u0, u1, v0, v1 = inf, -inf, inf, -inf
+    for u, v, z in corners:
+        u0, u1 = _shadow(u, z, r, u0, u1)
+        v0, v1 = _shadow(v, z, r, v0, v1)
+    return (u0, v0, -inf), (u1, v1, 1.0 / (nearest - r)), True
+
+
+@inlined
+def _parallel_box(view, low, high):
+    """(lower, upper): the box of the shadow for PARALLEL and AROUND beams, from the blocker's box."""
+    if view.kind == AROUND:
+        r = view.radius
+        return (low[0] - r, low[1] - r, low[2] - r), (high[0] + r, high[1] + r, high[2] + r)
+    if not view.radius < 0.999:
+        return (-_INFINITE, -_INFINITE, -_INFINITE), (_INFINITE, _INFINITE, high[2])
+    r = view.radius / np.sqrt(1.0 - view.radius * view.radius) * _most(high[2] - view.lowest, 0.0) * 1.000001
+    return (low[0] - r, low[1] - r, -_INFINITE), (high[0] + r, high[1] + r, high[2])
+
+
+@inlined
+def _size(v):
+    return abs(v[0]) + abs(v[1]) + abs(v[2])
+
+
+@inlined
+def _put_bounds(row, low, high, scale):
+    for k in range(3):
+        put_number(row, BOX + 2 * k, low[k] - (_E * (abs(low[k]) + scale) + _TINY))
+        put_number(row, BOX + 2 * k + 1, high[k] + (_E * (abs(high[k]) + scale) + _TINY))
+
+
+@kernel
+def write_box_row(view, face, ways, shape, spheres, row):
+    """Write the row of a triangle's `Shape` for a face; False if its shadow misses the face."""
+    low, high = lower(lower(shape.a, shape.b), shape.c), upper(upper(shape.a, shape.b), shape.c)
+    if spheres:  # only the sphere's box, no planes
+        centre, r = sphere_of(shape)
+        low, high = (centre[0] - r, centre[1] - r, centre[2] - r), (centre[0] + r, centre[1] + r, centre[2] + r)
+    scale = np.float64(1.0)
+    if view.kind == PERSPECTIVE:
+        low, high, there = _perspective_box(view, face, (shape.a, shape.b, shape.c))
+        if not there:
+            return False
+    else:
+        scale = view.scale + _FAR * _most(_size(low), _size(high))
+        low, high = _parallel_box(view, low, high)
+    for k in range(4):
+        outer = nothing() if spheres else shape.outer[k]
+        _put_plane(row, OUTER + 4 * k, outer, view, face, scale, np.float64(1.0))
+        _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, scale, np.float64(-1.0))
+        _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
+    _put_bounds(row, low, high, scale)
+    put_whole(row, COVERS, 1 if shape.covers else 0)
+    return True
+
+
+# --- Triangle rows for the tests of `boxes`, 16 triangles at once, for beams that end in one point --------------------
+#
+# The planes are those of `planes` in float32, with margins for the rounding error. Let u = 2^-24 and let the apex A be
+# exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. A normal n = a x e has errors
+# of at most 8 u |a| |e| (largest components) in each component. Evaluate n_u u + n_v v + n_w with |u|, |v| up to 1,
+# each off by at most 3 u. The sum is off by at most 54 u |a| |e|. The margin is 64 u, with the largest edge and
+# corner.
+#
+# The volume d = N . a is off by less than 100 u |e1| |e2| |a|. It decides the light's side only if it exceeds 128 u of
+# this product. If a product could overflow or may have underflowed, all planes are unknown.
+
+
+_F = np.float32
+_MARGIN = _F(64 * 2.0**-24)
+_SIDE = _F(128 * 2.0**-24)
+_POINT_ERROR = _F(2.0**-20)
+_POINT_SLANT = _F(1e-6)
+_INF = _F(np.inf)
+_FLOOR = _F(1e-30)  # smaller volumes may have underflowed
+_POINT_HUGE = _F(1e37)  # smaller numbers have not overflowed
+_LARGE = _F(2.0**40)  # products of three smaller lengths cannot overflow
+
+
+@inlined
+def _point_corner(corners, at, k, view):
+    """(corner k of 16 triangles, the same relative to the apex); at: i32x16, positions of their first numbers."""
+    at = at + np.int32(3 * k)
+    v = Vec(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
+    return v, relative16(view, v)
+
+
+@inlined
+def _put(rows, k, v):
+    store(rows, LANES * k, v)
+
+
+@inlined
+def _put_point_plane(rows, k, n, c, d):
+    """Write plane k of 16 triangles."""
+    _put(rows, k, n[0])
+    _put(rows, k + 1, n[1])
+    _put(rows, k + 2, c)
+    _put(rows, k + 3, d)
+
+
+@inlined
+def _put_planes(rows, k, normal, face, margin, d, more, ways):
+    """Write outer plane k with d, inner plane k with d + more, and the positions of the farthest corners."""
+    n = turned((normal.x, normal.y, normal.z), face)
+    _put_point_plane(rows, OUTER + 4 * k, n, n[2] + margin, d)
+    _put_point_plane(rows, INNER + 4 * k, n, n[2] - margin, d + more)
+    zero, whole, none, step = _F(0.0), as_i32(rows), splat16(np.int32(0)), np.int32(ways)
+    _put(whole, CORNERS + 3 * k, select(n[0] > zero, none + step, none))
+    _put(whole, CORNERS + 3 * k + 1, select(n[1] > zero, none + 3 * step, none + 2 * step))
+    _put(whole, CORNERS + 3 * k + 2, select(d > zero, none + 5 * step, none + 4 * step))
+
+
+@inlined
+def _beyond(z, x, far):
+    """mask16: are all three corners beyond the plane depth = x? z, x, far: one per corner; far: the error margin."""
+    return (z[0] - x[0] < far[0]) & (z[1] - x[1] < far[1]) & (z[2] - x[2] < far[2])
+
+
+@inlined
+def _minus(x):
+    return -x[0], -x[1], -x[2]
+
+
+@inlined
+def _far(v):
+    """f32x16: the error margin by which a corner must lie beyond a plane through the apex."""
+    return (absolute(v.x) + absolute(v.y) + absolute(v.z)) * -_POINT_SLANT
+
+
+@inlined
+def _range(x, s, near):
+    """(lowest, highest) of the corners' coordinates times s, their inverse depths; unbounded where not `near`."""
+    a, b, c = x[0] * s[0], x[1] * s[1], x[2] * s[2]
+    low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
+    low, high = low - (absolute(low) + _F(1.0)) * _POINT_ERROR, high + (absolute(high) + _F(1.0)) * _POINT_ERROR
+    return select(near, low, -_INF), select(near, high, _INF)
+
+
+@inlined
+def _put_point_box(rows, u, v, z, reach):
+    """Write the boxes of the shadows of 16 triangles from their corners' coordinates, none larger than `reach`."""
+    near, one = (minimum(minimum(z[0], z[1]), z[2]) > _FLOOR) & (reach < _POINT_HUGE), _F(1.0)
+    s = one / select(near, z[0], one), one / select(near, z[1], one), one / select(near, z[2], one)
+    u, v, q = _range(u, s, near), _range(v, s, near), maximum(maximum(s[0], s[1]), s[2])
+    _put(rows, BOX, u[0])
+    _put(rows, BOX + 1, u[1])
+    _put(rows, BOX + 2, v[0])
+    _put(rows, BOX + 3, v[1])
+    _put(rows, BOX + 4, splat16(-_INF))
+    _put(rows, BOX + 5, select(near, q + q * _POINT_ERROR, _INF))
+
+
+@inlined
+def _turned(a, face):
+    return turned((a.x, a.y, a.z), face)
+
+
+@kernel
+def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows, step, found):
+    """Write the rows of 16 triangles for each face; write bits of the triangles whose shadow may meet it to `found`.
+
+    faces : pointer to int64, the faces
+    rows : pointer to the rows of the first face; the rows of the next face follow `step` numbers later
+    slots : pointer to int32, indices of the triangles in `corners`, a pointer to float32
+    lanes : bits of the lanes that have a triangle
+    """
+    at, one = load16(slots, 0), _F(1.0)
+    (v0, a), (v1, b) = _point_corner(corners, at * 9, 0, view), _point_corner(corners, at * 9, 1, view)
+    v2, c = _point_corner(corners, at * 9, 2, view)
+    unit = _F(view.unit)
+    e, f, g = times(minus(v1, v0), unit), times(minus(v2, v1), unit), times(minus(v0, v2), unit)
+    n, le, lf, lg = cross(e, f), largest(e), largest(f), largest(g)
+    size, reach = maximum(maximum(le, lf), lg), maximum(maximum(largest(a), largest(b)), largest(c))
+    volume, square = dot(n, a), size * size
+    slack = square * reach * _SIDE + _FLOOR
+    known = (absolute(volume) > slack) & (size < _LARGE) & (reach < _LARGE)
+    sign = select(known, select(volume > _F(0.0), splat16(one), splat16(-one)), _F(0.0))
+    facing = -sign  # the sign of d . n
+    covers = known
+    if how.facing != 0:
+        covers = known & (facing == _F(-how.facing))
+        if how.backface:
+            lanes &= ~bits(known & (facing == _F(how.facing)))
+    n, ab, bc, ca = times(n, sign), times(cross(a, e), sign), times(cross(b, f), sign), times(cross(c, g), sign)
+    near, far = (
+        (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign),
+        (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0),
+    )
+    none, wide = splat16(_F(0.0)), reach * _MARGIN
+    slants = _far(a), _far(b), _far(c)
+    for part in range(parts):
+        face = get(faces, part)
+        p, q, r = _turned(a, face), _turned(b, face), _turned(c, face)
+        u, v, z = (p[0], q[0], r[0]), (p[1], q[1], r[1]), (p[2], q[2], r[2])
+        gone = _beyond(z, u, slants) | _beyond(z, _minus(u), slants) | _beyond(z, v, slants)
+        gone = gone | _beyond(z, _minus(v), slants) | _beyond(z, (none, none, none), slants)
+        there = lanes & ~bits(gone)
+        put(found, part, there)
+        if there == 0:
+            continue
+        block = ptr_at(rows, part * step)
+        _put_planes(block, 0, ab, face, wide * le, none, none, ways)
+        _put_planes(block, 1, bc, face, wide * lf, none, none, ways)
+        _put_planes(block, 2, ca, face, wide * lg, none, none, ways)
+        _put_planes(block, 3, n, face, square * _MARGIN, near, far, ways)
+        _put_point_box(block, u, v, z, reach)
+        _put(as_i32(block), TRIANGLE, at)
+        _put(as_i32(block), COVERS, select(covers, splat16(np.int32(1)), splat16(np.int32(0))))
+
+
+# --- Nodes as boxes in the beam's projection: tighter and cheaper than the paper's cones ------------------------------
+#
+# On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth gives its end. Planes stay planes:
+# n . x + m = depth (n_u u + n_v v + n_w + m q). A plane is tested at the box corner farthest along its normal, with
+# three products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square section. For a distant
+# light, it is a box along the light's direction.
+
+
+ROWS = 6  # numbers per node: the lowest and highest u, v and q
+_HUGE = np.float32(1e30)
+
+
+class Boxes(NamedTuple):
+    """Nodes of a hierarchy; see `nodes`."""
+
+    rows: int = ROWS  # float32 per node
+
+
+@kernel
+def _union_of_boxes(block, lanes, union):
+    """Write the box around the shadow boxes of some of 16 triangles."""
+    mask, inf = mask_from_bits16(lanes), _F(np.inf)
+    for k in range(0, 6, 2):
+        put(union, k, reduce_min(select(mask, load16(block, LANES * (BOX + k)), inf)))
+        put(union, k + 1, reduce_max(select(mask, load16(block, LANES * (BOX + k + 1)), -inf)))
+    return True
+
+
+@inlined
+def _meet_box(group, union, ways):
+    """Bits of the nodes that a box meets."""
+    found = mask_from_bits16(0xFFFF)
+    for k in range(0, 6, 2):
+        found = found & (load16(group, k * ways) <= get(union, k + 1))
+        found = found & (load16(group, (k + 1) * ways) >= get(union, k))
+    return bits(found)
+
+
+@overload(names.union_of)
+def _union_of(nodes, block, lanes, union):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, block, lanes, union: _union_of_boxes(block, lanes, union)
+
+
+@overload(names.meet_union)
+def _meet_union(nodes, group, union, ways):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, group, union, ways: _meet_box(group, union, ways)
+
+
+@inlined
+def _put_box(group, ways, lane, low, high):
+    for k in range(3):
+        put(group, 2 * k * ways + lane, low[k])
+        put(group, (2 * k + 1) * ways + lane, high[k])
+
+
+@kernel
+def _box_of_leaf(view, face, leaves, leaf, group, lane):
+    """Write the box around the receivers of a leaf; empty lanes are ignored."""
+    ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
+    if lanes == 0:
+        return False
+    there = mask_from_bits16(lanes)
+    u, v, q = projected16(view, origins_in(leaves, block_of(leaves, leaf)), face)
+    everywhere = mask_from_bits16(0)
+    if view.kind == PERSPECTIVE:
+        everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex: unbounded
+    _put_range(group, 0, ways, lane, there, u, everywhere)
+    _put_range(group, 2, ways, lane, there, v, everywhere)
+    _put_range(group, 4, ways, lane, there, q, everywhere)
+    return True
+
+
+@inlined
+def _put_range(group, k, ways, lane, there, x, everywhere):
+    """Write the lowest and highest x of some lanes as numbers k and k + 1 of a node.
+
+    The range is unbounded if `everywhere` has a lane.
+    """
+    inf = _F(np.inf)
+    put(group, k * ways + lane, reduce_min(select(everywhere, -inf, select(there, x, inf))))
+    put(group, (k + 1) * ways + lane, reduce_max(select(everywhere, inf, select(there, x, -inf))))
+
+
+@kernel
+def _box_of_nodes(children, alive, ways, group, lane):
+    """Write the box around a group."""
+    inf = _F(np.inf)
+    low, high = (inf, inf, inf), (-inf, -inf, -inf)
+    for i in range(ways):
+        if alive >> i & 1:
+            low = lower(low, (get(children, i), get(children, 2 * ways + i), get(children, 4 * ways + i)))
+            high = upper(high, (get(children, ways + i), get(children, 3 * ways + i), get(children, 5 * ways + i)))
+    _put_box(group, ways, lane, low, high)
+
+
+@overload(names.bound_leaf)
+def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, view, face, leaves, leaf, group, lane: _box_of_leaf(view, face, leaves, leaf, group, lane)
+
+
+@overload(names.bound_node)
+def _bound_node(nodes, children, alive, ways, group, lane):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, children, alive, ways, group, lane: _box_of_nodes(children, alive, ways, group, lane)
+
+
+@inlined
+def _height(row, at, u, v, q):
+    """f32x16: the value of the plane at position `at` of a row for the points (u, v, q)."""
+    f = fma(u, number16(row, at), number16(row, at + 2))
+    return fma(q, number16(row, at + 3), fma(v, number16(row, at + 1), f))
+
+
+@inlined
+def _not_outside(group, row, at, corner):
+    """mask16 of the nodes whose farthest corner is not on the negative side of an outer plane."""
+    u, v = load16(group, whole(row, corner)), load16(group, whole(row, corner + 1))
+    q = load16(group, whole(row, corner + 2))
+    return ~(_height(row, at, u, v, q) < _F(0.0))
+
+
+@inlined
+def _overlaps(group, row, ways):
+    """mask16 of the nodes that overlap the box of the triangle's shadow."""
+    u = (load16(group, 0) <= number16(row, BOX + 1)) & (load16(group, ways) >= number16(row, BOX))
+    v = (load16(group, 2 * ways) <= number16(row, BOX + 3)) & (load16(group, 3 * ways) >= number16(row, BOX + 2))
+    q = (load16(group, 4 * ways) <= number16(row, BOX + 5)) & (load16(group, 5 * ways) >= number16(row, BOX + 4))
+    return u & v & q
+
+
+@inlined
+def _possible_boxes(group, row, ways, alive):
+    found = bits(_overlaps(group, row, ways)) & alive
+    if found == 0:
+        return found
+    own = _not_outside(group, row, OUTER + 12, CORNERS + 9)
+    ab, bc = _not_outside(group, row, OUTER, CORNERS), _not_outside(group, row, OUTER + 4, CORNERS + 3)
+    return found & bits(own & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))
+
+
+@inlined
+def _inside(group, row, at, ways):
+    """mask16 of the nodes whose nearest corner is on the positive side of an inner plane."""
+    u = load16(group, (0 if number(row, at) > 0 else 1) * ways)
+    v = load16(group, (2 if number(row, at + 1) > 0 else 3) * ways)
+    q = load16(group, (4 if number(row, at + 3) > 0 else 5) * ways)
+    return _height(row, at, u, v, q) > _F(0.0)
+
+
+@inlined
+def _covered_boxes(group, row, ways, among):
+    u = (load16(group, 0) >= number16(row, BOX)) & (load16(group, ways) <= number16(row, BOX + 1))
+    v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
+    if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
+        return np.int64(0)
+    found = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
+    return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among
+
+
+@overload(names.write_row)
+def _write_row(nodes, view, face, ways, shape, spheres, row):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, view, face, ways, shape, spheres, row: write_box_row(view, face, ways, shape, spheres, row)
+
+
+@overload(names.writes_sixteen)
+def _writes_sixteen(nodes):
+    if nodes.instance_class is Boxes:
+        return lambda nodes: True
+
+
+@overload(names.possible)
+def _possible(nodes, group, row, ways, alive, spheres):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, group, row, ways, alive, spheres: _possible_boxes(group, row, ways, alive)
+
+
+@overload(names.covered)
+def _covered(nodes, group, row, ways, among):
+    if nodes.instance_class is Boxes:
+        return lambda nodes, group, row, ways, among: _covered_boxes(group, row, ways, among)

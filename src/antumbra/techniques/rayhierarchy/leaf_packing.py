@@ -1,0 +1,375 @@
+"""Pack receivers into leaves: in any order, by blocks of 4 x 4 pixels, or for lights too wide for one apex.
+
+Blocks of pixels. Neighbours on the screen are nearly always neighbours on a surface. So most blocks make leaves as
+tight as sorting each ray does, with a sixteenth of the keys to sort. Blocks that see several surfaces are cut into
+groups: first by face of the cube around the apex, then at gaps. A gap is wider than half of the rays' extent in u or v;
+a flat surface leaves gaps of a third. Each group is a leaf, so some of its lanes are empty.
+
+Wide lights. Adjacent pixels use different sample sets, sixteen in all. So a leaf has nearby receivers of one set, and
+one sample: all its segments end at nearly the same point. Leaves follow a space-filling curve over receivers and
+samples, so a node's shaft is equally narrow at both ends.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import CHUNK, items, new_ticket, run, shares
+from ...kernels.simd import bits as bits_of
+from ...kernels.simd import (
+    broadcast16,
+    gather,
+    get,
+    iota16,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    minimum,
+    ptr,
+    ptr_at,
+    put,
+    reduce_max,
+    reduce_min,
+    select,
+    splat16,
+    stack_f32,
+    stack_i32,
+    stack_i64,
+    store,
+)
+from ...trace.counters import N_COUNTERS, add_counters, cleared
+from .light_beams import (
+    PARALLEL,
+    PERSPECTIVE,
+    Beam,
+    ConeSamples,
+    active_receivers,
+    origins_of,
+    query_bits_of,
+    relative16,
+    view_of,
+)
+from .ray_leaves import PAD, Empty, LeafCut, LeafRays, block_pointers, new_blocks, rays_in
+from .receiver_order import Order, at_apex, cells_of, places_on, scale_of, sort_cells
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Leaves of receivers in any order, each with its own block, and removal of finished receivers after a traversal.
+
+
+@inlined
+def _put_lanes(p, at, ways, v, scratch):
+    """Write the lanes of a block: 4 or 16."""
+    if ways == 16:
+        store(p, at, v)
+        return
+    store(scratch, 0, v)
+    for lane in range(ways):
+        put(p, at + lane, get(scratch, lane))
+
+
+@kernel
+def _fill_block(asking, ids, lanes, blocks, block):
+    """Write a block's receivers. The set bits of `lanes` are receivers; the other lanes repeat one of them."""
+    ways, at = blocks.ways, block * blocks.ways
+    whole, floats = stack_i32(16), stack_f32(16)
+    mask, anyone = mask_from_bits16(lanes), np.int32(get(ids, lowest_bit(lanes)) if lanes != 0 else 0)
+    there = select(mask, load16(ids, 0), anyone)
+    o = origins_of(asking, there)
+    _put_lanes(blocks.ids, at, ways, select(mask, there, np.int32(-1)), whole)
+    _put_lanes(blocks.own, at, ways, gather(asking.query.faces, there), whole)
+    _put_lanes(blocks.origins, 3 * at, ways, o.x, floats)
+    _put_lanes(blocks.origins, 3 * at + ways, ways, o.y, floats)
+    _put_lanes(blocks.origins, 3 * at + 2 * ways, ways, o.z, floats)
+
+
+@kernel
+def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
+    """Worker: fill blocks with consecutive receivers of the order; starts: each face's first block."""
+    asking, part, places = query_bits_of(query, bits), np.int64(0), stack_i32(16)
+    blocks, ways = block_pointers(arrays), np.int64(arrays.ways)
+    for block in items(ticket):
+        part = part if starts[part] <= block else np.int64(0)
+        while starts[part + 1] <= block:
+            part += 1
+        at = order.starts[part] + (block - starts[part]) * ways
+        n, ids = min(ways, order.starts[part + 1] - at), ptr_at(order.ids, at)
+        if at + 16 > len(order.ids):  # a load of 16 would read beyond the end
+            for lane in range(n):
+                put(places, lane, get(ids, lane))
+            ids = places
+        lanes = bits_of(load16(ids, 0) >= np.int32(0)) & (np.int64(1) << n) - 1
+        put(lanes_of, block, lanes)
+        _fill_block(asking, ids, lanes, blocks, block)
+
+
+def rays_of(
+    query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int, empty: Empty = np.empty
+) -> LeafRays:
+    """Make the `LeafRays` of the receivers in an order; no leaf has receivers of two faces."""
+    starts = np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
+    n = int(starts[-1])
+    blocks = new_blocks(n, ways, empty)
+    lanes = np.empty(n, np.int32)
+    run(_fill, threads, new_ticket(n, 256), query, order, starts, bits, blocks, lanes)
+    cut = LeafCut(np.arange(n, dtype=np.int32), lanes, starts, order.faces, order.placed)
+    return rays_in(query, beam, blocks, cut, bits, threads, empty)
+
+
+def left_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty = np.empty) -> LeafRays:
+    """Make the `LeafRays` of the unfinished receivers after a traversal [Olsson and Assarsson 2011, Sec. 3.4].
+
+    If leaves are `placed`, finished leaves become empty. Otherwise the unfinished receivers are packed without gaps.
+    """
+    lanes = rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1)
+    if rays.placed:
+        return rays._replace(lanes=lanes)
+    left = (lanes[:, None] >> np.arange(rays.ways) & 1).astype(bool)
+    counts = np.add.reduceat(left.sum(1), rays.starts[:-1]) if len(left) else np.zeros(0, np.int64)
+    starts = np.append(0, np.cumsum(counts)).astype(np.int64)
+    some = np.flatnonzero(counts)
+    ids = rays.ids[: left.size].reshape(left.shape)[rays.blocks]
+    order = Order(ids[left], np.append(starts[some], starts[-1]), rays.faces[some], False)
+    return rays_of(query, beam, order, rays.ways, bits, threads, empty)
+
+
+# --- Blocks of 4 x 4 pixels as leaves: sorted block by block, and cut where their rays are far apart ------------------
+#
+# Neighbours on the screen are nearly always neighbours on a surface. So most blocks make leaves as tight as sorting
+# each ray does, with a sixteenth of the keys to sort. Blocks that see several surfaces are cut into groups: first by
+# face of the cube around the apex, then at gaps. A gap is wider than half of the rays' extent in u or v; a flat
+# surface leaves gaps of a third. Each group is a leaf, so some of its lanes are empty.
+
+
+GROUPS = 8  # groups per block, at most; there are six faces
+_PART = 256  # blocks per work item
+_ROOM = _PART * GROUPS + PAD
+_INF = np.float32(np.inf)
+_HALF = np.float32(0.5)
+
+
+class FoundBlocks(NamedTuple):
+    """Groups of lanes. The groups of part i begin at i _ROOM."""
+
+    cells: np.ndarray  # (parts _ROOM,) int32: the cell of each group
+    lanes: np.ndarray  # (parts _ROOM,) int32: bits of its lanes
+    blocks: np.ndarray  # (parts _ROOM,) int32: its block
+
+
+@inlined
+def _extent(x, lanes):
+    """(lowest, highest) value of some lanes (bits)."""
+    mask = mask_from_bits16(lanes)
+    return reduce_min(select(mask, x, _INF)), reduce_max(select(mask, x, -_INF))
+
+
+@inlined
+def _beyond_gap(x, lanes, extent):
+    """Bits of the lanes beyond a gap wider than half of the extent; 0: no gap. Such a gap holds the extent's middle."""
+    beyond = bits_of(x > (extent[0] + extent[1]) * _HALF) & lanes
+    gap = _extent(x, beyond)[0] - _extent(x, lanes & ~beyond)[1]
+    return beyond if gap > (extent[1] - extent[0]) * _HALF else np.int64(0)
+
+
+@kernel
+def _cut(face, places, lanes, full, centre):
+    """Bits of the lanes to cut off a group. If there are none, write the group's centre (u, v) and return 0.
+
+    full : cut by face only
+    """
+    others = lanes & ~bits_of(load16(face, 0) == np.int32(get(face, lowest_bit(lanes))))
+    if others != 0:
+        return others
+    u, v = _extent(load16(places, 0), lanes), _extent(load16(places, 16), lanes)
+    if not full and lanes & (lanes - 1) != 0:
+        along_u = u[1] - u[0] > v[1] - v[0]
+        others = _beyond_gap(load16(places, 0 if along_u else 16), lanes, u if along_u else v)
+    if others == 0:
+        put(centre, 0, (u[0] + u[1]) * _HALF)
+        put(centre, 16, (v[0] + v[1]) * _HALF)
+    return others
+
+
+@kernel
+def _groups(face, places, lanes, groups, centres):
+    """Cut a block's lanes into groups. Write each group's bits, face and centre (u, v); return the number of groups.
+
+    face : pointer to 16 int32; places: to 32 float32, u and v; groups: to 32 int32, bits and faces
+    """
+    n, i = np.int64(lanes != 0), np.int64(0)
+    put(groups, 0, lanes)
+    while i < n:
+        group = np.int64(get(groups, i))
+        apart = _cut(face, places, group, n > GROUPS - 6, ptr_at(centres, i))
+        if apart != 0:
+            put(groups, i, group & ~apart)
+            put(groups, n, apart)
+            n += 1
+        else:
+            put(groups, 16 + i, get(face, lowest_bit(group)))
+            i += 1
+    return n
+
+
+@inlined
+def _block_ids(block, w, h, ids):
+    """Write the ids of a block's receivers; return bits of the receivers inside the image."""
+    columns = (w + 3) >> 2
+    y, x = (block // columns * 4) + (iota16() >> 2), (block % columns * 4) + (iota16() & 3)
+    store(ids, 0, minimum(y, np.int32(h - 1)) * np.int32(w) + minimum(x, np.int32(w - 1)))
+    return bits_of((x < np.int32(w)) & (y < np.int32(h)))
+
+
+@inlined
+def _keep(asking, blocks, block, ids, o, asks):
+    """Write a block's active receivers. The other lanes repeat the position of one of them."""
+    there, one, of = mask_from_bits16(asks), lowest_bit(asks) & 15, load16(ids, 0)
+    store(blocks.ids, 16 * block, select(there, of, np.int32(-1)))
+    store(blocks.own, 16 * block, gather(asking.query.faces, of))
+    for k in range(3):
+        at = 16 * (3 * block + k)
+        store(blocks.origins, at, o[k])
+        store(blocks.origins, at, select(there, o[k], broadcast16(blocks.origins, at + one)))
+
+
+@kernel
+def _write_groups(ticket, query, beam, scale, bits, arrays, found, counts, tally):
+    """Worker: write each block's receivers and its groups (`FoundBlocks`)."""
+    asking, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
+    h, w = query.sides.shape
+    ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
+    last, blocks = stack_i64(2), block_pointers(arrays)
+    out, mine = FoundBlocks(ptr(found.cells), ptr(found.lanes), ptr(found.blocks)), cleared(stack_i64(N_COUNTERS))
+    for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
+        store(centres, k, splat16(_HALF))
+    put(last, 0, -1)
+    for first, end in shares(ticket):
+        part, total = first // ticket[CHUNK], 0
+        for block in range(first, end):
+            there = _block_ids(np.int32(block), w, h, ids)
+            o = origins_of(asking, load16(ids, 0))
+            d = relative16(view, o)
+            asks = active_receivers(asking, view, samples, ids, there, last, mine) & ~at_apex(view, d)
+            _keep(asking, blocks, block, ids, o, asks)
+            faces, u, v = places_on(view, scale, d)
+            store(face, 0, faces)
+            store(places, 0, u)
+            store(places, 16, v)
+            n = _groups(face, places, asks, groups, centres)
+            at = part * _ROOM + total
+            store(out.cells, at, cells_of(load16(groups, 16), load16(centres, 0), load16(centres, 16)))
+            store(out.lanes, at, load16(groups, 0))
+            store(out.blocks, at, splat16(np.int32(block)))
+            total += n
+        counts[part] = total
+    add_counters(tally, mine)
+
+
+def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> LeafRays:
+    """Make the `LeafRays` of an image's active receivers, selected as by `order_of`."""
+    h, w = query.sides.shape
+    n = -(-h // 4) * -(-w // 4)
+    blocks = new_blocks(n, 16, empty)
+    parts, ticket = -(-n // _PART), new_ticket(n, _PART)
+    found, counts = FoundBlocks(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
+    run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, found, counts, tally)
+    gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
+    at = np.arange(counts.sum()) + np.repeat(gaps, counts)
+    order = sort_cells(np.append(found.cells[at], np.zeros(PAD, np.int32)), at.astype(np.int32), threads)
+    cut = LeafCut(found.blocks[order.ids], found.lanes[order.ids], order.starts, order.faces, True)
+    return rays_in(query, beam, blocks, cut, bits, threads, empty)
+
+
+# --- The rays of a light that is too wide for one apex, as leaves of `shafts` -----------------------------------------
+#
+# Adjacent pixels use different sample sets, sixteen in all. So a leaf has nearby receivers of one set, and one sample:
+# all its segments end at nearly the same point. Leaves follow a space-filling curve over receivers and samples, so a
+# node's shaft is equally narrow at both ends.
+
+
+_BITS = 10  # per coordinate of the receivers' Morton codes
+
+
+def receivers_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+    """Make the `LeafRays` of the unfinished receivers: each leaf has sixteen nearby receivers of one sample set."""
+    w = query.sides.shape[1]
+    left = (rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1))[:, None] >> np.arange(rays.ways) & 1
+    places = rays.blocks[:, None] * rays.ways + np.arange(rays.ways)
+    ids = rays.ids[places[left.astype(bool)]]
+    sets = (ids % w & 3) + 4 * (ids // w & 3)
+    key = sets.astype(np.int64) << 3 * _BITS | _morton(query.origins.reshape(-1, 3)[ids], _BITS)
+    order = np.argsort(key, kind="stable")
+    counts = np.bincount(sets, minlength=1)
+    some = np.flatnonzero(counts)
+    starts = np.append(0, np.cumsum(counts[some])).astype(np.int64)
+    return rays_of(query, beam, Order(ids[order], starts, some, False), 16, bits, threads, empty)
+
+
+def shafts_of(query, beam: Beam, rays: LeafRays) -> tuple[LeafRays, np.ndarray]:
+    """(leaves of one sample each, their places in the flat `dead` of the rays from `receivers_of`)."""
+    live = rays.lanes[:, None] & ~rays.dead  # leaf, sample
+    leaf, sample = np.nonzero(live)
+    sets = np.repeat(rays.faces, np.diff(rays.starts))
+    spread = query.samples[:, beam.first : beam.first + beam.count, :2]
+    at = _rank(_morton(spread.reshape(-1, 2), 16)).reshape(spread.shape[:2])[sets[leaf], sample]
+    points = rays.origins[: 48 * len(rays.blocks)].reshape(-1, 3, 16)[rays.blocks, :, _first_lane(rays.lanes)]
+    size = float(np.ptp(points.astype(np.float64), axis=0).max()) if len(points) else 0.0
+    key = _woven(_rank(_morton(points, 16))[leaf], at, len(points), at.max(initial=0) + 1, size, _width(beam, size))
+    order = np.argsort(key, kind="stable")
+    leaf, sample = leaf[order].astype(np.int32), sample[order].astype(np.int32)
+    dead = rays.dead[leaf, sample][:, None]
+    made = rays._replace(
+        blocks=rays.blocks[leaf], lanes=rays.lanes[leaf] & ~dead[:, 0], dead=dead, count=1, samples=sample,
+        starts=np.array([0, len(leaf)]), faces=np.zeros(1, np.int64),
+    )  # fmt: skip
+    return made, leaf.astype(np.int64) * rays.count + sample
+
+
+def _first_lane(lanes: np.ndarray) -> np.ndarray:
+    return np.bitwise_count((lanes & -lanes) - 1) & 15
+
+
+def _width(beam: Beam, size: float) -> float:
+    """The width of the light at the receivers, which have the extent `size`."""
+    if beam.kind == PERSPECTIVE:
+        return 2.0 * beam.radius / beam.unit
+    if beam.kind == PARALLEL:
+        return 2.0 * beam.radius * size
+    return 2.0 * min(beam.radius / beam.unit, size)
+
+
+def _morton(points: np.ndarray, bits: int) -> np.ndarray:
+    """(n,) int64: Morton codes of (n, d) points, with interleaved bits of the coordinates; cells are cubes."""
+    points = points.astype(np.float64)
+    low = points.min(0, initial=np.inf)
+    side = max(float((points - low).max(initial=0.0)), 1e-300)
+    cells = np.minimum((points - low) / side * 2**bits, 2**bits - 1).astype(np.int64)
+    code, d = np.zeros(len(points), np.int64), points.shape[1]
+    for k in range(bits):
+        for axis in range(d):
+            code |= (cells[:, axis] >> k & 1) << d * k + axis
+    return code
+
+
+def _rank(codes: np.ndarray) -> np.ndarray:
+    """The rank of each code."""
+    rank = np.empty(len(codes), np.int64)
+    rank[np.argsort(codes, kind="stable")] = np.arange(len(codes))
+    return rank
+
+
+def _woven(a: np.ndarray, b: np.ndarray, n: int, m: int, size: float, width: float) -> np.ndarray:
+    """Sorting keys that interleave the bits of receivers a < n and samples b < m, the highest first.
+
+    Each bit comes from the wider of the two: receivers of extent `size`, or the light of extent `width`. A bit halves
+    an area, so two bits halve a width.
+    """
+    key, left, right = np.zeros(len(a), np.int64), max(n - 1, 0).bit_length(), int(m - 1).bit_length()
+    while left or right:
+        if right == 0 or (left and size >= width):
+            left, size = left - 1, size * 0.5**0.5
+            key = key << 1 | (a >> left & 1)
+        else:
+            right, width = right - 1, width * 0.5**0.5
+            key = key << 1 | (b >> right & 1)
+    return key

@@ -1,0 +1,433 @@
+"""Beams: segments of a query that share one ray hierarchy and one traversal of the triangles.
+
+Apexes. All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011,
+Sec. 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone,
+and the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
+amount (`shadow_planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own
+beam.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.fields import U64Ptr
+from ...kernels.jit import inlined, kernel
+from ...kernels.predicate.filters import dot, plane, widest
+from ...kernels.simd import (
+    bits,
+    fma,
+    gather,
+    get,
+    load16,
+    lowest_bit,
+    mask_from_bits16,
+    popcount,
+    ptr,
+    put,
+    select,
+    stack_i32,
+    store,
+)
+from ...kernels.vec import Vec, times
+from ...query.query_bounds import bounds
+from ...query.receivers import NOTHING
+from ...query.shadow_query import (
+    QueryPointers,
+    horizon_of,
+    is_above,
+    patch_of,
+    query_pointers,
+    sample_of,
+    set_bit,
+    set_of,
+    three_at,
+)
+from ...scene.light_list import N_SETS
+from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
+from ...trace.counters import BELOW_HORIZON, RAYS, count
+
+# --- Beams: segments of a query that share one cone hierarchy and one traversal of the triangles ----------------------
+#
+# All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011, Sec.
+# 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone, and
+# the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
+# amount (`planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own beam.
+
+
+PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
+"""Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
+
+_BEAM_MARGIN = 1.0 + 2.0**-18  # exceeds the rounding error of float32 samples and of planes
+_NARROW = 1e-3  # least cosine to the middle of a cone of distant lights; others are all around
+_WIDE = 1e5  # tangent of an angle: for a wider disk, rounding of the samples loses its distance
+
+
+class Beam(NamedTuple):
+    """The samples and receivers of a beam, and its apex or direction.
+
+    A beam has its own frame. No receiver is farther than 1 away in it, and most are not much nearer. So its numbers fit
+    into float32 for every unit of the scene.
+    """
+
+    kind: int  # PERSPECTIVE, PARALLEL or AROUND
+    first: int  # the first sample
+    count: int  # number of samples
+    set: int  # the sample set of the beam's receivers; -1: all sets
+    common: bool  # all these receivers have the same ends
+    apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
+    axes: np.ndarray  # (3, 3) float64: rows u, v and, PARALLEL, towards the light
+    unit: float  # a power of two: scale factor from the scene to the beam's frame
+    # In the beam's frame:
+    radius: float  # PERSPECTIVE: largest distance of an end from the apex; PARALLEL: sine of the largest angle of a
+    # direction to the third axis; AROUND: largest distance of an end from its receiver
+    lower: np.ndarray  # (3,) float64: bounds of the receivers along the axes; unused by PERSPECTIVE
+    upper: np.ndarray  # (3,) float64
+    scale: float  # largest absolute coordinate of the receivers; unused by PERSPECTIVE
+
+
+def fixed_points(query) -> np.ndarray:
+    """(16, n, 3) float32: the ends of a light that does not move with the receiver, computed as in `sample_point`."""
+    light, a = query.light, query.samples
+    ends = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
+    return ends.astype(np.float32)
+
+
+def beams_of(query, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
+    """The beams of a ShadowQuery; ``each_sample``: one beam for each sample of a light that does not move.
+
+    The lights of a list always have one beam each, because they may be far apart.
+    """
+    light, n = query.light, query.samples.shape[1]
+    if not query.sides.size:
+        return []
+    low, high = (corner.astype(np.float64) for corner in bounds(query.origins, threads))
+    if light.kind == SPHERE:
+        return [_ball(0, n, -1, light.base, light.radius, low, high)]
+    if light.kind == DIRECTIONAL:
+        return [_heavens(query, low, high) if is_list(light) else _distant(light, n, low, high)]
+    if light.kind == AMBIENT:
+        return [_along(AROUND, n, np.eye(3), light.radius * _BEAM_MARGIN, low, high)]
+    ends = fixed_points(query)
+    if light.kind == FIXED and not each_sample:
+        return [_around(ends, 0, n, -1, low, high)]
+    same = (ends == ends[:1]).all((0, 2))
+    return [
+        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
+        for s in range(n)
+        for which in ([-1] if same[s] else range(N_SETS))
+    ]
+
+
+def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam of these ends."""
+    points = ends.reshape(-1, 3).astype(np.float64)
+    if (points == points[0]).all():
+        return _ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
+    centre = (points.min(0) + points.max(0)) / 2.0
+    common = bool((ends == ends[:1]).all())
+    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
+    return beam._replace(common=common)
+
+
+def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
+    """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
+
+    Its apex is a float32 point, so differences to it are rounded once.
+    """
+    apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
+    radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
+        np.abs(apex).max() + radius
+    )
+    unit = _unit(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex))))
+    return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
+
+
+def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam without an apex for receivers in the box from `low` to `high`."""
+    corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
+    unit = _unit(np.abs(corners).max() * _BEAM_MARGIN)
+    corners *= unit
+    scale = float(np.abs(corners).max()) * _BEAM_MARGIN
+    if kind == AROUND:
+        radius *= unit
+    return Beam(kind, 0, n, -1, False, np.zeros(3), axes, unit, radius, corners.min(0), corners.max(0), scale)
+
+
+def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam of a distant disk. Rounding spreads the directions even of a light without extent."""
+    distance = float(np.linalg.norm(light.base))
+    towards = light.base / distance
+    length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
+    if length > _WIDE * distance:
+        return _along(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
+    sine = float(np.sin(np.arctan(length / distance * _BEAM_MARGIN))) + 2.0**-20
+    return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
+
+
+def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
+    """The beam of a list of distant lights: of the cone around their mean direction, if it is narrow."""
+    distance, towards = float(np.linalg.norm(query.light.u)), query.samples.reshape(-1, 3)
+    middle = towards.mean(0)
+    length = float(np.linalg.norm(middle))
+    n = query.samples.shape[1]
+    if length > 0.0:
+        middle /= length
+        cosine = float((towards @ middle).min())
+        if cosine > _NARROW:
+            sine = float(np.linalg.norm(np.cross(towards, middle), axis=1).max()) * _BEAM_MARGIN + 2.0**-20
+            return _along(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
+    return _along(AROUND, n, np.eye(3), distance * _BEAM_MARGIN, low, high)
+
+
+def _unit(distance: float) -> float:
+    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents that float32 can hold."""
+    return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)
+
+
+# --- Projection of points by a beam: onto the six faces of a cube around the apex, or parallel for distant lights -----
+
+
+FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
+
+
+class BeamView(NamedTuple):
+    """A `Beam` in kernels; all scalars except `kind` are float64."""
+
+    kind: int
+    unit: float  # scale factor from the scene to the beam's frame
+    x: float  # the apex
+    y: float
+    z: float
+    u: tuple  # three axes of the beam's frame; unused by PERSPECTIVE
+    v: tuple
+    w: tuple
+    radius: float  # as in `Beam`
+    scale: float  # largest absolute coordinate of a receiver in the beam's frame; unused by PERSPECTIVE
+    lowest: float  # lowest last coordinate of a receiver
+
+
+@inlined
+def view_of(beam):
+    """The `BeamView` of a `Beam`."""
+    p, a = beam.apex, beam.axes
+    u, v, w = (a[0, 0], a[0, 1], a[0, 2]), (a[1, 0], a[1, 1], a[1, 2]), (a[2, 0], a[2, 1], a[2, 2])
+    return BeamView(beam.kind, beam.unit, p[0], p[1], p[2], u, v, w, beam.radius, beam.scale, beam.lower[2])
+
+
+@inlined
+def relative(view, p):
+    """A float64 point in the beam's frame: relative to the apex, or along the axes."""
+    s = view.unit
+    if view.kind == PERSPECTIVE:
+        return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
+    return dot(view.u, p) * s, dot(view.v, p) * s, dot(view.w, p) * s
+
+
+@inlined
+def turned(d, face):
+    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear and also applies to normals."""
+    if face < 2:
+        return d[1], d[2], (d[0] if face == 0 else -d[0])
+    if face < 4:
+        return d[2], d[0], (d[1] if face == 2 else -d[1])
+    return d[0], d[1], (d[2] if face == 4 else -d[2])
+
+
+@inlined
+def relative16(view, o):
+    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so a difference is rounded only once."""
+    s = np.float32(view.unit)
+    if view.kind == PERSPECTIVE:
+        return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
+    o = times(o, s)
+    return Vec(_component(o, view.u), _component(o, view.v), _component(o, view.w))
+
+
+@inlined
+def _component(o, axis):
+    f = np.float32
+    return fma(o.x, f(axis[0]), fma(o.y, f(axis[1]), o.z * f(axis[2])))
+
+
+@inlined
+def projected16(view, o, face):
+    """(u, v, q) of 16 points; planes are linear in these coordinates.
+
+    PERSPECTIVE: u and v are divided by the depth, and q = 1 / depth. Otherwise: coordinates along the frame's axes.
+    """
+    d = relative16(view, o)
+    if view.kind == PERSPECTIVE:
+        u, v, depth = turned((d.x, d.y, d.z), face)
+        q = np.float32(1.0) / depth
+        return u * q, v * q, q
+    return d.x, d.y, d.z
+
+
+# --- Selection of a beam's active receivers: those with a sample above their own surface ------------------------------
+
+
+_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane as a whole
+_SHALLOW = np.float64(2.0**-18)  # relative to the light's distance: receivers near a plane are no farther from it
+_MORE = np.float64(1.000001)
+
+
+class ConeSamples(NamedTuple):
+    """The samples of a `Beam`."""
+
+    first: int  # the first sample
+    count: int  # number of samples
+    set: int  # sample set; -1: all sets
+
+
+class QueryBits(NamedTuple):
+    """A query and its answer bits."""
+
+    query: QueryPointers
+    bits: U64Ptr  # uint64 *
+
+
+@inlined
+def query_bits_of(query, bits):
+    """The `Asking` of a ShadowQuery and the array of its answer bits."""
+    return QueryBits(query_pointers(query), ptr(bits))
+
+
+@kernel
+def _light_side(asking, view, face):
+    """The side of a triangle's plane that holds all segment ends of the receivers near it; 0: unknown."""
+    z = np.float64(0.0)
+    if view.kind == AROUND:
+        return np.int64(0)
+    at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
+    p, n, error = plane(asking.query.corners, face, z, z, z)
+    length = np.sqrt(dot(n, n)) * _MORE
+    if view.kind == PERSPECTIVE:
+        to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
+        h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
+    elif view.scale > 64.0 * view.unit * _distance(asking):  # the rounding of ends matters
+        return np.int64(0)
+    else:
+        h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
+    if not abs(h) > slack:
+        return np.int64(0)
+    return np.int64(1) if h > z else np.int64(-1)
+
+
+@inlined
+def _light_side_again(asking, view, face, last):
+    """`_light_side`, cached with its triangle in `last`: adjacent pixels mostly see the same triangle."""
+    if get(last, 0) != face:
+        put(last, 0, face)
+        put(last, 1, _light_side(asking, view, face))
+    return get(last, 1)
+
+
+@inlined
+def _distance(asking):
+    """The distance of a distant light."""
+    base = asking.query.light.base
+    return np.sqrt(dot(base, base))
+
+
+@kernel
+def _is_near(asking, view, i):
+    """Is a receiver near its triangle's plane? If the plane then parts it from the light, all samples are below."""
+    if view.kind == PERSPECTIVE:  # all receivers have the same ends
+        return True
+    z = np.float64(0.0)
+    p, n, error = plane(asking.query.corners, np.int64(get(asking.query.faces, i)), z, z, z)
+    o = three_at(asking.query.origins, i)
+    to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
+    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(dot(n, n))
+
+
+@kernel
+def _asks(asking, samples, i, counters):
+    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of the samples below it."""
+    patch, horizon, asks = patch_of(asking.query, i), horizon_of(asking.query, i), False
+    for s in range(samples.first, samples.first + samples.count):
+        l = sample_of(asking.query, patch, i, s)
+        if is_above(horizon, l[0], l[1], l[2], asking.query.corners):
+            asks = True
+        else:
+            count(counters, BELOW_HORIZON, 1)
+            set_bit(asking.query, asking.bits, i, s)
+    return asks
+
+
+@kernel
+def _below(asking, samples, ids, lanes, counters):
+    """Set the bits of all samples of a beam for some lanes."""
+    count(counters, BELOW_HORIZON, samples.count * popcount(lanes))
+    while lanes != 0:
+        i = np.int64(get(ids, lowest_bit(lanes)))
+        lanes &= lanes - 1
+        for s in range(samples.first, samples.first + samples.count):
+            set_bit(asking.query, asking.bits, i, s)
+
+
+@kernel
+def _sides_of(asking, samples, ids, lanes, sides):
+    """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
+    for lane in range(16):
+        i = np.int64(get(ids, lane))
+        others = samples.set >= 0 and set_of(asking.query, i) != samples.set
+        put(sides, lane, NOTHING if others else np.int64(get(asking.query.sides, i)))
+    store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
+
+
+@kernel
+def _some_ask(asking, view, samples, ids, lanes, counters):
+    """`who_asks` for receivers that their triangle's plane parts from the light, tested one by one."""
+    asks, below = np.int64(0), np.int64(0)
+    while lanes != 0:
+        lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
+        lanes ^= lane
+        if _is_near(asking, view, i):
+            below |= lane
+        elif _asks(asking, samples, i, counters):
+            asks |= lane
+    _below(asking, samples, ids, below, counters)
+    return asks
+
+
+@kernel
+def active_receivers(asking, view, samples, ids, lanes, last, counters):
+    """Bits of the active receivers among 16: a sample of the beam lies above their surface.
+
+    The answer bits of samples below a receiver's surface are set.
+
+    ids : pointer to 16 int32, indices of the receivers
+    lanes : bits of the lanes that have a receiver
+    last : pointer to 2 int64, a cache of this function; initialize the first with -1
+    """
+    scratch = stack_i32(16)
+    _sides_of(asking, samples, ids, lanes, scratch)
+    sides = load16(scratch, 0)
+    valid, asks = bits(sides != np.int32(NOTHING)), np.int64(0)
+    count(counters, RAYS, samples.count * popcount(valid))
+    faces = gather(asking.query.faces, load16(ids, 0))
+    store(scratch, 0, faces)
+    while valid != 0:  # receivers on one triangle together
+        face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
+        if face >= 0:
+            known = _light_side_again(asking, view, face, last)
+        if known == 0:
+            valid ^= lane
+            asks |= lane if _asks(asking, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
+        else:
+            same = valid & bits(faces == np.int32(face))
+            valid ^= same
+            above = same & bits(sides == np.int32(known))
+            asks |= above
+            if same != above:
+                asks |= _some_ask(asking, view, samples, ids, same & ~above, counters)
+    return asks
+
+
+@inlined
+def origins_of(asking, ids):
+    """The positions of 16 receivers, a `Vec` of f32x16."""
+    at, p = ids * 3, asking.query.origins
+    return Vec(gather(p, at), gather(p, at + 1), gather(p, at + 2))

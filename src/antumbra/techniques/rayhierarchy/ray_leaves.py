@@ -1,0 +1,381 @@
+"""Leaves of a ray hierarchy: the rays of a beam, side by side for SIMD, and their tests against a triangle.
+
+Scratch memory. The system clears every new page of a process, which takes longer than most kernels work on the page.
+Memory released between frames would be cleared again in every frame.
+
+Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The
+other lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
+layout of the receivers.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...kernels.fields import F32Ptr, I32Ptr
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items, new_ticket, run
+from ...kernels.predicate.exact import segment
+from ...kernels.simd import (
+    as_i32,
+    atomic_or,
+    bits,
+    gather,
+    get,
+    load16,
+    lowest_bit,
+    maximum,
+    prefetch,
+    ptr,
+    ptr_at,
+    put,
+)
+from ...kernels.simd import bits as bits_of
+from ...kernels.vec import minus, rows
+from ...query.shadow_query import patch_of, sample_of
+from ...trace.counters import TRIANGLE_TESTS, count
+from ...trace.rays.ray_traversal import settle
+from ...trace.triangle_tests import decide, length1, seen_from
+from .light_beams import Beam, query_bits_of
+
+# --- Scratch memory that is reused from call to call ------------------------------------------------------------------
+#
+# The system clears every new page of a process, which takes longer than most kernels work on the page. Memory released
+# between frames would be cleared again in every frame.
+
+
+KEPT = 64 << 20
+"""Maximum number of bytes kept for later calls."""
+
+_spare: list[np.ndarray] = []  # most recently used first
+_lock = threading.Lock()
+
+Empty = Callable[[int, Any], np.ndarray]
+"""Function of a number of elements and their dtype, such as ``numpy.empty``."""
+
+
+def _take(size: int) -> np.ndarray:
+    """A buffer of at least the given number of bytes: the smallest spare one that is not far too large."""
+    with _lock:
+        fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
+        if fit:
+            return _spare.pop(min(fit, key=lambda i: len(_spare[i])))
+    return np.empty(size, np.uint8)
+
+
+def _give_back(buffers: list[np.ndarray]) -> None:
+    with _lock:
+        kept = 0
+        for i, buffer in enumerate(all_ := buffers + _spare):
+            kept += len(buffer)
+            if kept > KEPT:
+                del all_[i:]
+                break
+        _spare[:] = all_
+
+
+@contextmanager
+def borrowed() -> Iterator[Empty]:
+    """Yield a function like ``numpy.empty``; its arrays must not be used after the ``with`` block."""
+    taken: list[np.ndarray] = []
+
+    def empty(n: int, dtype: Any) -> np.ndarray:
+        size = n * np.dtype(dtype).itemsize
+        buffer = _take(size)
+        taken.append(buffer)
+        return buffer[:size].view(dtype)
+
+    try:
+        yield empty
+    finally:
+        _give_back(taken)
+
+
+# --- The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests ------------------------------
+#
+# Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The other
+# lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
+# layout of the receivers.
+
+
+PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
+
+
+class LeafRays(NamedTuple):
+    """Receivers in leaves of `ways`, with the ends of their segments.
+
+    A dead segment needs no test: it is blocked, or its receiver or sample does not exist. Lanes from `ways` on have no
+    bits in `dead`.
+    """
+
+    ways: int  # rays per leaf and children per node: 4 or 16
+    origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
+    ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none
+    own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
+    ends: np.ndarray  # (3 count ways [blocks] + PAD,) float32: [block,] sample, axis, lane
+    end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
+    blocks: np.ndarray  # (leaves,) int32: the block of each leaf
+    lanes: np.ndarray  # (leaves,) int32: bits of the block's lanes that the leaf owns
+    dead: np.ndarray  # (leaves, count) int32: bits of the lanes whose segment is dead
+    first: int  # the first sample
+    count: int  # number of samples
+    starts: np.ndarray  # (k + 1,) int64: the first leaf of each face, and the end
+    faces: np.ndarray  # (k,) int64: the faces
+    placed: bool  # leaves keep their places even if all their segments are dead
+    samples: np.ndarray  # (leaves,) int32: the first sample of each leaf, counted from `first`
+
+
+class Blocks(NamedTuple):
+    """Receivers, `ways` side by side, as in `LeafRays`."""
+
+    ways: int
+    origins: np.ndarray  # (3 blocks ways + PAD,) float32
+    ids: np.ndarray  # (blocks ways + PAD,) int32
+    own: np.ndarray  # (blocks ways + PAD,) int32
+
+
+class LeafCut(NamedTuple):
+    """Assignment of the lanes of blocks to leaves, as in `LeafRays`."""
+
+    blocks: np.ndarray  # (leaves,) int32
+    lanes: np.ndarray  # (leaves,) int32
+    starts: np.ndarray  # (k + 1,) int64
+    faces: np.ndarray  # (k,) int64
+    placed: bool
+
+
+class Leaves(NamedTuple):
+    """`LeafRays` in kernels, with pointers instead of arrays; the fields have the same meaning."""
+
+    ways: int
+    origins: F32Ptr
+    ids: I32Ptr
+    own: I32Ptr
+    ends: F32Ptr
+    end_step: int
+    blocks: I32Ptr
+    lanes: I32Ptr
+    dead: I32Ptr
+    first: int
+    count: int
+    samples: I32Ptr
+
+
+@inlined
+def leaves_of(rays):
+    """The `Leaves` of `LeafRays`."""
+    return Leaves(
+        rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count, ptr(rays.samples),
+    )  # fmt: skip
+
+
+@inlined
+def block_of(leaves, leaf):
+    """The block of a leaf."""
+    return np.int64(get(leaves.blocks, leaf))
+
+
+@inlined
+def ends_in(leaves, leaf, block):
+    """Pointer to the ends of a leaf's segments; block: the leaf's block."""
+    return ptr_at(leaves.ends, block * leaves.end_step + 3 * leaves.ways * np.int64(get(leaves.samples, leaf)))
+
+
+@inlined
+def origins_in(leaves, block):
+    """The positions of a block's receivers, a `Vec`."""
+    return rows(leaves.origins, 3 * block * leaves.ways, leaves.ways)
+
+
+@inlined
+def fetch_leaf(leaves, leaf):
+    """Prefetch a leaf's receivers into the cache."""
+    block = block_of(leaves, leaf)
+    for k in range(3):
+        prefetch(leaves.origins, (3 * block + k) * leaves.ways)
+    prefetch(leaves.own, block * leaves.ways)
+
+
+@kernel
+def _fill_ends(ticket, query, bits, rays):
+    """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
+    asking, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
+    for block in items(ticket):
+        anyone = np.int64(-1)
+        for lane in range(ways):
+            anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
+        for lane in range(ways if anyone >= 0 else 0):
+            i = np.int64(get(leaves.ids, block * ways + lane))
+            _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
+
+
+@inlined
+def _fill_lane(asking, i, leaves, block, lane):
+    """Write the ends of the segments of receiver i to a lane."""
+    patch, ends = patch_of(asking.query, i), ptr_at(leaves.ends, block * leaves.end_step)
+    for s in range(leaves.count):
+        l = sample_of(asking.query, patch, i, leaves.first + s)
+        for k in range(3):
+            put(ends, (3 * s + k) * leaves.ways + lane, l[k])
+
+
+@kernel
+def _fill_common(query, leaf, bits, rays):
+    """Write the ends that all receivers share, computed for one receiver of a leaf."""
+    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
+    i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
+    for lane in range(rays.ways):
+        _fill_lane(asking, i, leaves, np.int64(0), lane)
+
+
+@inlined
+def _fill_leaf(asking, leaves, leaf):
+    """Mark the segments of a leaf that are dead before the traversal."""
+    lanes = np.int64(get(leaves.lanes, leaf))
+    others = ~lanes & (np.int64(1) << leaves.ways) - 1
+    if leaves.count == 1:  # a leaf has only receivers that ask, so its only sample is live
+        put(leaves.dead, leaf, others)
+        return
+    ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
+    there = ids * np.int32(2 * asking.query.words)
+    for n in range(leaves.count):
+        s = leaves.first + n
+        word = gather(as_i32(asking.bits), there + np.int32(s >> 5))
+        known = bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) & lanes
+        put(leaves.dead, leaf * leaves.count + n, known | others)
+
+
+@kernel
+def _fill_dead(ticket, query, bits, rays):
+    """Worker: mark the segments that are dead before the traversal."""
+    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    for leaf in items(ticket):
+        _fill_leaf(asking, leaves, leaf)
+
+
+def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
+    """Allocate n blocks."""
+    numbers = [empty(n * ways + PAD, np.int32) for _ in range(2)]
+    blocks = Blocks(ways, empty(3 * n * ways + PAD, np.float32), numbers[0], numbers[1])
+    for padded in blocks[1:]:
+        padded[-PAD:] = 0
+    return blocks
+
+
+@inlined
+def block_pointers(blocks):
+    """The same `Blocks` with pointers."""
+    return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
+
+
+def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+    """Make the `LeafRays` of the receivers in blocks; `cut` assigns their lanes to leaves."""
+    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
+    step = 0 if beam.common else 3 * count * blocks.ways
+    ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
+    ends[-PAD:] = 0
+    dead = np.empty((len(cut.blocks), count), np.int32)
+    rays = LeafRays(
+        blocks.ways, blocks.origins, blocks.ids, blocks.own, ends, step, cut.blocks, cut.lanes, dead,
+        beam.first, count, cut.starts, cut.faces, cut.placed, np.zeros(len(cut.blocks), np.int32),
+    )  # fmt: skip
+    run(_fill_dead, threads, new_ticket(len(dead), 1024), query, bits, rays)
+    if step:
+        run(_fill_ends, threads, new_ticket(n, 64), query, bits, rays)
+    elif len(dead):
+        _fill_common(query, int(np.argmax(cut.lanes != 0)), bits, rays)
+    return rays
+
+
+def finished(rays: LeafRays) -> float:
+    """The share of dead segments."""
+    asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
+    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
+
+
+@kernel
+def _write_bits(ticket, rays, bits):
+    """Worker: set the bits of the blocked segments."""
+    leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
+    for leaf in items(ticket):
+        for s in range(leaves.count):
+            blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
+            block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
+            while blocked != 0:
+                i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
+                blocked &= blocked - 1
+                at = i * words + (n >> 6)
+                put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
+
+
+def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:
+    """Set the bits of blocked segments in (h, w, words) uint64."""
+    run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
+
+
+# --- Test of a triangle against the rays of a leaf, 16 at once: in float32, or exactly within its error bounds --------
+
+
+@kernel
+def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
+    """Bits of the `unsure` lanes that the triangle blocks. Float32 could not decide these, so the test is exact."""
+    blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
+    while unsure != 0:
+        lane = lowest_bit(unsure)
+        unsure &= unsure - 1
+        ray = segment(
+            get(o, lane), get(o, leaves.ways + lane), get(o, 2 * leaves.ways + lane),
+            get(ends, lane), get(ends, leaves.ways + lane), get(ends, 2 * leaves.ways + lane),
+        )  # fmt: skip
+        side = settle(ray, corners, slot, counters)
+        if side != 0 and side != facing:
+            blocked |= np.int64(1) << lane
+    return blocked
+
+
+@inlined
+def _span(leaves, ends, origins):
+    """Upper bound of the 1-norm of each lane's segments."""
+    span = length1(minus(rows(ends, 0, leaves.ways), origins))
+    for s in range(1, leaves.count):
+        span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
+    return span
+
+
+@kernel
+def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
+    """Mark the segments of a leaf that the triangle in `slot` blocks as dead; True if all of them are dead now.
+
+    triangle : the result of `triangle_in`
+    prim : the triangle's id; it does not block receivers that lie on it
+    """
+    ways, block, everyone = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
+    marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)
+    while first < leaves.count and np.int64(get(marks, first)) == everyone:
+        first += 1
+    if first == leaves.count:
+        return True
+    origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
+    lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
+    for s in range(first, leaves.count):
+        asks = everyone & ~np.int64(get(marks, s))
+        if asks == 0:
+            continue
+        count(counters, TRIANGLE_TESTS, 1)
+        points = ptr_at(ends, 3 * s * ways)
+        hit, unsure = decide(minus(rows(points, 0, ways), origins), lanes, facing)
+        if (hit | unsure) & asks != 0:
+            others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
+            hit, unsure = hit & asks & others, unsure & asks & others
+            if unsure != 0:
+                hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
+            if hit != 0:
+                atomic_or(leaves.dead, leaf * leaves.count + s, hit)
+                asks &= ~hit
+        finished = finished and asks == 0
+    return finished

@@ -1,0 +1,261 @@
+"""The order of a beam's active receivers in the leaves of its hierarchy.
+
+Keys. An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
+3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
+
+Order. *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
+sorted by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a
+mip-map, with four pixels per node and four nodes per parent.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.radix_sort import radix_sort
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import CHUNK, N, items, new_ticket, run, shares
+from ...kernels.simd import (
+    absolute,
+    fma,
+    get,
+    iota16,
+    load16,
+    mask_from_bits16,
+    maximum,
+    minimum,
+    popcount,
+    ptr,
+    put,
+    select,
+    splat16,
+    stack_i32,
+    stack_i64,
+    store,
+    to_i32,
+)
+from ...kernels.simd import bits as bits_of
+from ...trace.counters import N_COUNTERS, add_counters, cleared
+from .light_beams import (
+    FACES,
+    PERSPECTIVE,
+    Beam,
+    ConeSamples,
+    active_receivers,
+    origins_of,
+    query_bits_of,
+    relative16,
+    view_of,
+)
+from .ray_leaves import PAD
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once.
+#
+# An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
+# 3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
+
+
+BITS = 14  # per coordinate; two coordinates and three bits for the face fill a non-negative int32
+KEY_BITS = 2 * BITS + 3
+_SIDE = np.float32(1 << BITS)
+_LAST = np.int32((1 << BITS) - 1)
+_F = np.float32
+
+
+@inlined
+def hilbert(x, y):
+    """i32x16: indices on the curve of the cells (x, y), i32x16 of BITS bits each."""
+    key = splat16(np.int32(0))
+    for i in range(BITS - 1, -1, -1):
+        a, b = (x >> i) & 1, (y >> i) & 1
+        key = (key << 2) | ((a + a + a) ^ b)
+        flip = -(a & (b ^ 1))  # all bits set where the quadrant is flipped
+        x, y = x ^ flip, y ^ flip
+        swap = (x ^ y) & (b - 1)  # the quadrant's axes swap
+        x, y = x ^ swap, y ^ swap
+    return key
+
+
+@inlined
+def _cells(u):
+    """i32x16: cells of u in [0, 1)."""
+    return minimum(maximum(to_i32(minimum(maximum(u, _F(0.0)), _F(1.0)) * _SIDE), np.int32(0)), _LAST)
+
+
+@inlined
+def on_cube(d):
+    """(face, u, v) of directions from an apex, a `Vec` without zeros: i32x16, and twice f32x16 from 0 to 1."""
+    x, y, z = absolute(d.x), absolute(d.y), absolute(d.z)
+    by_x = (x >= y) & (x >= z)
+    by_y = ~by_x & (y >= z)
+    depth = select(by_x, d.x, select(by_y, d.y, d.z))
+    u, v = select(by_x, d.y, select(by_y, d.z, d.x)), select(by_x, d.z, select(by_y, d.x, d.y))
+    face = select(by_x, np.int32(0), select(by_y, splat16(np.int32(2)), splat16(np.int32(4))))
+    face = face + select(depth < _F(0.0), splat16(np.int32(1)), splat16(np.int32(0)))
+    half = _F(0.5)
+    s = half / absolute(depth)
+    return face, fma(u, s, half), fma(v, s, half)
+
+
+@inlined
+def cells_of(face, u, v):
+    """i32x16: face and cell of (u, v), packed into one number; u and v are from 0 to 1."""
+    return (((face << BITS) | _cells(u)) << BITS) | _cells(v)
+
+
+@inlined
+def keys_of(cells):
+    """The sorting keys of packed cells: the face stays, a Hilbert index replaces the cell."""
+    return (cells >> (2 * BITS) << (2 * BITS)) | hilbert((cells >> BITS) & _LAST, cells & _LAST)
+
+
+@inlined
+def on_ground(d, scale):
+    """(face, u, v) of points for a beam that is not PERSPECTIVE: the face is 0, and scale maps u and v to [0, 1]."""
+    return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor
+
+
+# --- Selection of a beam's active receivers, and their order in the leaves of its hierarchy ---------------------------
+#
+# *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
+# sorted
+# by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a mip-
+# map,
+# with four pixels per node and four nodes per parent.
+
+
+_PART = 8192  # receivers per work item, a multiple of 16
+_TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in Z order
+
+
+class Order(NamedTuple):
+    """The receivers of a beam, leaf after leaf."""
+
+    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: an empty place
+    starts: np.ndarray  # (k + 1,) int64: the first receiver of each face, and the end; k is 1 for all faces together
+    faces: np.ndarray  # (k,) int64: the faces
+    placed: bool  # receivers have fixed places, and some places are empty
+
+
+class ScreenScale(NamedTuple):
+    """Map from (u, v) to [0, 1]: subtract, then multiply by `factor`."""
+
+    u: float
+    v: float
+    factor: float
+
+
+@inlined
+def at_apex(view, d):
+    """Bits of the lanes whose receivers lie exactly at the apex. Their segments are points, so nothing blocks them."""
+    zero = np.float32(0.0)
+    exact = view.kind == PERSPECTIVE and view.radius == 0.0
+    return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
+
+
+@inlined
+def places_on(view, scale, d):
+    """(face, u, v) of 16 receivers, with u and v from 0 to 1."""
+    if view.kind == PERSPECTIVE:
+        return on_cube(d)
+    return on_ground(d, scale)
+
+
+@kernel
+def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
+    """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
+    asking, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
+    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
+    put(last, 0, -1)
+    for first, end in shares(ticket):
+        n = 0
+        for i in range(first, end, 16):
+            store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
+            lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
+            d = relative16(view, origins_of(asking, load16(ids, 0)))
+            asks = active_receivers(asking, view, samples, ids, lanes, last, mine) & ~at_apex(view, d)
+            face, u, v = places_on(view, scale, d)
+            store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
+            n += popcount(asks)
+        counts[first // ticket[CHUNK]] = n
+    add_counters(tally, mine)
+
+
+@kernel
+def _pack(ticket, keys, starts, to_keys, to_ids):
+    """Worker: write the keys and ids of the active receivers without gaps; starts: output position of each part."""
+    k, out_keys, out_ids = ptr(keys), ptr(to_keys), ptr(to_ids)
+    for first, last in shares(ticket):
+        at = starts[first // ticket[CHUNK]]
+        for i in range(first, last):
+            if get(k, i) >= 0:
+                put(out_keys, at, get(k, i))
+                put(out_ids, at, i)
+                at += 1
+
+
+@kernel
+def _on_screen(ticket, keys, w, h, ids):
+    """Worker: write the receivers tile by tile, in Z order within a tile; each tile is a work item."""
+    columns = (w + _TILE - 1) // _TILE
+    for tile in items(ticket):
+        y0, x0 = tile // columns * _TILE, tile % columns * _TILE
+        for i in range(_TILE * _TILE):
+            x, y, k = x0, y0, 0
+            while i >> 2 * k:
+                x += (i >> 2 * k & 1) << k
+                y += (i >> 2 * k + 1 & 1) << k
+                k += 1
+            known = x < w and y < h and keys[y * w + x] >= 0
+            ids[tile * _TILE * _TILE + i] = y * w + x if known else -1
+
+
+@kernel
+def _to_keys(cells):
+    """Turn cells into keys, in place; their number is a multiple of 16."""
+    p = ptr(cells)
+    for i in range(0, len(cells), 16):
+        store(p, i, keys_of(load16(p, i)))
+
+
+def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
+    """Sort ids by the keys of their cells into an `Order`. Both arrays are overwritten; `cells` is padded by PAD."""
+    _to_keys(cells[: -(-len(ids) // 16) * 16])
+    packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
+    starts = np.searchsorted(packed, np.arange(FACES + 1) << 2 * BITS).astype(np.int64)
+    faces = np.flatnonzero(np.diff(starts))
+    return Order(ids, np.append(starts[faces], len(ids)), faces, False)
+
+
+def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
+    """The `Order` of a beam's active receivers.
+
+    bits : answer bits; the bits of samples below the receiver's own surface are set
+    sort : sort the receivers, or keep them in screen order
+    tally : counters, or None
+    """
+    h, w = query.sides.shape
+    parts = -(-h * w // _PART)
+    keys, counts = np.empty(h * w + 16, np.int32), np.zeros(parts + 1, np.int64)
+    ticket = new_ticket(h * w, _PART)
+    run(_write_cells, threads, ticket, query, beam, scale_of(beam), bits, keys, counts[1:], tally)
+    if not sort and h > 1:
+        tiles = -(-w // _TILE) * -(-h // _TILE)
+        ids = np.empty(tiles * _TILE * _TILE, np.int32)
+        run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
+        return _together(ids, True)
+    starts = np.cumsum(counts)
+    packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
+    run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
+    return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
+
+
+def _together(ids: np.ndarray, placed: bool) -> Order:
+    return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), placed)
+
+
+def scale_of(beam: Beam) -> ScreenScale:
+    """The `Scale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
+    extent = float((beam.upper - beam.lower)[:2].max())
+    return ScreenScale(beam.lower[0], beam.lower[1], 1.0 / extent if extent > 0.0 else 0.0)

@@ -1,0 +1,376 @@
+"""Traversal of a ray hierarchy by triangles: breadth-first while the queues have room, in bounded memory.
+
+Good occluders go first in a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4].
+
+Occluders. The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The
+deciding quantity is the share of the light's directions that a triangle hides.
+
+Queues. Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block
+[Olsson and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in
+sequence. If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of
+pairs per level, independent of the triangles.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...kernels.fields import F32Ptr, I32Ptr
+from ...kernels.jit import inlined, kernel
+from ...kernels.parallel import items, new_ticket, run, shares
+from ...kernels.simd import (
+    atomic_and,
+    get,
+    iota16,
+    lowest_bit,
+    mask_from_bits16,
+    popcount,
+    ptr,
+    ptr_at,
+    put,
+    splat16,
+    stack_f32,
+    stack_i64,
+    store,
+    store_compressed,
+)
+from ...trace.counters import CANDIDATES, COVERED, N_COUNTERS, NODES, add_counters, cleared, count
+from ...trace.triangle_tests import triangle_in
+from ..culling.pre_bvh_culling import Soup
+from .box_nodes import write_point_rows
+from .light_beams import PERSPECTIVE, Beam, relative, view_of
+from .ray_leaves import block_rays, fetch_leaf, leaves_of
+from .ray_tree import (
+    LEVELS,
+    covered,
+    group_at,
+    groups_of,
+    meet_union,
+    possible,
+    size_of,
+    tree_pointers,
+    union_of,
+    write_row,
+    writes_sixteen,
+)
+from .shadow_planes import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, shape_of, whole
+
+# --- Selection of the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] -------------------
+#
+# The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The deciding
+# quantity is the share of the light's directions that a triangle hides.
+
+
+AREA, SOLID_ANGLE, NEAREST = 0, 1, 2
+"""Rules: largest area; largest solid angle as seen from the light; smallest distance to the light."""
+
+SHARE = 1.0 / 64.0
+"""Share of the triangles that go first."""
+
+FINISHED = 1.0 / 16.0
+"""Share of the rays that must be finished for the hierarchy to be rebuilt."""
+
+
+@kernel
+def _write_scores(ticket, soup, beam, rule, scores):
+    """Worker: score each triangle as an occluder by a rule."""
+    c, apex, w, seen = ptr(soup.corners), beam.apex, beam.axes[2], beam.kind == PERSPECTIVE
+    for i in items(ticket):
+        k = 9 * i
+        px, py, pz = get(c, k + 3) - get(c, k), get(c, k + 4) - get(c, k + 1), get(c, k + 5) - get(c, k + 2)
+        qx, qy, qz = get(c, k + 6) - get(c, k), get(c, k + 7) - get(c, k + 1), get(c, k + 8) - get(c, k + 2)
+        nx, ny, nz = np.float64(py * qz - pz * qy), np.float64(pz * qx - px * qz), np.float64(px * qy - py * qx)
+        x, y, z = w[0], w[1], w[2]
+        if seen:
+            x, y, z = get(c, k) - apex[0], get(c, k + 1) - apex[1], get(c, k + 2) - apex[2]
+        squared = x * x + y * y + z * z
+        score = nx * nx + ny * ny + nz * nz
+        if rule == SOLID_ANGLE:
+            score = abs(nx * x + ny * y + nz * z) / max(squared * np.sqrt(squared), 1e-30)
+        elif rule == NEAREST:
+            score = -squared if seen else x * get(c, k) + y * get(c, k + 1) + z * get(c, k + 2)
+        put(ptr(scores), i, score)
+
+
+def occluders_first(soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGLE) -> tuple[np.ndarray, np.ndarray]:
+    """(good occluders, all others): int32 indices into the soup."""
+    n = len(soup.corners)
+    scores, k = np.empty(n), int(n * SHARE)
+    run(_write_scores, threads, new_ticket(n, 4096), soup, beam, rule, scores)
+    order = np.argpartition(-scores, k).astype(np.int32) if k else np.arange(n, dtype=np.int32)
+    return np.sort(order[:k]), np.sort(order[k:])
+
+
+# --- Traversal of a ray hierarchy by triangles: breadth first while the queues have room, in bounded memory -----------
+#
+# Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block [Olsson
+# and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in sequence.
+# If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of pairs
+# per level, independent of the triangles.
+
+
+BATCH = 128
+"""Triangles per batch; a multiple of 16. A batch is traversed together."""
+
+BLOCKS = BATCH // LANES
+
+PAIRS = 2048
+"""Maximum number of pairs in a queue; at least BATCH and at least 16."""
+
+_QUEUES = LEVELS + 1
+_AHEAD = 4  # leaves to prefetch ahead of the tested leaf
+
+
+class TraversalOptions(NamedTuple):
+    """Options of a traversal."""
+
+    spheres: bool  # test bounding spheres instead of the triangles
+    early_accept: bool  # finish nodes that one triangle covers
+    facing: int  # value of CULL_FACES: triangles with this sign of d . n do not block
+    backface: bool  # drop these triangles before the traversal
+    pairs: int  # capacity of a queue
+
+
+class _Queues(NamedTuple):
+    """A thread's pairs, as pointers to int32.
+
+    Queue 0 pairs triangles with leaves. Queue k + 1 pairs triangles with groups of level k.
+    """
+
+    rows: I32Ptr  # (_QUEUES, pairs + 16): the triangle's row in the batch
+    groups: I32Ptr  # (_QUEUES, pairs + 16): the group, or the leaf in queue 0
+    counts: I32Ptr  # (_QUEUES,): pairs in each queue
+    step: int  # pairs + 16
+    union: F32Ptr  # (6,) float32: scratch memory
+
+
+class TraversalMemory(NamedTuple):
+    """A thread's scratch memory for `trace_triangles`."""
+
+    rows: np.ndarray  # float32: the triangle rows of a batch for each face
+    marks: np.ndarray  # int32, zeros: pairs in each queue; found bits of each block and face; slots
+    pairs: np.ndarray  # int32: the queues
+
+
+def memory_for(parts: int, how: TraversalOptions) -> TraversalMemory:
+    """Allocate the memory for a traversal of the hierarchies of `parts` faces."""
+    return TraversalMemory(
+        np.empty(parts * BATCH * NUMBERS, np.float32),
+        np.zeros(_QUEUES + parts * BLOCKS + LANES, np.int32),
+        np.empty(2 * _QUEUES * (how.pairs + LANES), np.int32),
+    )
+
+
+@inlined
+def row_at(rows, row):
+    """Pointer to the numbers of one triangle in a batch."""
+    return ptr_at(rows, (row >> 4) * BLOCK + (row & 15))
+
+
+@inlined
+def _kill_below(tree, part, level, node, leaves):
+    """Mark everything below a node as finished: its rays need no more tests."""
+    low, high, k = node, node + 1, level
+    while k > 0:
+        k -= 1
+        low <<= tree.shift
+        high = min(high << tree.shift, size_of(tree, part, k))
+        start = groups_of(tree, part, k)
+        for g in range(low >> tree.shift, (high + tree.ways - 1) >> tree.shift):
+            put(tree.alive, start + g, 0)
+    everyone = (np.int64(1) << tree.ways) - 1
+    first = get(tree.leaves, part)
+    for i in range((first + low) * leaves.count, (first + high) * leaves.count):
+        put(leaves.dead, i, everyone)
+
+
+@kernel
+def _kill(tree, part, level, node, leaves):
+    """Mark a node as finished, and its ancestors without other live children [Olsson and Assarsson 2011, Sec. 3.3]."""
+    if level >= 0:
+        _kill_below(tree, part, level, node, leaves)
+    while level < get(tree.heights, part):
+        group, bit = groups_of(tree, part, level) + (node >> tree.shift), np.int64(1) << (node & (tree.ways - 1))
+        if np.int64(atomic_and(tree.alive, group, ~bit)) & ~bit != 0:
+            return
+        node >>= tree.shift
+        level += 1
+
+
+@kernel
+def finish(tree, leaf, leaves):
+    """Mark a leaf as finished: its rays need no more tests. The hierarchy must have one part."""
+    _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
+
+
+@kernel
+def _kill_all(tree, part, level, first, full, leaves, counters):
+    """Mark the nodes that a triangle covers as finished. Bit i of `full` is node `first` + i."""
+    count(counters, COVERED, popcount(full))
+    while full != 0:
+        _kill(tree, part, level, first + lowest_bit(full), leaves)
+        full &= full - 1
+
+
+@inlined
+def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
+    """Bits of the nodes of a group that a triangle may block but does not cover.
+
+    Covered nodes are marked as finished. The group starts at node `first`.
+    """
+    alive = np.int64(get(tree.alive, group))
+    count(counters, NODES, popcount(alive))
+    found = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
+    count(counters, CANDIDATES, popcount(found))
+    if how.early_accept and found != 0:
+        full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, found)
+        if full != 0:
+            found &= ~full
+            _kill_all(tree, part, level, first, full, leaves, counters)
+    return found
+
+
+@kernel
+def _work_off(tree, part, level, leaves, rows, queues, how, counters):
+    """Test a level's pairs, the last first, until the queue is empty or the next queue is full.
+
+    Registers hold the counts of both queues, so a pair does not wait for the pair before it.
+    """
+    n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
+    to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
+    from_rows, from_groups = ptr_at(to_rows, queues.step), ptr_at(to_groups, queues.step)
+    start, room = groups_of(tree, part, level), how.pairs - tree.ways
+    while n > 0 and below <= room:
+        n -= 1
+        row, g = np.int64(get(from_rows, n)), np.int64(get(from_groups, n))
+        first = g * tree.ways
+        found = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
+        store(to_rows, below, splat16(np.int32(row)))
+        store_compressed(to_groups, below, mask_from_bits16(found), iota16() + np.int32(first))
+        below += popcount(found)
+    put(queues.counts, level + 1, n)
+    put(queues.counts, level, below)
+
+
+@kernel
+def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
+    """Test the rays of the queued leaves; later leaves are prefetched meanwhile."""
+    first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
+    for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
+        fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
+        node, last = np.int64(get(queues.groups, i)), slot
+        slot = whole(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+        if slot != last:
+            triangle = triangle_in(soup.corners, slot)
+        prim = np.int64(get(soup.ids, slot))
+        finished = block_rays(leaves, first + node, soup.corners, slot, triangle, prim, how.facing, counters)
+        if finished and how.early_accept:
+            _kill(tree, part, np.int64(0), node, leaves)
+    put(queues.counts, 0, 0)
+
+
+@kernel
+def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
+    """Traverse the hierarchy of one face with the queued triangles, down to its rays."""
+    queue, last = np.int64(0), get(tree.heights, part)
+    while queue <= last:
+        if queue > 0:
+            _work_off(tree, part, queue - 1, leaves, rows, queues, how, counters)
+        else:
+            _test_rays(tree, part, leaves, soup, rows, queues, how, counters)
+        queue += -1 if queue > 0 and get(queues.counts, queue - 1) > 0 else 1
+
+
+@inlined
+def _corner(view, corners, at):
+    x, y, z = get(corners, at), get(corners, at + 1), get(corners, at + 2)
+    return relative(view, (np.float64(x), np.float64(y), np.float64(z)))
+
+
+@kernel
+def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
+    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `found`."""
+    corners = ptr_at(soup.corners, 9 * slot)
+    shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
+    if how.backface and how.facing != 0 and shape.facing == how.facing:
+        return
+    for part in range(parts):
+        numbers = ptr_at(row, part * BATCH * NUMBERS)
+        if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, how.spheres, numbers):
+            put_whole(numbers, TRIANGLE, slot)
+            if how.facing != 0 and shape.facing != -how.facing:
+                put_whole(numbers, COVERS, 0)
+            put(found, part, np.int64(get(found, part)) | np.int64(1) << lane)
+
+
+@kernel
+def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
+    """Write the rows of n <= 16 triangles for each face; `found`: bits of those that may block a ray."""
+    if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
+        lanes = (np.int64(1) << n) - 1
+        step = BATCH * NUMBERS
+        write_point_rows(view, tree.faces, parts, tree.ways, slots, soup.corners, lanes, how, rows, step, found)
+        return
+    for part in range(parts):
+        put(found, part, 0)
+    for lane in range(n):
+        slot = np.int64(get(slots, lane))
+        _write_row(tree, parts, view, soup, slot, how, ptr_at(rows, lane), lane, found)
+
+
+@kernel
+def _start(tree, part, block, found, union):
+    """(level, group) where the traversal of a block of triangles starts.
+
+    It is the deepest group that holds all nodes that the triangles meet; -1 if they meet no node.
+    """
+    level, g = get(tree.heights, part) - 1, np.int64(0)
+    if not union_of(tree.nodes, block, found, union):
+        return level, g
+    while True:
+        group = groups_of(tree, part, level) + g
+        met = meet_union(tree.nodes, group_at(tree, group), union, tree.ways) & np.int64(get(tree.alive, group))
+        if met == 0:
+            return level, np.int64(-1)
+        if level == 0 or met & (met - 1) != 0:
+            return level, g
+        level, g = level - 1, g * tree.ways + lowest_bit(met)
+
+
+@inlined
+def _queue_block(tree, part, block, rows, found, queues):
+    """Queue the triangles of a block that may block rays of a face. They lie close together and start at one group."""
+    if found == 0:
+        return
+    level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)
+    if g < 0:
+        return
+    queue = level + 1
+    at = queue * queues.step + np.int64(get(queues.counts, queue))
+    store_compressed(queues.rows, at, mask_from_bits16(found), iota16() + np.int32(block * LANES))
+    store(queues.groups, at, splat16(np.int32(g)))
+    put(queues.counts, queue, get(queues.counts, queue) + popcount(found))
+
+
+@kernel
+def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters, memory):
+    """Worker: traverse the hierarchies of all faces with batches of the picked triangles."""
+    tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
+    soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
+    mine = cleared(stack_i64(N_COUNTERS))
+    marks, pairs = memory.marks, memory.pairs
+    queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
+    rows, found, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
+    for first, last in shares(ticket):
+        for i in range(first, last, LANES):
+            for lane in range(LANES):
+                put(slots, lane, picks[min(i + lane, last - 1)])
+            block, n = (i - first) // LANES, min(last - i, LANES)
+            numbers, to = ptr_at(rows, block * BLOCK), ptr_at(found, block * parts)
+            write_rows(tree, parts, view, soup, slots, n, how, numbers, to)
+        for part in range(parts):
+            of_part = ptr_at(rows, part * BATCH * NUMBERS)
+            for block in range((last - first + LANES - 1) // LANES):
+                _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
+    add_counters(counters, mine)
