@@ -56,7 +56,7 @@ if typing.TYPE_CHECKING:
     from .scene.point_lights import PointLights
     from .scene.sky import Sky
     from .scene.triangles import Triangles
-    from .store.build import BuildReport
+    from .store.store_build import BuildReport
     from .viewer.show import Viewer, view
 
 __version__ = _VERSION
@@ -187,7 +187,7 @@ _HOMES = {
     "scene.triangles": ["Triangles"],
     "bvh.srdh_rays": ["SrdhRays"],
     "engine.building": ["build_store"],
-    "store.build": ["BuildReport"],
+    "store.store_build": ["BuildReport"],
     "engine.paged_scene": ["PagedScene"],
     "rendering.virtual_lights": ["virtual_point_lights"],
     "viewer.show": ["Viewer", "view"],

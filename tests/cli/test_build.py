@@ -2,7 +2,7 @@ import pytest
 
 import antumbra as at
 from antumbra.cli import arguments
-from antumbra.store.read import open_store
+from antumbra.store.store_file import open_store
 
 SCENE = "procedural:cellar?triangles=2k"
 

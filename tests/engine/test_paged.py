@@ -15,7 +15,7 @@ from antumbra.engine.building import build_store
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.renderer import Renderer
-from antumbra.store.residency import POLICIES, Residency
+from antumbra.store.chunk_residency import POLICIES, Residency
 
 SIZE = 72, 60
 LIGHT = at.QuadLight((-30, 60, -20), (30, 0, 0), (0, 0, 30))
@@ -326,7 +326,7 @@ def test_what_cannot_be_asked_of_a_store(city):
 _RENDER = """
 import json, sys
 import antumbra as at
-from antumbra.store.resident import peak_resident
+from antumbra.store.system_resources import peak_resident
 from antumbra.rendering.renderer import Renderer
 path, memory = sys.argv[1], int(sys.argv[2])
 scene = at.load(path)

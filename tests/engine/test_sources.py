@@ -51,4 +51,7 @@ def test_a_tracer_that_remembers_takes_trees_that_are_made_for_shown_rays(both, 
 def test_who_has_all_in_memory_does_not_wait_for_stores():
     code = "import sys, antumbra.rendering.renderer; print(*(m for m in sys.modules if m.startswith('antumbra.store')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert set(done.stdout.split()) <= {"antumbra.store", "antumbra.store.layout"}  # the suffix of stores, for `load`
+    assert set(done.stdout.split()) <= {
+        "antumbra.store",
+        "antumbra.store.store_format",
+    }  # the suffix of stores, for `load`

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
-from antumbra.store.layout import HEADER, HEADER_CRC, MAGIC, PAGE
-from antumbra.store.read import open_store
+from antumbra.store.store_file import open_store
+from antumbra.store.store_format import HEADER, HEADER_CRC, MAGIC, PAGE
 from bvh_scenes import terrain
 from stores import CHUNK, built, soup_scene
 

@@ -10,8 +10,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.building import build_store
-from antumbra.store.read import open_store
-from antumbra.store.write import Writer
+from antumbra.store.store_file import Writer, open_store
 from bvh_scenes import scattered
 from stores import soup_scene
 

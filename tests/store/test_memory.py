@@ -9,10 +9,10 @@ pytest.importorskip("resource", reason="this system does not say how much memory
 
 SCRIPT = """
 import sys
-from antumbra.store.resident import peak_resident
+from antumbra.store.system_resources import peak_resident
 from antumbra.scene.generated import StreamedCity
 from antumbra.engine.building import build_store
-from antumbra.store.build import LEAST_MEMORY
+from antumbra.store.store_build import LEAST_MEMORY
 
 triangles, path = int(sys.argv[1]), sys.argv[2]
 build_store([StreamedCity(20_000)], path, chunk=1024)  # all is imported and compiled

@@ -16,11 +16,11 @@ from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight,
 from antumbra.scene.point_lights import PointLights
 from antumbra.scene.procedural import stream
 from antumbra.scene.source import Piece
-from antumbra.store import build as build_module
-from antumbra.store import spool as spool_module
-from antumbra.store.meta import Meta, as_json, from_json
-from antumbra.store.palette import palette_of
-from antumbra.store.read import open_store
+from antumbra.store import staging_files as spool_module
+from antumbra.store import store_build as build_module
+from antumbra.store.staging_files import palette_of
+from antumbra.store.store_file import open_store
+from antumbra.store.store_format import Meta, meta_from_json, meta_to_json
 from bvh_scenes import HAZARDS, scattered, terrain
 from stores import CHUNK, built, check_whole, contents, mesh_piece, same_bits, scene_of, soup_scene
 
@@ -150,8 +150,8 @@ def test_every_light_comes_back_to_the_bit():
     cameras = [at.Camera((third, 0, 9), (0, 0, 0), vfov=41.3, width=77, height=33), flat]
     box = np.float32([[0, 0, third], [1, 2, 3]])
     meta = Meta("näme", "z", 9, RNG.normal(size=(2, 3)), RNG.normal(size=3), box, cameras, lights, ("note",), {"a": 1})
-    again = from_json(as_json(meta))
-    assert as_json(again) == as_json(meta) and json.loads(as_json(meta))["name"] == "näme"
+    again = meta_from_json(meta_to_json(meta))
+    assert meta_to_json(again) == meta_to_json(meta) and json.loads(meta_to_json(meta))["name"] == "näme"
     for a, b in zip(lights, again.lights, strict=True):
         assert type(a) is type(b) and repr(a) == repr(b) and a.name == b.name
         assert all(getattr(a, n).tobytes() == getattr(b, n).tobytes() for n in vars(a) if hasattr(vars(a)[n], "dtype"))

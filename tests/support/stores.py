@@ -9,7 +9,7 @@ from antumbra.bvh.quality import validate
 from antumbra.engine.building import build_store
 from antumbra.engine.scene import Scene
 from antumbra.scene.source import Piece
-from antumbra.store.read import Store, open_store
+from antumbra.store.store_file import Store, open_store
 
 CHUNK = 64  # triangles, so that small scenes have many chunks and are sorted in files
 

@@ -14,7 +14,7 @@ from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 if TYPE_CHECKING:
-    from ..store.build import BuildReport
+    from ..store.store_build import BuildReport
 
 
 def build(
@@ -50,7 +50,7 @@ def build(
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
     from ..engine.building import build_store
-    from ..store.resident import peak_resident
+    from ..store.system_resources import peak_resident
 
     with ProgressDisplay(quiet) as display:
         display.say("reading")

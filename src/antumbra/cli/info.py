@@ -14,7 +14,7 @@ from .progress import ProgressDisplay
 from .sceneinput import open_scene
 
 if TYPE_CHECKING:
-    from ..store.read import Store
+    from ..store.store_file import Store
 
 TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
 _MOST_MESHES = 20

@@ -192,7 +192,7 @@ def scene_digest(spec: SceneSpec) -> str:
     Files that a file refers to (textures, buffers of a .gltf) are not read.
     """
     from ..scene.frames import FILES
-    from ..store.layout import STORE_SUFFIX
+    from ..store.store_format import STORE_SUFFIX
 
     digest = hashlib.sha256(usedforsecurity=False)
     if spec.path is None:

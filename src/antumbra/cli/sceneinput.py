@@ -25,7 +25,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
             raise InputError("--up and --crs belong to files; procedural scenes have +Y up and no CRS, leave them out")
         return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
     from .. import load
-    from ..store.layout import STORE_SUFFIX
+    from ..store.store_format import STORE_SUFFIX
 
     if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
         raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")

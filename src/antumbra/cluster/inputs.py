@@ -14,7 +14,7 @@ from ..kernels.locks import held
 from ..kernels.private import checked_own, make_folder, private_folder
 from ..kernels.progress import LOG
 from ..output import replacing
-from ..store.layout import STORE_SUFFIX
+from ..store.store_format import STORE_SUFFIX
 
 PIECE = 8 << 20  # bytes that are fetched at once
 

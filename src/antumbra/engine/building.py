@@ -11,8 +11,8 @@ from ..output import checked_output
 from ..scene.data import SceneData
 from ..scene.foreign import is_mesh
 from ..scene.generated import StreamedCity
-from ..store.build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
-from ..store.layout import STORE_SUFFIX
+from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
+from ..store.store_format import STORE_SUFFIX
 from ..temporary import temporary_folder
 from .any_scene import AnyScene
 from .loading import scene_of

@@ -14,7 +14,7 @@ from ..scene.made import data_of_mesh
 from ..scene.memory import MemoryData, checked_up
 from ..scene.sampled import looks_z_up, sampled_faces
 from ..scene.source import Source
-from ..store.layout import STORE_SUFFIX
+from ..store.store_format import STORE_SUFFIX
 
 GLTF_SUFFIXES = (".glb", ".gltf")
 MESH_SUFFIXES = (".obj", ".ply", ".stl")
@@ -67,7 +67,7 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
 
         return _scene(*read_frames(path), path.resolve().name, up)
     if suffix == STORE_SUFFIX:
-        from ..store.data import load_store
+        from ..store.store_file import load_store
 
         return load_store(path)
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:

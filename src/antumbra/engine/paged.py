@@ -17,9 +17,9 @@ from ..query.shadow_query import Surfaces
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
-from ..store.data import StoreData
-from ..store.residency import Copies, Paging, Residency, marked, places
-from ..store.resident import release_freed, resident
+from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
+from ..store.store_file import StoreData
+from ..store.system_resources import release_freed, resident
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ..techniques.chcrt.tree_parts import parts_of_chunks
@@ -267,8 +267,8 @@ class Paged:
         chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
         for begin in range(0, len(chunks), _CHUNKS_AT_ONCE):
             some = chunks[begin : begin + _CHUNKS_AT_ONCE]
-            first, numbers = places(some, sizes), np.zeros(int(sizes[some].sum()), np.int32)
-            for k, slots in marked(some, sizes, mark):
+            first, numbers = slot_starts(some, sizes), np.zeros(int(sizes[some].sum()), np.int32)
+            for k, slots in hit_slots(some, sizes, mark):
                 numbers[first[k] + slots] = np.arange(n, n + len(slots), dtype=np.int32)
                 copies.append(self.residency.triangles(k, slots))
                 n += len(slots)

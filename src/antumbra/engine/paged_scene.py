@@ -4,8 +4,7 @@ from typing import Any
 
 from ..checks import byte_count
 from ..errors import InputError
-from ..store.data import StoreData
-from ..store.read import Store
+from ..store.store_file import Store, StoreData
 from .any_scene import AnyScene, Of
 
 

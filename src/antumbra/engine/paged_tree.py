@@ -8,8 +8,8 @@ from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
 from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..errors import InputError
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..store.layout import Chunk
-from ..store.resident import resident
+from ..store.store_format import Chunk
+from ..store.system_resources import resident
 from ..techniques.chcrt.occlusion_queries import Pairs, ask
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..trace.rays.single_rays import leaf_depths
@@ -61,7 +61,7 @@ def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
 
 
 def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
-    """One tree of a top tree and some of k chunks; `top`: see `store.top.Top`."""
+    """One tree of a top tree and some of k chunks; `top`: see `store.store_file.TopTree`."""
     m = len(top) if k > 1 else 0  # the top tree of one chunk is not needed
     sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
     firsts = m + np.cumsum(sizes)

@@ -49,7 +49,7 @@ class Measured(NamedTuple):
     seconds: list[dict[str, float]]  # of each round: seconds of each phase in `frame.PHASES`, and "total"
     rays: int  # shadow rays of a frame
     counters: dict[str, int]  # sums over the shadow rays of a frame
-    paging: dict[str, int] | None  # stores only: chunks read and evicted in a frame, see `store.residency.Paging`
+    paging: dict[str, int] | None  # stores only: chunks read and evicted in a frame, see `store.chunk_residency.Paging`
     windows: np.ndarray | None  # (rows, columns) float64: tests per ray, NaN without rays; None: see `_tests_of`
     difference: Difference  # from the reference
 

@@ -60,7 +60,7 @@ class Frame(NamedTuple):
     scheduled: list[dict] | None = (
         None  # CHC+RT only: cost of each query, see `techniques.chcrt.visibility_fronts.Statistics`
     )
-    paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.residency.Paging`
+    paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
     choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
     divided: np.ndarray | None = None  # (H, W) float32: share of each pixel with surfaces; None: edges not smoothed

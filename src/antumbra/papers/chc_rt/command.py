@@ -97,7 +97,7 @@ def chc_rt(
 
     from ...kernels.parallel import thread_count
     from ...scene.procedural.request import checked
-    from ...store.resident import peak_resident
+    from ...store.system_resources import peak_resident
     from . import session
     from . import views as chcrt_views
     from .measure import Pace

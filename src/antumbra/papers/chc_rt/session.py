@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from ...store.residency import POLICIES
+from ...store.chunk_residency import POLICIES
 from ..answers import agree
 from . import ablation, measure, sizes, stores
 from .kinds import WALKED, Table

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from ...engine.paged import MAX_MEMORY
 from ...engine.paged_scene import PagedScene
 from ...errors import InputError
-from ...store.layout import places
+from ...store.store_format import chunk_places
 from .measure import InCore
 from .views import WalkPlace
 
@@ -35,7 +35,7 @@ def size_of_store(place: WalkPlace, max_memory: int | None) -> SceneSize:
     chunks, top = scene.store.chunks, scene.store.top
     bvh, geometry = top.nodes.nbytes, 0
     for triangles, nodes, colours in zip(*(a.tolist() for a in (chunks.triangles, chunks.nodes, chunks.colours))):
-        at = places(triangles, nodes, colours)
+        at = chunk_places(triangles, nodes, colours)
         bvh, geometry = bvh + at.corners - at.nodes, geometry + at.end - at.corners
     total, most = scene.store.path.stat().st_size, max_memory or scene.max_memory or MAX_MEMORY
     return SceneSize(place.name, scene.n_triangles, total, bvh, geometry, min(most / total, 1.0))

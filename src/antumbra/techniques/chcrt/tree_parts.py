@@ -46,7 +46,7 @@ class PartMemory(Protocol):
         """Yield these parts in groups, parts in memory first. A group's trees stay until the next group is requested.
 
         still : tells which of some parts are still wanted. It is called before they are read; other parts are left out.
-        mark : marks the hits so far: see `store.residency.Mark`; None: their triangles are not wanted
+        mark : marks the hits so far: see `store.chunk_residency.Mark`; None: their triangles are not wanted
         """
         ...
 

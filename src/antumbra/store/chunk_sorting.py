@@ -1,22 +1,35 @@
-"""Sorts any number of triangles by their Morton codes.
+"""Sort any number of triangles by Morton code, cut them into chunks along Morton cells, and build a tree for each.
 
-If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their codes.
-These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the same first
-bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed by its next
-bits. The triangles alone decide the groups; the amount of memory does not.
+Sorting. If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their
+codes. These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the
+same first bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed
+by its next bits. The triangles alone decide the groups; the amount of memory does not.
 """
 
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from ..bvh import binned_sah
+from ..bvh.lbvh import cut_top
 from ..bvh.morton import Grid, write_codes
 from ..bvh.prepare import CHUNK
 from ..bvh.radix_sort import radix_sort
 from ..kernels.parallel import new_ticket, run
-from .columns import Batches, Buckets, Columns, empty_columns
+from .staging_files import Batches, Buckets, TriangleColumns, empty_columns, palette_of
+from .store_file import Encoded, encode_chunk
+
+# --- Sorts any number of triangles by their Morton codes --------------------------------------------------------------
+#
+# If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their codes.
+# These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the same
+# first bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed by
+# its next bits. The triangles alone decide the groups; the amount of memory does not.
+
 
 AXIS_BITS = 21
 CODE_BITS = 3 * AXIS_BITS
@@ -26,7 +39,7 @@ _LEVEL_BITS = 21  # bits that are counted at a time: 128 cells along each axis
 class Group(NamedTuple):
     """Triangles with consecutive codes."""
 
-    triangles: Columns
+    triangles: TriangleColumns
     codes: np.ndarray  # (n,) int64, ascending
     order: np.ndarray  # (n,) int32: the index of each code's triangle
 
@@ -78,7 +91,7 @@ def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None],
         buckets.close()
 
 
-def _joined(batches: Iterator[Columns], n: int) -> Columns:
+def _joined(batches: Iterator[TriangleColumns], n: int) -> TriangleColumns:
     """All batches of at most `n` triangles as one."""
     whole, at = empty_columns(n), 0
     for batch in batches:
@@ -98,7 +111,7 @@ def _codes(sorting: Sorting, corners: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return codes, numbers
 
 
-def _sorted(sorting: Sorting, triangles: Columns) -> Group:
+def _sorted(sorting: Sorting, triangles: TriangleColumns) -> Group:
     codes, numbers = _codes(sorting, triangles.corners)
     return Group(triangles, *radix_sort(codes, numbers, CODE_BITS, sorting.threads))
 
@@ -146,3 +159,46 @@ def _distribute(sorting: Sorting, batches: Batches, shift: int, cells: list[tupl
         for k in np.flatnonzero(sizes).tolist():
             buckets.add(k, batch.rows(order[ends[k] - sizes[k] : ends[k]]))
         sorting.heard(len(codes))
+
+
+# --- Cuts sorted triangles into chunks along Morton cells, and builds a tree for each chunk ---------------------------
+
+
+_TINY = 8  # a chunk with fewer than an 8th of the most triangles joins a neighbour that has room
+
+
+def cut_chunks(codes: np.ndarray, most: int) -> list[tuple[int, int]]:
+    """Cut sorted codes into chunks: the largest Morton cells of at most `most` triangles.
+
+    A tiny cell is joined to a neighbour if both together have at most `most` triangles. Each chunk is a pair: the index
+    of its first code, and the index behind its last one.
+    """
+    chunks: list[tuple[int, int]] = []
+    for first, last in cut_top(codes, np.int64(0), most)[1].tolist():
+        if chunks and last - chunks[-1][0] <= most and min(last - first, first - chunks[-1][0]) < most // _TINY:
+            first, _ = chunks.pop()
+        chunks.append((first, last))
+    return chunks
+
+
+def build_chunk(triangles: TriangleColumns, which: np.ndarray) -> Encoded:
+    """Make the chunk of the triangles `which`, with a tree by binned SAH [Wald 2007]."""
+    bvh = binned_sah.build(triangles.corners[which].reshape(-1, 3, 3), 1)
+    slots = which[bvh.prim_ids]
+    return encode_chunk(bvh._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
+
+
+def chunks_of(groups: Iterable[Group], most: int, threads: int) -> Iterator[Encoded]:
+    """Yield all chunks, in the order of the groups. One thread builds a chunk; `threads` are built at a time."""
+    waiting: deque[Future[Encoded]] = deque()
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for group in groups:
+                for first, last in cut_chunks(group.codes, most):
+                    waiting.append(pool.submit(build_chunk, group.triangles, group.order[first:last]))
+                    while len(waiting) > 2 * threads:
+                        yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(cancel_futures=True)

@@ -1,4 +1,4 @@
-"""Keeps chunks of a store in memory, as many as a budget allows.
+"""Chunk residency: keep as many chunks of a store in memory as a budget allows.
 
 [Mattausch et al. 2015, Sec. 5.4] trace the cached chunks first, and overwrite the cache round robin. This module evicts
 the least recently used chunk (or round robin, for comparison). While the cached chunks are traced, threads read the
@@ -17,9 +17,9 @@ from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.links import ROWS
 from ..errors import InputError
 from ..trace.tree_list import ADDRESSES, addresses
-from .layout import NODE_BYTES, Chunk
-from .pool import Pool
-from .read import Store
+from .store_file import Store
+from .store_format import NODE_BYTES, Chunk
+from .system_resources import Pool
 
 POLICIES = "lru", "round-robin"
 _READERS = 2  # reading threads; while nothing can be traced they have all cores
@@ -39,7 +39,7 @@ class Paging(NamedTuple):
     bvh_bytes: int  # bytes of nodes among them; the others are corners, numbers, colours, and zeros up to whole pages
 
 
-class Resident(NamedTuple):
+class ResidentChunk(NamedTuple):
     """A chunk in memory."""
 
     tree: BlockTree
@@ -81,7 +81,7 @@ class Residency:
         self.store, self.budget, self.policy = store, budget, policy
         self.trees = np.zeros((len(store), ADDRESSES), np.int64)
         self.paging = Paging(0, 0, 0, 0, 0)
-        self._chunks: OrderedDict[int, Resident] = OrderedDict()  # the next chunk to evict comes first
+        self._chunks: OrderedDict[int, ResidentChunk] = OrderedDict()  # the next chunk to evict comes first
         self._used = self._coming = 0
         self._pinned: set[int] = set()
         self._copies: dict[int, Copies] = {}  # of chunks that left memory while rays still had hits in them
@@ -128,7 +128,7 @@ class Residency:
         here = [k for k in parts.tolist() if k in self._chunks]
         missing = deque(k for k in parts.tolist() if k not in self._chunks)
         self._note(wanted=len(parts), cached=len(here))
-        coming: deque[tuple[int, Future[Resident]]] = deque()
+        coming: deque[tuple[int, Future[ResidentChunk]]] = deque()
         self._pinned = set(here)
         try:
             self._request(missing, coming, mark)
@@ -193,7 +193,7 @@ class Residency:
                 break
         self._evict(leaving, mark)
 
-    def _read(self, k: int) -> Resident:
+    def _read(self, k: int) -> ResidentChunk:
         """Make the tree of a chunk; runs in a reading thread."""
         if not hasattr(self._own, "memory"):
             self._own.memory = self.store.memory()
@@ -241,7 +241,7 @@ class Residency:
 
     def _keep_hits(self, leaving: np.ndarray, mark: Mark) -> None:
         """Copy the triangles of chunks that the rays hit."""
-        for k, slots in marked(leaving, self.store.chunks.triangles, mark):
+        for k, slots in hit_slots(leaving, self.store.chunks.triangles, mark):
             self._copies[k] = self._copied(k, slots)
 
     def _copied(self, k: int, slots: np.ndarray) -> Copies:
@@ -260,7 +260,7 @@ def _still(missing: deque, still: Callable[[np.ndarray], np.ndarray]) -> deque:
     return deque([*soon[still(soon)].tolist(), *later.tolist()] if len(soon) else [])
 
 
-def places(chunks: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def slot_starts(chunks: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(k,) int64: where the slots of each chunk begin if those of some `chunks` follow one another; -1 for the others.
 
     triangles : (k,) int64, triangles of all chunks
@@ -270,9 +270,9 @@ def places(chunks: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return first
 
 
-def marked(chunks: np.ndarray, triangles: np.ndarray, mark: Mark) -> Iterable[tuple[int, np.ndarray]]:
+def hit_slots(chunks: np.ndarray, triangles: np.ndarray, mark: Mark) -> Iterable[tuple[int, np.ndarray]]:
     """For each of some chunks in which rays have hits: its number, and the slots of the hits, ascending."""
-    first, marks = places(chunks, triangles), np.zeros(int(triangles[chunks].sum()), np.uint8)
+    first, marks = slot_starts(chunks, triangles), np.zeros(int(triangles[chunks].sum()), np.uint8)
     mark(first, marks)
     for k in chunks.tolist():
         slots = np.flatnonzero(marks[first[k] : first[k] + triangles[k]])
@@ -280,15 +280,15 @@ def marked(chunks: np.ndarray, triangles: np.ndarray, mark: Mark) -> Iterable[tu
             yield k, slots
 
 
-def _resident(tree: BlockTree, chunk: Chunk, pool: Pool, most: int) -> Resident:
+def _resident(tree: BlockTree, chunk: Chunk, pool: Pool, most: int) -> ResidentChunk:
     """Copy a chunk's tree and colours to memory of the pool."""
     made = {name: getattr(tree, name) for name in tree._fields if name != "links"}
     made |= {"palette": chunk.palette, "index": chunk.index}
-    places = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
-    memory = pool.take(int(places[-1]), most)
+    slot_starts = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
+    memory = pool.take(int(slot_starts[-1]), most)
     kept = {}
-    for (name, array), at in zip(made.items(), places):
+    for (name, array), at in zip(made.items(), slot_starts):
         kept[name] = memory[at : at + array.nbytes].view(array.dtype).reshape(array.shape)
         kept[name][...] = array
     palette, index = kept.pop("palette"), kept.pop("index")
-    return Resident(BlockTree(links=kept["nodes"].view(np.int32), **kept), palette, index, memory)
+    return ResidentChunk(BlockTree(links=kept["nodes"].view(np.int32), **kept), palette, index, memory)

@@ -1,4 +1,4 @@
-"""Building a store from scenes of any size within a given amount of memory."""
+"""Build a store from scenes of any size within a given amount of memory."""
 
 from collections.abc import Callable, Iterable
 from contextlib import closing
@@ -14,15 +14,11 @@ from ..scene.generated import StreamedCity
 from ..scene.memory import MemoryData
 from ..scene.recentre import frame_origin
 from ..scene.source import Source
-from .chunks import chunks_of
-from .columns import gathered
-from .data import StoreData
-from .meta import Meta
-from .sort import Sorting, grid_over, groups
-from .space import check_space
-from .spool import MOST, Spool
-from .top import top_tree
-from .write import Writer
+from .chunk_sorting import Sorting, chunks_of, grid_over, groups
+from .staging_files import MOST, StagingFile, gather_triangles
+from .store_file import StoreData, Writer, top_tree
+from .store_format import Meta
+from .system_resources import check_space
 
 LEAST_MEMORY = 384 << 20
 MOST_TRIANGLES = 2**31 - 1  # so that an int32 holds their indices
@@ -63,7 +59,7 @@ class _Build:
         self._start = self._lap = perf_counter()
 
     def run(self, scenes: Iterable, path: Path, temporary: Path) -> BuildReport:
-        spool = Spool(self.folder, path.name)
+        spool = StagingFile(self.folder, path.name)
         try:
             about = self._spooled(scenes, spool)
             bounds = spool.survey.bounds()
@@ -75,7 +71,7 @@ class _Build:
         finally:
             spool.close()
 
-    def _spooled(self, scenes: Iterable, spool: Spool) -> dict:
+    def _spooled(self, scenes: Iterable, spool: StagingFile) -> dict:
         """Spool all pieces; return the name, up axis, CRS, cameras, lights and notes of all scenes."""
         names, ups, systems, cameras, lights, notes = [], set(), set(), [], [], []
         for scene in scenes:
@@ -107,13 +103,13 @@ class _Build:
         about = {"name": " + ".join(names), "up": ups.pop(), "crs": known[0] if known else None}
         return {**about, "cameras": cameras, "lights": lights, "notes": tuple(notes)}
 
-    def _spool(self, source: Source, spool: Spool) -> None:
+    def _spool(self, source: Source, spool: StagingFile) -> None:
         with closing(source.pieces(0.0)) as pieces:  # other processes may be making the pieces
             for piece in pieces:
                 spool.add(piece)
                 self._say("reading", spool.survey.n_triangles, 0)
 
-    def _write_chunks(self, spool: Spool, bounds: np.ndarray, writer: Writer) -> None:
+    def _write_chunks(self, spool: StagingFile, bounds: np.ndarray, writer: Writer) -> None:
         n, origin, heard = spool.survey.n_triangles, frame_origin(*bounds), 0
 
         def distributed(count: int) -> None:
@@ -123,7 +119,7 @@ class _Build:
 
         grid = grid_over((bounds - origin).astype(np.float32))
         sorting = Sorting(grid, self.folder, _GROUP * self.chunk, self.batch, self.threads, distributed)
-        batches = lambda: gathered(spool.pieces(), origin, self.batch, self.threads, self._left_out)
+        batches = lambda: gather_triangles(spool.pieces(), origin, self.batch, self.threads, self._left_out)
         done = 0
         with closing(chunks_of(groups(sorting, batches, n, spool.close), self.chunk, self.workers)) as chunks:
             for made in chunks:
