@@ -31,7 +31,7 @@ import numpy as np
 
 import antumbra
 from antumbra.auto.rates import best_pays
-from antumbra.engine.ray_lists import PLANS
+from antumbra.engine.in_memory_source import PLANS
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree_rays import occluded_of, trace, write

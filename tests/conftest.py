@@ -7,7 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test pro
 import pytest
 from hypothesis import settings
 
-from antumbra.engine.ready import compile_missing, missing_of
+from antumbra.engine.precompilation import compile_missing, missing_of
 from antumbra.kernels import needs
 from antumbra.methods import add_plugins
 from antumbra.scene.procedural import add_scenes

@@ -16,13 +16,12 @@ from .version import VERSION as _VERSION
 if typing.TYPE_CHECKING:
     from . import cluster
     from .bvh.srdh_rays import SrdhRays
-    from .engine.building import build_store
-    from .engine.engine import Engine
-    from .engine.loading import load
+    from .engine.engine import Engine, Visibility
     from .engine.paged_scene import PagedScene
-    from .engine.points import visibility
+    from .engine.point_visibility import visibility
     from .engine.scene import Scene, procedural
-    from .engine.visibility import Visibility
+    from .engine.scene_loading import load
+    from .engine.store_building import build_store
     from .errors import InputError
     from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
@@ -138,8 +137,8 @@ _HOMES = {
     "jobs.areas": ["area_sensors"],
     "jobs.bake": ["Baked", "bake"],
     "plan": ["Plan"],
-    "engine.points": ["visibility"],
-    "engine.visibility": ["Visibility"],
+    "engine.point_visibility": ["visibility"],
+    "engine.engine": ["Visibility"],
     "query.gbuffer": ["GBuffer"],
     "rendering.frame": ["Frame"],
     "rendering.options": ["RenderOptions"],
@@ -176,7 +175,7 @@ _HOMES = {
     "jobs.sight.pairs": ["Sightlines", "line_of_sight"],
     "jobs.sight.viewshed": ["Viewshed", "viewshed"],
     "jobs.table": ["Column", "Table"],
-    "engine.loading": ["load"],
+    "engine.scene_loading": ["load"],
     "scene.directional_lights": ["DirectionalLights"],
     "scene.mesh": ["MeshInfo", "ObjectInfo"],
     "scene.point_lights": ["PointLights"],
@@ -186,7 +185,7 @@ _HOMES = {
     "scene.sky": ["Sky"],
     "scene.triangles": ["Triangles"],
     "bvh.srdh_rays": ["SrdhRays"],
-    "engine.building": ["build_store"],
+    "engine.store_building": ["build_store"],
     "store.store_build": ["BuildReport"],
     "engine.paged_scene": ["PagedScene"],
     "rendering.virtual_lights": ["virtual_point_lights"],

@@ -12,7 +12,7 @@ from PIL import Image
 
 from antumbra.cli.comparearguments import CompareArguments
 from antumbra.cli.comparesummary import milliseconds, number, ratio
-from antumbra.engine.accelerate import Accelerator
+from antumbra.engine.accelerator import Accelerator
 
 SMALL = "procedural:atrium?triangles=2000"
 PLANS = "bsah+single", "grid32+lbvh+multifrusta", "cones"

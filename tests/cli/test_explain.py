@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.engine.accelerate import Accelerator
+from antumbra.engine.accelerator import Accelerator
 
 SMALL = "procedural:atrium?triangles=2000"
 CLASSES = ["path to the hit", "false hits", "unoccluded"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.engine import ready
+from antumbra.engine import precompilation as ready
 from antumbra.jobs.warm import jobs
 from antumbra.methods import KINDS, own_methods
 from antumbra.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan

@@ -2,7 +2,7 @@
 
 import pytest
 
-from antumbra.engine.bands import Bands
+from antumbra.engine.paged_source import Bands
 
 BUDGET = 1000
 

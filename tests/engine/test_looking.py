@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine import looking
-from antumbra.engine.choosing import Choosing
-from antumbra.engine.looking import RASTER, RAYS, Looking
+from antumbra.engine import primary_visibility as looking
+from antumbra.engine.accelerator import AutoAccelerator
+from antumbra.engine.primary_visibility import RASTER, RAYS, PrimaryMethodChooser
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -21,18 +21,18 @@ def compiled(monkeypatch):
     """All kernels are compiled; trees are kept, however slow the machine, and have the form that camera rays walk."""
     monkeypatch.setattr(looking, "_rays_are_compiled", lambda: True)
     monkeypatch.setattr(looking, "_has_blocks", lambda whole: True)
-    monkeypatch.setattr(Choosing, "outgrown", lambda self, accelerated: False)
+    monkeypatch.setattr(AutoAccelerator, "outgrown", lambda self, accelerated: False)
 
 
 def _used(monkeypatch):
     """A list that gets the method of each frame."""
-    used, timed = [], Looking.timed
+    used, timed = [], PrimaryMethodChooser.timed
 
     def noted(self, method, pixels, look):
         used.append(method)
         return timed(self, method, pixels, look)
 
-    monkeypatch.setattr(Looking, "timed", noted)
+    monkeypatch.setattr(PrimaryMethodChooser, "timed", noted)
     return used
 
 
@@ -76,7 +76,7 @@ def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, 
     monkeypatch.setattr(looking, "perf_counter", lambda: clock[0])
     monkeypatch.setattr(looking, "_rays_are_compiled", lambda: True)
     monkeypatch.setattr(looking, "_has_blocks", lambda whole: True)
-    chooser, used = Looking(), []
+    chooser, used = PrimaryMethodChooser(), []
 
     def look(method):
         clock[0] += 100.0 * (method not in used) + {slow: 2.0, fast: 1.0}[method]  # first calls take much longer
@@ -87,4 +87,4 @@ def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, 
         used.append(method)
     assert used[:4] == [RASTER, RASTER, RAYS, RAYS]
     assert used[4:-1] == [fast] * (looking._AGAIN - 1) and used[-1] == slow
-    assert Looking().choose(None) == RASTER
+    assert PrimaryMethodChooser().choose(None) == RASTER

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.bands import Bands
-from antumbra.engine.building import build_store
+from antumbra.engine.paged_source import Bands
+from antumbra.engine.store_building import build_store
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment
 from antumbra.rendering.renderer import Renderer
@@ -92,7 +92,7 @@ def test_bands_of_a_picture_too_large_for_memory(city, monkeypatch):
             yield rows
 
     monkeypatch.setattr(Bands, "of_frame", noted)
-    monkeypatch.setattr("antumbra.engine.paged._MANY", 0)
+    monkeypatch.setattr("antumbra.engine.paged_source._MANY", 0)
     for _ in range(3):
         frame = renderer.render(camera, lights, **options)
         _same(frame, inside)
@@ -164,8 +164,8 @@ def test_rays_meet_what_they_meet_in_memory(city, facing):
 def test_rays_in_batches_and_shapes(city, monkeypatch):
     inside, path = city
     scene, (origins, directions, *_) = at.load(path), _rays(inside, 1200)
-    monkeypatch.setattr("antumbra.engine.paged.LEAST", 100)
-    monkeypatch.setattr("antumbra.engine.paged.Paged.together", lambda self, size: 1)
+    monkeypatch.setattr("antumbra.engine.paged_source.LEAST", 100)
+    monkeypatch.setattr("antumbra.engine.paged_source.Paged.together", lambda self, size: 1)
     truth = inside.closest_hit(origins, directions)
     hit = scene.closest_hit(origins.reshape(30, 40, 3), directions.reshape(30, 40, 3))
     np.testing.assert_array_equal(hit.face, truth.face.reshape(30, 40))

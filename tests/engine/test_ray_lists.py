@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.auto import rates
-from antumbra.engine.ray_lists import PLANS
+from antumbra.engine.in_memory_source import PLANS
 from antumbra.plan import parse_plan
 
 FIRST, BETTER = map(parse_plan, PLANS)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.in_memory import InMemory
-from antumbra.engine.paged import Paged
-from antumbra.engine.source import RenderSource
+from antumbra.engine.frame_tracer import RenderSource
+from antumbra.engine.in_memory_source import InMemory
+from antumbra.engine.paged_source import Paged
 from antumbra.rendering.renderer import Renderer
 from stores import built
 

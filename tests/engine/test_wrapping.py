@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.see import see
-from antumbra.engine.wrapping import unwrapped
+from antumbra.engine.default_view import innermost_box
+from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.scene.view import KINDS
 from scene.test_default_view import block, blocks
 
@@ -42,7 +42,7 @@ def assert_shows(scene, is_content, box, size, kind="perspective", least=0.03):
     """Check that a default picture is made in the box, and shows enough of the content."""
     camera = scene.default_camera(*size, kind)
     small = camera.resized(*(np.array(size) * 64 // min(size)))
-    face = see(scene.triangles(), small, None).face if kind == "perspective" else traced(scene, small)
+    face = primary_visibility(scene.triangles(), small, None).face if kind == "perspective" else traced(scene, small)
     shown = is_content[face] & (face >= 0)
     assert shown.mean() > least, (size, kind, shown.mean())
     if kind == "perspective":
@@ -77,7 +77,7 @@ def test_other_maps_and_boxes(up, few):
     for kind in KINDS if few else KINDS[:1]:
         for size in SIZES[::2][: 1 + (kind == "perspective")]:
             assert_shows(scene, is_content, scene.bounds, size, kind, 3e-4 if few else 0.03)
-    wrapping = unwrapped(scene.triangles(), None)
+    wrapping = innermost_box(scene.triangles(), None)
     assert len(wrapping.planes) == 6 and wrapping.content.face_id.tolist() == list(range(24, len(soup)))
 
 
@@ -89,7 +89,7 @@ def test_what_is_no_closed_box_is_not_opened():
     corners = [at.Scene.from_arrays(np.concatenate([open_above, MAP])), at.Scene.from_arrays(alone)]
     corners += [at.Scene.from_arrays(protruding), at.Scene.from_arrays(MAP), at.procedural("city", triangles=5000)]
     corners += [at.Scene.from_arrays(np.concatenate([alone, [alone[0] * 0.5]]))]  # a face inside is no content
-    assert [unwrapped(scene.triangles(), None) for scene in corners] == [None] * len(corners)
+    assert [innermost_box(scene.triangles(), None) for scene in corners] == [None] * len(corners)
     assert all(scene.view.room is None for scene in corners[1:])
 
 
@@ -102,4 +102,4 @@ def test_a_moving_part_that_leaves_its_box_is_shown_from_outside(tmp_path):
     moving = made.node(mesh=made.mesh(made.primitive(small)))
     made.animate(moving, "translation", [0, 1], [[0, 0, 0], [0, 5, 0]])
     scene = at.load(made.write(tmp_path))
-    assert scene.view.room is None and unwrapped(scene.triangles(0.0), None) is not None
+    assert scene.view.room is None and innermost_box(scene.triangles(0.0), None) is not None

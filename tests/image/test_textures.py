@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.in_memory import see
+from antumbra.engine.in_memory_source import primary_visibility
 from antumbra.image.albedo import albedo, eye_of
 from antumbra.image.corners import places_of
 from antumbra.image.irradiance import irradiance
@@ -29,7 +29,7 @@ def linear(b):
 
 def seen_in(scene, camera=CAMERA):
     triangles = scene.triangles(0.0, 1)
-    surfaces = surfaces_of(see(triangles, camera, None, 1), triangles)
+    surfaces = surfaces_of(primary_visibility(triangles, camera, None, 1), triangles)
     return surfaces, places_of(surfaces), eye_of(camera.rays(scene.origin), 1)
 
 
@@ -162,7 +162,7 @@ def test_normals_move_with_an_animation(tmp_path):
     scene = at.load(made.write(tmp_path))
     for time, axes in ((0.0, (1.0, 0.25, 1.0)), (1.0, (0.25, 1.0, 1.0))):  # a quarter turn swaps x and y
         triangles = scene.triangles(time, 1)
-        surfaces = surfaces_of(see(triangles, CAMERA, None, 1), triangles)
+        surfaces = surfaces_of(primary_visibility(triangles, CAMERA, None, 1), triangles)
         found = shading_normals(places_of(surfaces), scene.appearance, 1).normal[surfaces.ids >= 0]
         expected = (surfaces.gbuffer.position[surfaces.ids >= 0] + surfaces.gbuffer.origin) / axes
         expected /= np.linalg.norm(expected, axis=1, keepdims=True)

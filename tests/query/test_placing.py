@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.engine.building import build_store
+from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.plan import Plan, covering_plans
 from antumbra.query.light_samples import light_samples

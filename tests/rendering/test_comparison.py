@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.accelerate import Accelerator
-from antumbra.engine.building import build_store
+from antumbra.engine.accelerator import Accelerator
+from antumbra.engine.store_building import build_store
 from antumbra.plan import parse_plan
 from antumbra.rendering import comparison
 from antumbra.rendering.comparison import Difference, compare, difference, over_pixels

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.building import build_store
+from antumbra.engine.store_building import build_store
 from antumbra.query.ray_list import RayArrays
 
 VERTICES = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4], [4, 0, 4]], np.float64)

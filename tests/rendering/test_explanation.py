@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.accelerate import Accelerator
+from antumbra.engine.accelerator import Accelerator
 from antumbra.methods import TRACERS
 from antumbra.plan import parse_plan
 from antumbra.query.shadow_query import segments, with_receivers

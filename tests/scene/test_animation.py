@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, trs, world
 

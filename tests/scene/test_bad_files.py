@@ -5,8 +5,8 @@ import threading
 
 import pytest
 
-from antumbra.engine import opening as module
-from antumbra.engine.loading import load
+from antumbra.engine import scene_reading as module
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from gltf_files import single
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.scene.sampled import looks_z_up
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 

@@ -15,7 +15,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 import city_files
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.scene.gltf.document import split_glb
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, png
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf, assert_at, moved, single, trs
 

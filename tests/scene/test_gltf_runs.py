@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.scene.gltf import runs
 from antumbra.scene.gltf.runs import MOST

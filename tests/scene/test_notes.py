@@ -2,7 +2,7 @@
 
 import warnings
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.scene.notes import by_kind
 
 

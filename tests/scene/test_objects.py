@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from antumbra.engine.building import build_store
-from antumbra.engine.loading import load
 from antumbra.engine.scene import Scene, procedural
+from antumbra.engine.scene_loading import load
+from antumbra.engine.store_building import build_store
 from antumbra.scene.gltf import read
 from antumbra.scene.mesh import ObjectInfo
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf

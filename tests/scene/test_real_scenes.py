@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from gltf_files import assert_at, moved, trs, world
 from scene.test_animation import hermite, linear, step
 from scenes import scene_folder, scene_path

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.engine.loading import load
+from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.scene.lights import DirectionalLight, PointLight, QuadLight
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, single, trs

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 import antumbra as at
-from antumbra.engine.building import build_store
+from antumbra.engine.store_building import build_store
 from antumbra.store.store_file import Writer, open_store
 from bvh_scenes import scattered
 from stores import soup_scene

@@ -11,7 +11,7 @@ SCRIPT = """
 import sys
 from antumbra.store.system_resources import peak_resident
 from antumbra.scene.generated import StreamedCity
-from antumbra.engine.building import build_store
+from antumbra.engine.store_building import build_store
 from antumbra.store.store_build import LEAST_MEMORY
 
 triangles, path = int(sys.argv[1]), sys.argv[2]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.building import build_store
 from antumbra.engine.scene import Scene
+from antumbra.engine.store_building import build_store
 from antumbra.scene.generated import StreamedCity
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
 from antumbra.scene.point_lights import PointLights

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.any_scene import AnyScene
-from antumbra.engine.scene import Scene
+from antumbra.engine.scene import AnyScene, Scene
 from antumbra.scene.view import view_of_box
 from bvh_scenes import scattered
 from stores import built, soup_scene

@@ -3,8 +3,8 @@
 import numpy as np
 
 import oracle
-from antumbra.engine.choosing import accelerator_of
-from antumbra.engine.see import see
+from antumbra.engine.accelerator import accelerator_of
+from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.plan import parse_plan
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
@@ -13,7 +13,7 @@ from antumbra.query.shadow_query import segments, shadow_queries
 def query_of(scene, camera, light, spp, time=0.0):
     """(triangles, ShadowQuery) of the surfaces that a camera sees."""
     triangles = scene.triangles(time)
-    gbuffer = see(triangles, camera, threads=2)
+    gbuffer = primary_visibility(triangles, camera, threads=2)
     return triangles, shadow_queries(triangles, gbuffer, [light], [light_samples(light, spp)])[0]
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from antumbra.bvh.nodes import Bvh
 from antumbra.bvh.quality import validate
-from antumbra.engine.building import build_store
 from antumbra.engine.scene import Scene
+from antumbra.engine.store_building import build_store
 from antumbra.scene.source import Piece
 from antumbra.store.store_file import Store, open_store
 

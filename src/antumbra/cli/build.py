@@ -49,7 +49,7 @@ def build(
     specs = [arguments.parse_scene(text) for text in scenes]
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
-    from ..engine.building import build_store
+    from ..engine.store_building import build_store
     from ..store.system_resources import peak_resident
 
     with ProgressDisplay(quiet) as display:

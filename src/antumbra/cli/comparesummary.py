@@ -9,7 +9,7 @@ import numpy as np
 from . import report, summary
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..image.panels import Bar
     from ..rendering.comparison import Comparison, Measured
     from .comparearguments import CompareArguments

@@ -29,7 +29,7 @@ from .sceneinput import limit_memory, open_scene
 from .sharing import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..jobs.dataset.make import Dataset
     from ..jobs.engines import Share
 

@@ -90,7 +90,7 @@ def _node_text(node: dict) -> str:
 
 def _kernels() -> dict:
     """Where compiled kernels are kept, and how many of those that jobs need are there."""
-    from ..engine.ready import missing_of
+    from ..engine.precompilation import missing_of
     from ..kernels import needs
     from ..kernels.loading import user_cache
 

@@ -23,7 +23,7 @@ from .picturespec import PictureSpec, scene_digest
 from .progress import ProgressDisplay
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..jobs.engines import Engine
     from .picturespec import Shot
 

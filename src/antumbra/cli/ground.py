@@ -6,7 +6,7 @@ from ..checks import number
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..scene.camera import Camera
 
 WORDS = "auto", "on", "off"

@@ -15,7 +15,7 @@ from .progress import ProgressDisplay
 from .sceneinput import in_memory, open_scene
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..jobs.sight.pairs import Sightlines
     from ..jobs.sight.readpairs import PairList
 

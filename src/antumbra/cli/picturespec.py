@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ..bvh.srdh_rays import SrdhRays
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..jobs.engines import Engine
     from ..plan import Plan
     from ..rendering.frame import Frame

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from . import page, report, summary
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from .picturespec import PictureSpec, Shot
 
 

@@ -11,7 +11,7 @@ from .arguments import SceneSpec
 from .failures import say
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
 
 _MOST_NOTES = 5
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from . import report
 
 if TYPE_CHECKING:
-    from ..engine.any_scene import AnyScene
+    from ..engine.scene import AnyScene
     from ..plan import Plan
     from ..rendering.frame import Frame
     from .picturespec import PictureSpec, Shot

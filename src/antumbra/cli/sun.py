@@ -113,7 +113,7 @@ def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list
 
 def _check_city(spec: SceneSpec, path: Path) -> None:
     """Raise an InputError unless a copy of the scene's file can be written to `path`: before the scene is read."""
-    from ..engine.opening import CITY_SUFFIXES
+    from ..engine.scene_reading import CITY_SUFFIXES
     from ..output import checked_output
 
     suffix = "" if spec.path is None else spec.path.suffix.lower()

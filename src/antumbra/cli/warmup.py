@@ -32,7 +32,7 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
-    from ..engine.ready import make_ready_all
+    from ..engine.precompilation import precompile_all
     from ..jobs.warm import jobs
     from ..kernels.loading import user_cache
     from ..plan import covering_plans, parse_plan
@@ -42,7 +42,7 @@ def warmup(
     wanted = jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
-        compiled = make_ready_all(wanted)
+        compiled = precompile_all(wanted)
         measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:

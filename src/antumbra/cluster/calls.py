@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..checks import path_of, quoted, text
-from ..engine.loading import load
+from ..engine.scene_loading import load
 from ..errors import InputError
 from ..jobs.engines import Asked
 from ..temporary import temporary_folder

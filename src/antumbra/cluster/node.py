@@ -8,7 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from ..engine.ready import compile_missing, missing_of
+from ..engine.precompilation import compile_missing, missing_of
 from ..jobs.engines import Asked, Units, numbered
 from ..jobs.warm import jobs
 from ..kernels.locks import held

@@ -6,7 +6,7 @@ import shutil
 import tempfile
 from typing import Any
 
-from ..engine.ready import missing_of
+from ..engine.precompilation import missing_of
 from ..kernels import needs
 from ..kernels.loading import user_cache
 from ..version import VERSION

@@ -1,9 +1,17 @@
-"""The one door to all questions about a scene, and what is remembered between them.
+"""The one door to all questions about a scene, and what is cached between them.
 
-- engine: `Engine`; any_scene, scene, paged_scene: the faces that users have; loading, building: files and stores
-- trees, accelerate, choosing: triangles at a moment and trees by plan; solid, srdh_rays: what goes into them
-- source: the protocol by which an engine reads a scene; in_memory, paged: its two forms; memory, bands: what they take
-- ray_lists, paged_rays, paged_tree: lists of rays; visibility: lights from points
-- see, looking: the surfaces that a camera sees; views, room, wrapping: what default pictures show
-- ready, precompile: kernels, which are compiled before anything is timed
+- `engine`: `Engine`, `Visibility`, the kernels of a plan
+- `scene`: `AnyScene`, `Scene`, `procedural`
+- `paged_scene`: `PagedScene`
+- `scene_loading`: `load`
+- `scene_reading`: the data of a file, folder or mesh
+- `store_building`: `build_store`
+- `point_visibility`: `visibility`
+- `accelerator`: trees by plan, the builder choice of `auto`, cached trees
+- `frame_tracer`: `RenderSource`, `FrameTracer`, memory estimates
+- `in_memory_source`: scenes in memory, and their ray lists
+- `paged_source`: scenes in stores: bands, ray lists, trees
+- `primary_visibility`: the surfaces that a camera sees
+- `default_view`: what default pictures show
+- `precompilation`: compile jobs, run before anything is timed
 """

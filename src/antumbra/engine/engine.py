@@ -1,40 +1,199 @@
-"""The engine: the one door to all questions about a scene, and all that is remembered between them."""
+"""The engine: the one door to all questions about a scene, and everything cached between them.
+
+The kernels of a plan are compiled before its first question. `Visibility` is the answer for points and lights.
+"""
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..auto.rates import GOOD, QUICK
+from ..auto.ways import WAYS, Forms, answer
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
+from ..kernels import needs
+from ..kernels.crew import Wanted
 from ..kernels.parallel import thread_count
 from ..kernels.progress import in_turn, shown
+from ..methods import BUILDERS, UPDATERS
 from ..plan import Plan, parse_plan
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
 from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
-from ..query.shadow_query import ShadowQuery
+from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
 from ..scene.data import SceneData
 from ..scene.hit import Hit, HitFaces
 from ..scene.light_list import in_full
-from ..scene.lights import Light, check_lights
+from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
-from .accelerate import Accelerated, Accelerator
-from .choosing import accelerator_of
-from .frame_tracer import FrameTracer
-from .in_memory import InMemory
-from .looking import AUTO, METHODS, compiled_for
-from .memory import FrameMemory, points_memory
-from .opening import data_of
-from .precompile import warm_up
-from .source import Progress, RenderSource
-from .trees import Trees
-from .visibility import Visibility, visibility_of
+from ..trace.counters import new_counters
+from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
+from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
+from .in_memory_source import InMemory
+from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from .scene_reading import data_of
+
+# --- Which samples of lights points see -------------------------------------------------------------------------------
+
+
+class Visibility(NamedTuple):
+    """What points see of a light, or of several; (...) is the points' leading shape, and (..., lights) for several."""
+
+    bits: np.ndarray  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
+    fraction: np.ndarray  # (...) float32 in [0, 1]: share of the samples that are not occluded
+    samples: np.ndarray  # int64, () or (lights,): number of samples of each light
+
+    @property
+    def seen(self) -> np.ndarray:
+        """(...) bool: whether the point sees any sample. For a light of one sample, whether it sees the light."""
+        return self.fraction > 0.0
+
+    @property
+    def seen_samples(self) -> np.ndarray:
+        """(..., n) bool: whether the point sees sample s. n: the most samples of a light; False beyond its own."""
+        words = np.ascontiguousarray(self.bits).astype("<u8", copy=False)
+        n = int(self.samples.max(initial=0))
+        occluded = np.unpackbits(words.view(np.uint8), axis=-1, count=n, bitorder="little")
+        return (occluded == 0) & (np.arange(n) < self.samples[..., None])
+
+    def reshaped(self, shape: tuple[int, ...], alone: bool) -> "Visibility":
+        """The same for points of another leading shape; `alone`: of the only light, without the axis of lights."""
+        words = self.bits.shape[-1]
+        lights = () if alone else (len(self.samples),)
+        samples = self.samples.reshape(()) if alone else self.samples
+        return Visibility(
+            self.bits.reshape((*shape, *lights, words)), self.fraction.reshape((*shape, *lights)), samples
+        )
+
+    def __repr__(self) -> str:
+        samples = "/".join(map(str, np.unique(self.samples)))
+        mean = f", {self.fraction.mean():.3g} of the samples seen" if self.fraction.size else ""
+        return f"Visibility({self.fraction.shape}, {samples} samples{mean}; bits, fraction, samples, seen)"
+
+
+def visibility_of(bits: Sequence[np.ndarray], counts: Sequence[int]) -> Visibility:
+    """The `Visibility` of a list of n points, (n, lights), from the bits of each light, (1, n, words) uint64."""
+    words = max(each.shape[-1] for each in bits)
+    fraction = _last_axis([fraction_lit(each, n)[0] for each, n in zip(bits, counts)])
+    return Visibility(_side_by_side(bits, words)[0], fraction, np.array(counts, np.int64))
+
+
+def _last_axis(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    return arrays[0][..., None] if len(arrays) == 1 else np.stack(arrays, axis=-1)
+
+
+def _side_by_side(found: Sequence[np.ndarray], words: int) -> np.ndarray:
+    """The bits of the lights, (1, m, lights, words)."""
+    if len(found) == 1:
+        return found[0][:, :, None]
+    bits = np.zeros((*found[0].shape[:2], len(found), words), np.uint64)
+    for k, of_light in enumerate(found):
+        bits[:, :, k, : of_light.shape[-1]] = of_light
+    return bits
+
+
+# --- The kernels of plans, which are compiled before the first question is answered -----------------------------------
+
+
+def warm_up(plan: Plan, gbuffer: str) -> None:
+    """Compile the kernels of surfaces and shadows by a plan."""
+    precompile(tracing_job, plan, gbuffer)
+    if plan.trace == "cones":
+        precompile(wide_lights_job)
+
+
+def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
+    """The job of shadows by a plan, which has the record of pictures by this plan."""
+
+    def work():
+        if plan.tracer.chooses:
+            trace_all_ways(False)
+        trace_small(plan, small_view())
+
+    return Job(record_of(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
+
+
+def wide_lights_job() -> Job:
+    """The job of `cones` with lights too wide for one apex."""
+
+    def work():
+        light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
+        trace_small(Plan(trace="cones"), (Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]), 16)
+
+    return fixed_job("cones, wide lights", work)
+
+
+def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
+    """The name under which the kernels of pictures by a plan are recorded."""
+    return f"{plan} ({gbuffer}{', counted' if counters else ''})"
+
+
+def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Wanted] | None]:
+    """A function that gives the recorded kernels of pictures by a plan; None: there is no record.
+
+    A plan without a record gets the kernels of recorded plans with its methods.
+    """
+    plain = lambda p: needs.of_job(record_of(p, gbuffer, False)) or set()
+
+    def kernels():
+        found = needs.of_job(record_of(plan, gbuffer, counters))
+        if found is not None:
+            return found
+        tracing = needs.of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
+        if tracing is None:
+            return None
+        usual = plain(Plan(trace="single"))
+        for methods in _parts(plan):
+            with_it = plain(Plan(trace="single", **methods))
+            tracing = (tracing - (usual - with_it)) | (with_it - usual)
+        return tracing
+
+    return kernels
+
+
+def _parts(plan: Plan) -> list[dict[str, str]]:
+    """Methods whose kernels are recorded together, as fields of a plan, for all methods that the plan adds."""
+    fields = "cull", "build", "optimise", "update"
+    added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
+    parts = [{field: method} for field, method in added.items()]
+    if plan.cull and plan.update:
+        parts.append({"cull": "grid32", "update": plan.update})
+    return parts
+
+
+def trace_small(plan: Plan, view: tuple[Camera, list], spp: int = 1) -> None:
+    """Trace the shadows of a view of the small scene by a plan."""
+    make, triangles, (camera, lights) = accelerator_of(plan, 2), small_scene().triangles(0.0, 2), view
+    samples = [light_samples(light, spp) for light in lights]
+    queries = shadow_queries(triangles, primary_visibility(triangles, camera, None, 2), lights, samples, 0, 2)
+    if make.showing is None:  # all triangles: culling leaves too few to reach all of a builder
+        make.build(triangles)
+    make.answer_all(make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries)), queries)
+
+
+def trace_all_ways(counters: bool) -> None:
+    """Trace the lights of the small scene in each way that `auto` may choose, over the trees that it may build."""
+    triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
+    queries = shadow_queries(
+        triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
+    )
+    for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
+        forms = Forms(build(triangles.vertices, 2), 2)
+        for name, way in WAYS.items():
+            for query in queries:
+                if way.suits(query, forms.box):
+                    answer(name, forms, query, 2, new_counters() if counters else None)
+
+
+# --- The engine: the one door to all questions about a scene, and all that is remembered between them -----------------
+
 
 _KEPT = 8  # engines of other plans that an engine remembers
 
@@ -83,7 +242,7 @@ class Engine:
     def __setstate__(self, state: tuple) -> None:
         self._start(state[0], _trees_of(state[0]), *state[1:])
 
-    def _start(self, data: SceneData, trees: Trees | None, plan, threads, max_memory, gbuffer: str) -> None:
+    def _start(self, data: SceneData, trees: SceneTrees | None, plan, threads, max_memory, gbuffer: str) -> None:
         self.data, self.threads = data, thread_count(threads)
         self.plan = parse_plan(default_plan_of(data) if plan is None else plan)
         self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
@@ -301,11 +460,11 @@ def default_plan_of(data: SceneData) -> str:
     return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
 
 
-def _trees_of(data: SceneData) -> Trees | None:
-    return Trees(data) if isinstance(data, MemoryData) else None
+def _trees_of(data: SceneData) -> SceneTrees | None:
+    return SceneTrees(data) if isinstance(data, MemoryData) else None
 
 
 def _paged():
-    from .paged import Paged  # imported late: scenes in memory start sooner without it
+    from .paged_source import Paged  # imported late: scenes in memory start sooner without it
 
     return Paged

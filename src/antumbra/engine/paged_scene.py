@@ -5,7 +5,7 @@ from typing import Any
 from ..checks import byte_count
 from ..errors import InputError
 from ..store.store_file import Store, StoreData
-from .any_scene import AnyScene, Of
+from .scene import AnyScene, DataAttribute
 
 
 class PagedScene(AnyScene):
@@ -26,7 +26,7 @@ class PagedScene(AnyScene):
     """
 
     data: StoreData
-    store = Of[Store]()
+    store = DataAttribute[Store]()
 
     def __init__(self, store: Store):
         self.__setstate__({"data": StoreData(store)})

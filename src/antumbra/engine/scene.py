@@ -1,11 +1,297 @@
-"""Scenes in memory, as users have them."""
+"""Scene faces: what a scene holds, the questions that its engine answers, and scenes in memory as users have them."""
 
+import threading
+from html import escape
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
+
+import numpy as np
+
+from ..checks import choice, whole_number
+from ..scene import framing
+from ..scene.appearance import Appearance
+from ..scene.camera import MAX_SIZE, Camera
 from ..scene.cityjson.model import CityModel
+from ..scene.cutouts import Cutouts
+from ..scene.data import SceneData
 from ..scene.generated import generated
+from ..scene.hit import Hit
+from ..scene.lights import Light
 from ..scene.made import data_of_arrays, data_of_mesh
 from ..scene.memory import MemoryData
+from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.source import Source
-from .any_scene import AnyScene, Of
+from ..scene.triangles import Triangles
+from ..scene.view import KINDS, View, skies_with
+
+# --- The faces of scenes: what a scene holds, and the questions that its engine answers -------------------------------
+
+
+if TYPE_CHECKING:
+    from .engine import Engine
+
+_T = TypeVar("_T")
+
+
+class DataAttribute(Generic[_T]):
+    """An attribute of a face that is its data's own."""
+
+    def __set_name__(self, owner, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, face: None, owner) -> "Of[_T]": ...
+    @overload
+    def __get__(self, face: "AnyScene", owner) -> _T: ...
+    def __get__(self, face, owner):
+        return self if face is None else getattr(face.data, self._name)
+
+    def __set__(self, face: "AnyScene", value: _T) -> None:
+        setattr(face.data, self._name, value)
+
+
+class AnyScene:
+    """A scene: its data, an engine that answers questions about it, and default views. `Scene` documents attributes.
+
+    data : SceneData
+    """
+
+    name = DataAttribute[str]()
+    up = DataAttribute[str]()
+    notes = DataAttribute[tuple[str, ...]]()
+    duration = DataAttribute[float]()
+    meshes = DataAttribute[list[MeshInfo]]()
+    objects = DataAttribute[list[ObjectInfo]]()
+    bounds = DataAttribute[np.ndarray]()
+    origin = DataAttribute[np.ndarray]()
+    colours = DataAttribute[np.ndarray]()
+    city = DataAttribute[CityModel | None]()
+    crs = DataAttribute[str | None]()
+    n_triangles = DataAttribute[int]()
+    object_of_face = DataAttribute[np.ndarray]()
+    appearance = DataAttribute[Appearance | None]()
+    cutouts = DataAttribute[Cutouts | None]()
+    animated = DataAttribute[bool]()
+    cameras = DataAttribute[list[Camera]]()
+    lights = DataAttribute[list[Light]]()
+
+    def __init__(self, data: SceneData):
+        self.data = data
+        self._engine: Engine | None = None
+        self._view: View | None = None
+        self._lock = threading.Lock()
+
+    @classmethod
+    def of_data(cls, data: SceneData) -> Self:
+        """The scene with this data: as from a pickle."""
+        made = cls.__new__(cls)
+        made.__setstate__({"data": data})
+        return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"data": self.data}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        AnyScene.__init__(self, state["data"])
+
+    @property
+    def engine(self) -> "Engine":
+        """What answers this scene's questions, and remembers trees between them."""
+        engine = self._engine
+        return self._new_engine() if engine is None else engine
+
+    def _new_engine(self) -> "Engine":
+        from .engine import Engine  # imports kernels, which file inspection does not need
+
+        with self._lock:
+            if self._engine is None:
+                self._engine = Engine(self)
+            return self._engine
+
+    def camera(self, index: int = 0, time: float = 0.0) -> Camera:
+        """Camera `index` of the file at `time`."""
+        return self.data.camera(index, time)
+
+    def light(self, index: int = 0, time: float = 0.0) -> Light:
+        """Light `index` of the file at `time`."""
+        return self.data.light(index, time)
+
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
+        """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
+
+        threads : int, optional
+            None: all cores.
+
+        Raises
+        ------
+        InputError
+            If the time is not a number, the animation moves vertices to infinity, or the scene is in a store.
+        """
+        return self.data.triangles(time, threads)
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
+        self.data.ignore_alpha()
+
+    def clamped(self, time) -> float:
+        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
+        return self.data.clamped(time)
+
+    def ground_height(self, time: float | None = None) -> float:
+        """The height, along the up axis, of a level ground just under the scene, in world units.
+
+        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        """
+        return self.data.ground_height(time)
+
+    def default_camera(
+        self, width: int = 1024, height: int = 1024, kind: str = "perspective", time: float | None = None
+    ) -> Camera:
+        """A three-quarter view from a little above, as near as it shows the scene.
+
+        Parts far from all others may lie outside of the picture, and so may a wide ground. A scene that encloses a room
+        is shown from inside.
+
+        Parameters
+        ----------
+        width, height : int
+            Pixels.
+        kind : str
+            "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room from
+            its middle.
+        time : float or None
+            Seconds; the camera shows this moment of an animation. None: the whole animation.
+        """
+        choice(kind, "camera kind", KINDS)
+        width = whole_number(width, "picture width", 1, MAX_SIZE)
+        height = whole_number(height, "picture height", 1, MAX_SIZE)
+        from .default_view import view_at
+
+        view = self.view if time is None else view_at(self.data, self.view, self.clamped(time))
+        return view.camera(width, height) if kind == "perspective" else view.other_camera(kind, width, height)
+
+    @property
+    def view(self) -> View:
+        """The geometry that a default picture shows. It is found at the first use."""
+        if self._view is None:
+            from .default_view import view_of
+
+            self._view = view_of(self.data)
+        return self._view
+
+    def default_lights(self, time: float = 0.0) -> list[Light]:
+        """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.
+
+        A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
+        """
+        time = self.clamped(time)
+        own = [self.light(i, time) for i in range(len(self.lights))]
+        return own + skies_with(own, self.up) if own else self.view.lights()
+
+    def default_light(self):
+        """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
+        return framing.default_light(self.bounds, self.up)
+
+    def occluded(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        targets=None,
+        cull_faces=None,
+        threads=None,
+    ) -> np.ndarray:
+        """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax, or before its target.
+
+        The answer is exact (docs/design/exactness.md). A scene in a store keeps to its `PagedScene.max_memory`.
+
+        Parameters
+        ----------
+        origins, directions : (..., 3) float, world
+            They broadcast against each other. `origins` alone may have shape (..., 6). Arrays with DLPack in host
+            memory are accepted. Float64 origins are recentred before they are rounded to float32. Directions are
+            rounded to float32. They need not be of unit length.
+        tmin, tmax : float or (...) float
+            In lengths of the direction, with 0 <= tmin. They bound `Hit.t`, in float64: a triangle blocks if
+            ``tmin < t < tmax`` for the t that `closest_hit` reports for it. So a hit at exactly tmin or tmax does not
+            count.
+        skip_face : int or (...) int, optional
+            A face that is not tested, for rays that start on a known face; -1: none.
+        time : float
+            Seconds. The BVH of the last query's time is kept.
+        targets : (..., 3) float, world, optional
+            The other ends of segments, in place of `directions`, `tmin` and `tmax`. A triangle blocks a segment if it
+            meets it strictly between its ends. Targets are recentred and rounded as origins are. The answer is that of
+            real arithmetic for the two rounded points: no direction between them is rounded.
+        cull_faces : None, "front" or "back"
+            Faces whose given side faces the ray's origin do not block it.
+        threads : int, optional
+            None: all cores.
+
+        Returns
+        -------
+        (...) bool
+
+        Raises
+        ------
+        InputError
+            If shapes do not broadcast, origins, directions or targets are NaN, infinite or beyond float32, a direction
+            is zero, tmin is negative or infinite, tmax is NaN, or targets are given beside directions, tmin or tmax.
+        """
+        return self.engine.occluded(
+            origins, directions, tmin, tmax, skip_face, time, targets=targets, cull_faces=cull_faces, threads=threads
+        )
+
+    def closest_hit(
+        self,
+        origins,
+        directions=None,
+        tmin=0.0,
+        tmax=np.inf,
+        skip_face=None,
+        time=0.0,
+        *,
+        cull_faces=None,
+        threads=None,
+    ) -> Hit:
+        """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
+
+        Returns
+        -------
+        Hit
+            t (...) float64, in lengths of the direction, inf on a miss: the real number, rounded to the nearest
+            float64. face (...) int32, -1 on a miss. u, v (...) float32, weights of the face's second and third corner,
+            from 0 to 1. Among faces with the same t, the lowest index wins.
+
+        Notes
+        -----
+        ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until nothing is hit, it visits each t once, in
+        order, and of faces with the same t the lowest index.
+        """
+        return self.engine.closest_hit(
+            origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
+        )
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a table of facts."""
+        size = " x ".join(f"{v:.4g}" for v in self.bounds[1] - self.bounds[0])
+        rows = {
+            "triangles": f"{self.n_triangles:,}",
+            "objects": f"{len(self.objects):,}",
+            "size": f"{size}, {self.up} up",
+            **({"crs": self.crs} if self.crs else {}),
+            "cameras, lights": f"{len(self.cameras)}, {len(self.lights)}",
+            **({"duration": f"{self.duration:g} s"} if self.animated else {}),
+            **({"left out": "; ".join(self.notes)} if self.notes else {}),
+        }
+        body = "".join(f"<tr><th>{name}</th><td>{escape(value)}</td></tr>" for name, value in rows.items())
+        return f"<table><caption>{type(self).__name__} {escape(self.name)}</caption>{body}</table>"
+
+
+# --- Scenes in memory, as users have them -----------------------------------------------------------------------------
 
 
 class Scene(AnyScene):
@@ -52,7 +338,7 @@ class Scene(AnyScene):
     """
 
     data: MemoryData
-    source = Of[Source]()
+    source = DataAttribute[Source]()
 
     def __init__(
         self,

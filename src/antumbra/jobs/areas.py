@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks import flag, number, path_of
-from ..engine.loading import SceneLike, scene_of
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..scene.crs import checked_crs, moved

@@ -8,8 +8,8 @@ Level rays that count walls alone find roofs of buildings that have neither a fl
 
 import numpy as np
 
-from ..engine.any_scene import AnyScene
 from ..engine.paged_scene import PagedScene
+from ..engine.scene import AnyScene
 from ..query.receivers import Receivers
 from ..trace.rays.ray_hits import intersections
 from .sensors import LOW

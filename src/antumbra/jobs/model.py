@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.any_scene import AnyScene
+from ..engine.scene import AnyScene
 from ..scene.colour import srgb_to_linear
 from ..scene.framing import axes
 from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, upright, views_of

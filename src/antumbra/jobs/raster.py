@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, instance, number, points, text, whole_number
-from ..engine.any_scene import AnyScene
+from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..extras import needed
 from ..scene.files import checked_file

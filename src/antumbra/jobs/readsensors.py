@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import near, quoted
-from ..engine.any_scene import AnyScene
-from ..engine.loading import SceneLike, scene_of
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
 from ..kernels.parallel import thread_count

@@ -4,8 +4,8 @@ import hashlib
 
 import numpy as np
 
-from ..engine.any_scene import AnyScene
 from ..engine.paged_scene import PagedScene
+from ..engine.scene import AnyScene
 
 _STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
 

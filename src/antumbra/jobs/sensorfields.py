@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..checks import as_array, unit_vectors
-from ..engine.any_scene import AnyScene
+from ..engine.scene import AnyScene
 from ..errors import InputError
 
 NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
-from ..engine.any_scene import AnyScene
-from ..engine.loading import SceneLike, scene_of
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_plan

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..checks import instance, near, points, quoted
-from ..engine.any_scene import AnyScene
-from ..engine.loading import scene_of
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import scene_of
 from ..errors import InputError
 from ..scene.camera import Camera
 from .formats import writer_of

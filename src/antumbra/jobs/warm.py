@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..engine.ready import Job, fixed_job, small_scene
+from ..engine.precompilation import Job, fixed_job, small_scene
 from ..engine.scene import Scene
 from ..plan import Plan
 from ..query.light_samples import light_samples

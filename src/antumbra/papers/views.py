@@ -17,9 +17,8 @@ import numpy as np
 from ..cli.arguments import PROCEDURAL as PREFIX
 from ..cli.arguments import parse_scene
 from ..cli.sceneinput import open_scene
-from ..engine.any_scene import AnyScene
-from ..engine.loading import load
-from ..engine.scene import procedural
+from ..engine.scene import AnyScene, procedural
+from ..engine.scene_loading import load
 from ..errors import InputError
 from ..scene.camera import Camera
 from ..scene.lights import Light, PointLight, QuadLight, tangents

@@ -10,9 +10,9 @@ import numpy as np
 from ..auto.rates import BEST, GOOD, QUICK, Machine, keep_machine, reference
 from ..auto.ways import WAYS, Forms, answer
 from ..bvh.nodes import Bvh
-from ..engine.choosing import best_tree
+from ..engine.accelerator import best_tree
+from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import procedural
-from ..engine.see import see
 from ..kernels.parallel import thread_count
 from ..methods import BUILDERS
 from ..query.light_samples import light_samples
@@ -61,7 +61,7 @@ def _queries(triangles: Triangles, camera, threads: int) -> list[ShadowQuery]:
         QuadLight(over, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])), DirectionalLight(np.array([0.3, -1.0, 0.2])),
         PointLight(over), AmbientOcclusion(),
     ]  # fmt: skip
-    gbuffer = see(triangles, camera, None, threads)
+    gbuffer = primary_visibility(triangles, camera, None, threads)
     return shadow_queries(triangles, gbuffer, lights, [light_samples(light, _SPP) for light in lights], 0, threads)
 
 

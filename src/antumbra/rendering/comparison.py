@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import whole_number
-from ..engine.any_scene import AnyScene
+from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..plan import Plan, parse_plan

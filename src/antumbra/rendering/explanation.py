@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated, Accelerator
-from ..engine.choosing import accelerator_of
+from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
 from ..engine.engine import Engine
-from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
+from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..engine.scene import Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
@@ -104,7 +103,7 @@ def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explana
         warm_up(plan, "rays" if source.in_store else "raster")
     if source.in_store:
         source.warm_up()
-    make_ready(steps_job)
+    precompile(steps_job)
     if any(plan.sample is not None and plan.sample.bounce for plan in plans):
         warm_up_bounce()
     return explain_compiled(scene, moments, plans, spp, thread_count(threads), say)
@@ -167,7 +166,7 @@ def _walk_store(accelerator: Accelerator, picture: Picture) -> _Walked:
 
     The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
     """
-    from ..engine.paged_tree import tree_for
+    from ..engine.paged_source import tree_for
 
     bvh, ids = tree_for(picture.source, picture.queries)
     whole = picture.source.accelerated

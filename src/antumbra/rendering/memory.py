@@ -1,6 +1,6 @@
 """The memory of a frame: an estimate by what is asked, so that the chunks of a store get all the rest."""
 
-from ..engine.memory import CELL_BYTES, FrameMemory, ray_sets
+from ..engine.frame_tracer import CELL_BYTES, FrameMemory, ray_set_count
 from .request import Request
 
 PASS_BYTES = 48  # of a pass of diffuse rays, for each pixel: directions, hits, cells, numbers of triangles
@@ -22,7 +22,7 @@ def frame_memory(request: Request) -> FrameMemory:
     bytes_ += sum(LIGHT_BYTES + 16 * (-(-samples.shape[1] // 64)) for samples in request.samples)
     bytes_ += _SMOOTH_BYTES * request.smooth + PASS_BYTES * request.camera.listed
     bytes_ += _EDGE_BYTES * request.options.smooths_edges
-    cells = sum(CELL_BYTES * ray_sets(light, samples) for light, samples in zip(request.lights, request.samples))
+    cells = sum(CELL_BYTES * ray_set_count(light, samples) for light, samples in zip(request.lights, request.samples))
     passes = 0
     if request.finer is not None:
         bytes_ += _FINER_BYTES * len(request.samples)

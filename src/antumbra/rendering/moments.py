@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated, Accelerator
-from ..engine.see import see
+from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.primary_visibility import primary_visibility
 from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, shadow_queries, surface_queries
@@ -47,7 +47,7 @@ def picture_of(scene, moment: Moment, options: RenderOptions, threads: int, plan
     if scene.engine.source.in_store:
         return _picture_of_store(scene, request, threads, plan)
     triangles = scene.triangles(moment.time, threads)
-    gbuffer = see(triangles, moment.camera, None, threads)
+    gbuffer = primary_visibility(triangles, moment.camera, None, threads)
     queries = shadow_queries(triangles, gbuffer, request.lights, request.samples, request.facing, threads)
     return Picture(None, triangles, gbuffer, request.lights, request.samples, queries)
 

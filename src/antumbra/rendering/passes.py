@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.engine import Engine
-from ..engine.frame_tracer import Methods
+from ..engine.frame_tracer import FrameMethods
 from ..image.background import backdrop, skies_of, sky_behind
 from ..image.filter import smoothed
 from ..image.fraction import Visible, as_needed, finer_query, refined, visible
@@ -75,7 +75,7 @@ def _draw(state: FrameState) -> Frame:
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     tracer = state.tracer
-    methods = tracer.methods() if state.kept is None else Methods(str(tracer.plan), None, None)
+    methods = tracer.methods() if state.kept is None else FrameMethods(str(tracer.plan), None, None)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
         methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,

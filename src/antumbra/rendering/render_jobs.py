@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 from ..bvh.srdh_rays import SrdhRays
-from ..engine.engine import Engine
-from ..engine.precompile import record_of, recorded, trace_all_ways, wide_lights_job
-from ..engine.ready import Job, fixed_job, make_ready, small_scene, small_view
+from ..engine.engine import Engine, record_of, recorded, trace_all_ways, wide_lights_job
+from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..plan import Plan
 from ..scene.camera import Camera
 from .options import RenderOptions
@@ -21,44 +20,44 @@ QUALITY = replace(PLAIN, filter=True, adaptive=2)
 
 def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
     """Compile the kernels of rendering by a plan. `counters`: include a tracer's separate counting kernels."""
-    make_ready(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
+    precompile(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
     if plan.trace == "cones":
-        make_ready(wide_lights_job)
+        precompile(wide_lights_job)
 
 
 def warm_up_quality() -> None:
     """Compile the kernels of the filter and of adaptive sampling; they are the same for every plan."""
-    make_ready(quality_job)
+    precompile(quality_job)
 
 
 def warm_up_antialias() -> None:
     """Compile the kernels of anti-aliasing; they are the same for every plan."""
-    make_ready(antialias_job)
+    precompile(antialias_job)
 
 
 def warm_up_dressed() -> None:
     """Compile the kernels of textures and smooth normals; they are the same for every plan."""
-    make_ready(dressed_job)
+    precompile(dressed_job)
 
 
 def warm_up_bounce() -> None:
     """Compile the kernels of the diffuse rays that `SrdhRays` can request."""
-    make_ready(bounce_job)
+    precompile(bounce_job)
 
 
 def warm_up_indirect(gbuffer: str) -> None:
     """Compile the kernels of bounced light; they are the same for every plan."""
-    make_ready(indirect_job, gbuffer)
+    precompile(indirect_job, gbuffer)
 
 
 def warm_up_listed() -> None:
     """Compile the kernels of cameras that are not perspective; they are the same for every plan."""
-    make_ready(listed_job)
+    precompile(listed_job)
 
 
 def warm_up_ground() -> None:
     """Compile the kernels of a ground that catches shadows; they are the same for every plan."""
-    make_ready(ground_job)
+    precompile(ground_job)
 
 
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:

@@ -5,12 +5,11 @@ from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
 from ..checks import choice, instance
-from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
-from ..engine.loading import SceneLike, scene_of
-from ..engine.looking import AUTO, METHODS, compiled_for
-from ..engine.see import see
-from ..engine.source import Progress, RenderSource
+from ..engine.frame_tracer import Progress, RenderSource
+from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.progress import hushed, shown
 from ..plan import Plan
@@ -202,7 +201,7 @@ class Renderer:
 
     def see(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
-        return see(triangles, camera, accelerated, self.threads)
+        return primary_visibility(triangles, camera, accelerated, self.threads)
 
 
 def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:

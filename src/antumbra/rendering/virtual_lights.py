@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..checks import flag, whole_number
-from ..engine.loading import SceneLike, scene_of
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..query.receivers import surface_receivers
 from ..scene.lights import (

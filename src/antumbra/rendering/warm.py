@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable
 
-from ..engine.building import store_job
-from ..engine.choosing import best_tree_job
-from ..engine.looking import camera_rays_job
-from ..engine.paged import paged_job
-from ..engine.precompile import wide_lights_job
-from ..engine.ray_lists import rays_job
-from ..engine.ready import Job
-from ..engine.see import cutouts_job
+from ..engine.accelerator import best_tree_job
+from ..engine.engine import wide_lights_job
+from ..engine.in_memory_source import rays_job
+from ..engine.paged_source import paged_job
+from ..engine.precompilation import Job
+from ..engine.primary_visibility import camera_rays_job, cutouts_job
+from ..engine.store_building import store_job
 from ..plan import Plan, covering_plans
 from .explanation import steps_job
 from .render_jobs import (

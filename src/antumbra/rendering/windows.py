@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..engine.accelerate import Accelerated, Accelerator
+from ..engine.accelerator import Accelerated, Accelerator
 from ..query.shadow_query import ShadowQuery, with_receivers
 from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 

@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import instance, number
-from ..engine.any_scene import AnyScene
-from ..engine.scene import Scene
+from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
 from ..image.save import frame_exposure
 from ..jobs.sun.place import Place, checked_place

@@ -7,9 +7,9 @@ from html import escape
 from time import sleep
 
 from ..checks import flag, items, quoted, text, whole_number
-from ..engine.loading import SceneLike, scene_of
-from ..engine.ray_lists import rays_job
-from ..engine.ready import make_ready
+from ..engine.in_memory_source import rays_job
+from ..engine.precompilation import precompile
+from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
@@ -159,7 +159,7 @@ def view(
 
 def prepare(model: Model) -> None:
     """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
-    make_ready(rays_job)
+    precompile(rays_job)
     warm_up_quality()
-    make_ready(points_job)
+    precompile(points_job)
     traced(model, model.first_camera(1280, 800), Step(4, 4))

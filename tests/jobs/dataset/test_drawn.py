@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.engine.see import see
+from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.jobs.dataset import drawn
 from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
 from antumbra.scene.framing import bounding_sphere
@@ -110,7 +110,7 @@ def test_an_orbit_in_a_closed_box_stands_inside_and_shows_what_the_box_encloses(
         for k in range(5):
             camera = orbit_camera(place, k, 5, size)
             assert (camera.position > lower).all() and (camera.position < upper).all()
-            face = see(scene.triangles(), camera, None).face
+            face = primary_visibility(scene.triangles(), camera, None).face
             assert (face >= 12).mean() > 0.03, (size, k)
             directions.append(camera.axes[2])
     flat = np.delete(np.array(directions[:5]), "xyz".index(up), axis=1)
@@ -126,7 +126,7 @@ def test_an_orbit_in_a_furnished_room_stands_between_the_furniture_and_its_middl
         camera = orbit_camera(place, k, 8, (32, 24))
         assert ((camera.position > (-4, 0, -3)) & (camera.position < (4, 2.5, 3))).all()
         assert not place.walled(camera.position, 1e-3)
-        assert len(np.unique(see(scene.triangles(), camera, None).face)) > 8
+        assert len(np.unique(primary_visibility(scene.triangles(), camera, None).face)) > 8
 
 
 def test_lights_are_suns_above_the_horizon_and_spheres_in_free_space():

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from antumbra.engine.building import build_store
-from antumbra.engine.loading import load
 from antumbra.engine.scene import procedural
+from antumbra.engine.scene_loading import load
+from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.chc_rt import measure as chcrt
 from antumbra.papers.chc_rt import published as published_chcrt

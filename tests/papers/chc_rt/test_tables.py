@@ -2,9 +2,9 @@
 
 import pytest
 
-from antumbra.engine.building import build_store
-from antumbra.engine.loading import load
 from antumbra.engine.scene import procedural
+from antumbra.engine.scene_loading import load
+from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
 from antumbra.papers.chc_rt import ablation, measure, published, session, sizes
 from antumbra.papers.chc_rt.kinds import Table

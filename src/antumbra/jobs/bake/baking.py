@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from ...checks import choice
-from ...engine.loading import SceneLike
+from ...engine.scene_loading import SceneLike
 from ...kernels.progress import Progress, followed
 from ...scene.lights import Light
 from ..engines import engine_of

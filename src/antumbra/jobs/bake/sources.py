@@ -6,11 +6,10 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
-from ...engine.loading import load
-from ...engine.opening import GLTF_SUFFIXES
 from ...engine.paged_scene import PagedScene
-from ...engine.scene import Scene
+from ...engine.scene import AnyScene, Scene
+from ...engine.scene_loading import load
+from ...engine.scene_reading import GLTF_SUFFIXES
 from ...scene.framing import axes
 from ...scene.gltf.accessors import Accessors
 from ...scene.gltf.document import open_document

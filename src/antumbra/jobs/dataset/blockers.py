@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...query.gbuffer import GBuffer
 from ...query.receivers import point_receivers
 from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight

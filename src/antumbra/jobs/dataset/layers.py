@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...image.save import stored
 from ...rendering.frame import Frame
 from ...scene.lights import Light

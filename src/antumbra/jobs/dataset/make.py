@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 from ...checks import flag
-from ...engine.loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed

@@ -10,7 +10,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...scene.mesh import ObjectInfo

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ...checks import items, listed, whole_number
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...scene.camera import MAX_SIZE, Camera
 from ...scene.lights import Light, check_lights

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...checks import number
-from ...engine.any_scene import AnyScene
-from ...engine.scene import Scene
+from ...engine.scene import AnyScene, Scene
 from ..sensors import Sensors, corners_of
 
 EARTH_RADIUS = 6_371_000.0

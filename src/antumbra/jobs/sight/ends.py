@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from ...checks import as_array
 from ...checks import points as checked_points
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...query.receivers import Receivers
 from ..sensorfields import check_on_scene

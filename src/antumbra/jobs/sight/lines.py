@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ..model import LINES, Part, glb
 from ..sensors import corners_of, point_sensors
 from ..table import Column, Table

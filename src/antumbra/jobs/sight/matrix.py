@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
-from ...engine.any_scene import AnyScene
-from ...engine.loading import SceneLike, scene_of
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed

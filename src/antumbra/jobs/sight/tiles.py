@@ -6,7 +6,7 @@ of a space-filling curve, so that their sightlines form thin bundles.
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
+from ...engine.scene import AnyScene
 from ...query.receivers import Receivers
 from ...query.shadow_query import below_horizon
 from ...scene.lights import MAX_SPP

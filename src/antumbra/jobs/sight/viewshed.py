@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import as_array, flag, number, points
-from ...engine.any_scene import AnyScene
-from ...engine.loading import SceneLike, scene_of
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed, reported

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
-from ...engine.ready import Job, fixed_job, make_ready
+from ...engine.precompilation import Job, fixed_job, precompile
+from ...engine.scene import AnyScene
 from ...plan import Plan
 from ...query.receivers import Receivers
 from ...scene.directional_lights import DirectionalLights
@@ -98,7 +98,7 @@ class Sums:
     """
 
     def __init__(self, asked: Asked, what: str, folder: Path | None = None, matrix: bool = False):
-        make_ready(tally_job)
+        precompile(tally_job)
         self._asked, self._matrix, sensors = asked, matrix, asked.sensors
         n = len(sensors)
         self._order = in_space(sensors.points, sensors.normals) if n else np.empty(0, np.int64)

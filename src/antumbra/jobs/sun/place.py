@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from ...checks import number, text
-from ...engine.loading import scene_of
+from ...engine.scene_loading import scene_of
 from ...errors import InputError
 from ...extras import needed
 from ...scene.crs import checked_crs

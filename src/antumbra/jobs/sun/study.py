@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import choice, flag, instance, items, whole_number
-from ...engine.loading import SceneLike, scene_of
+from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...kernels.progress import Progress, followed

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from ...engine.paged import MAX_MEMORY
 from ...engine.paged_scene import PagedScene
+from ...engine.paged_source import MAX_MEMORY
 from ...errors import InputError
 from ...store.store_format import chunk_places
 from .measure import InCore

@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.paged import Paged
 from ...engine.paged_scene import PagedScene
+from ...engine.paged_source import Paged
 from ...errors import InputError
 from ...query.light_samples import light_samples
 from ...query.ray_passes import diffuse_passes

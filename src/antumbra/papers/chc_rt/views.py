@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.any_scene import AnyScene
 from ...engine.paged_scene import PagedScene
+from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...scene.camera import Camera
 from ...scene.lights import Light

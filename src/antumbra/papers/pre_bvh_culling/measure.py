@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...engine.accelerate import Accelerator
+from ...engine.accelerator import Accelerator
 from ...errors import InputError
 from ...query.light_samples import light_samples
 from ...query.shadow_query import shadow_queries

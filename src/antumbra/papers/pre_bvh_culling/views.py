@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...engine.loading import load
 from ...engine.scene import Scene, procedural
+from ...engine.scene_loading import load
 from ...errors import InputError
 from ...scene.camera import Camera
 from ...scene.lights import Light, QuadLight

@@ -1,36 +1,200 @@
-"""Scenes in a store: chunks are read on demand when rays reach them, and evicted to stay within a memory budget."""
+"""Scenes in a store: chunks are read when rays reach them, and evicted to stay within a memory budget.
+
+Pictures are traced in bands of rows, and ray lists in batches of similar rays, so that each chunk is read once per band
+or batch. For `antumbra explain`, the tree of a store is joined as far as segments reach.
+
+Bands. A flight over a large city sees more chunks than memory holds. If all camera rays come before all shadow rays,
+both read all chunks. The chunks of a band fit in memory, and its shadow rays find them there [Mattausch et al. 2015,
+Sec. 5.4].
+"""
 
 from collections.abc import Iterator, Sequence
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
+from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..checks import byte_count
 from ..errors import InputError
+from ..kernels.jit import kernel
+from ..kernels.parallel import items, new_ticket, run
+from ..kernels.predicate.exact import ray_along
+from ..kernels.predicate.hits import single_weights
 from ..methods import BUILDERS
 from ..plan import Plan
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
-from ..query.ray_list import HitArrays, RayArguments, RayArrays, hit_arrays
+from ..query.query_bounds import morton_codes
+from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
-from ..query.shadow_query import Surfaces
+from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
 from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
 from ..store.store_file import StoreData
+from ..store.store_format import Chunk
 from ..store.system_resources import release_freed, resident
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
+from ..techniques.chcrt.occlusion_queries import Pairs, ask
+from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_hits import Nearest, surfaces_met
+from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
-from .accelerate import Accelerated, Accelerator
-from .bands import Bands
-from .memory import FrameMemory
-from .paged_rays import LEAST, RAY_BYTES, Batch, batches, weights
-from .ready import Job, fixed_job, make_ready, small_scene, small_view
+from .accelerator import Accelerated, Accelerator
+from .frame_tracer import FrameMemory
+from .precompilation import Job, fixed_job, precompile, small_scene, small_view
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Bands of a picture's rows. The rays of a band meet few chunks, so its camera and shadow rays read each chunk once.
+#
+# A flight over a large city sees more chunks than memory holds. If all camera rays come before all shadow rays, both
+# read all chunks. The chunks of a band fit in memory, and its shadow rays find them there [Mattausch et al. 2015, Sec.
+# 5.4].
+
+
+_LEAST = 16  # rows of a band: a region
+_FIRST = 64  # rows of the first band
+_FULL = 0.5  # the share of memory that the chunks of a band's camera rays may fill
+_FEW = 0.1  # the share of memory that shadow rays may read in any case
+_PAUSE = 16  # frames in one piece after bands have not helped
+
+
+class Bands:
+    """Chooses the bands of each frame by what was read for the bands before."""
+
+    def __init__(self):
+        self._kept: dict[int, int] = {}  # first row -> rows, of the last frame's bands whose chunks were in memory
+        self._rows = _FIRST
+        self._pause = 0
+
+    def of_frame(self, height: int, needed: bool) -> Iterator[slice]:
+        """Yield the rows of each band, top down. The caller calls `read` after each.
+
+        needed : whether the chunks of the whole picture far exceed the memory; otherwise there is one band
+        """
+        self._pause -= 1
+        banded = needed and self._pause <= 0
+        first, kept, self._kept = 0, self._kept if banded else {}, {}
+        self._rows = _FIRST if banded else height
+        while first < height:
+            rows = self._rows = min(kept.get(first, self._rows), height - first)
+            yield slice(first, first + rows)
+            if self._fit:
+                self._kept[first] = rows
+            first += rows
+
+    def read(self, looked: int, again: int, budget: int) -> None:
+        """Choose the rows of the next band.
+
+        looked, again : bytes that the last band's camera rays read, and its shadow rays
+        budget : bytes of chunks that memory holds
+        """
+        best = self._rows * _FULL * budget / max(looked, 1)
+        self._fit = again <= max(looked / 2, _FEW * budget)
+        if self._fit:
+            self._rows = _regions(min(2 * self._rows, best))
+        elif self._rows > _LEAST:
+            self._rows = _regions(min(self._rows / 2, best))
+        else:  # the rays of the smallest band meet more than memory holds
+            self._rows, self._pause = 1 << 30, _PAUSE
+
+
+def _regions(rows: float) -> int:
+    """At most so many rows of whole regions, at least one."""
+    return max(int(rows) // _LEAST, 1) * _LEAST
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Ray lists through a store: batches of rays in an order in which neighbours are alike, each batch one question.
+
+
+RAY_BYTES = 160
+"""Memory of a ray while it is traced."""
+
+LEAST = 1 << 16
+"""Rays of a batch, if there are so many: with fewer, each chunk would be read for few rays."""
+
+_LEAST_EXPONENT = 0  # shorter directions are lengthened
+
+
+class HitBatch(NamedTuple):
+    """Some rays of a list, and their hits."""
+
+    places: np.ndarray  # (n,) int64: index of each ray in the list
+    rays: RayPass
+    hits: Hits  # (1, n)
+    triangles: Triangles  # the triangles that they hit; empty for any-hit
+    faces: np.ndarray  # (n,) int32: index of each hit's triangle in `triangles`, or -1
+
+
+def batches(paged, arguments: RayArrays, any_hit: bool, cull_faces: int, most: int) -> Iterator[HitBatch]:
+    """Trace the rays of a list, at most `most` at a time."""
+    order = _alike(arguments)
+    for begin in range(0, len(order), most):
+        places = order[begin : begin + most]
+        some = arguments.part(places)
+        rays, spans = some.rays(), np.concatenate([some.tmin, some.tmax], 1, dtype=np.float64)
+        rays, factors = _lengthened(rays)
+        targets = some.local()[1] if some.segments else None
+        if not (np.isfinite(rays.origins).all() and np.isfinite(some.local()[1]).all()):
+            raise changed()  # they were checked before
+        with np.errstate(over="ignore", under="ignore"):  # no t is as large or as small
+            spans = spans / factors
+        hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
+        hits = hits._replace(t=hits.t * factors.T)
+        if any_hit:
+            yield HitBatch(places, rays, hits, paged.accelerated.triangles, hits.face[0])
+        else:
+            triangles, (faces,) = paged.hit_triangles([hits])
+            yield HitBatch(places, rays, hits, triangles, faces[0])
+
+
+def _alike(arguments: RayArrays) -> np.ndarray:
+    """The order of rays by the cells of their origins, then of their directions, both in Morton order."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        directions = arguments.directions.astype(np.float32)
+        if arguments.segments:
+            directions -= arguments.origins.astype(np.float32)
+        directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-30)
+        return np.lexsort((morton_codes(directions), morton_codes(arguments.origins)))
+
+
+def _lengthened(rays: RayPass) -> tuple[RayPass, np.ndarray]:
+    """The rays with short directions times a power of two, which is exact; and these powers, (n, 1) float64.
+
+    Tracers take multiples of directions that are as long as the scene, which float32 might not hold.
+    """
+    exponents = np.frexp(np.abs(rays.directions).max(1, initial=0.0, keepdims=True))[1]
+    factors = np.ldexp(1.0, np.maximum(_LEAST_EXPONENT - exponents, 0))
+    return rays._replace(directions=(rays.directions * factors).astype(np.float32)), factors
+
+
+@kernel
+def _write_weights(ticket, rays, faces, corners, u, v):
+    """Worker: write the weights of the second and the third corner at each hit."""
+    for i in items(ticket):
+        if faces[i] >= 0:
+            o, d = rays.origins[i], rays.directions[i]
+            ray = ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
+            u[i], v[i] = single_weights(ray, corners, np.int64(faces[i]))
+
+
+def weights(batch: HitBatch, threads: int) -> tuple[np.ndarray, np.ndarray]:
+    """(u, v) of a batch's hits, (n,) float32 each; 0 on a miss."""
+    u, v = np.zeros(len(batch.places), np.float32), np.zeros(len(batch.places), np.float32)
+    corners = batch.triangles.vertices.reshape(-1, 9)
+    run(_write_weights, threads, new_ticket(len(u), 4096), batch.rays, batch.faces, corners, u, v)
+    return u, v
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Scenes in a store: chunks are read on demand when rays reach them, and evicted to stay within a memory budget.
+
 
 MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
@@ -53,7 +217,7 @@ def paged_job() -> Job:
         faces = np.full((h, w), -1, np.int32)
         number_hits(hits, first, np.zeros(1 << 20, np.int32), faces, 2)
         ray_hits(scheduled, rays, np.tile([0.0, 1.0], (h * w, 1)), 0, False, 2)
-        weights(Batch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
+        weights(HitBatch(np.arange(h * w), rays, hits, scene.triangles(), hits.face.reshape(-1)), 2)
 
     return fixed_job("scenes in a store", work)
 
@@ -107,7 +271,7 @@ class Paged:
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
 
     def warm_up(self) -> None:
-        make_ready(paged_job)
+        precompile(paged_job)
 
     def begin(self, memory: FrameMemory) -> None:
         """Begin a frame. Its rays that are asked together get up to half of the memory, and the chunks the rest."""
@@ -236,7 +400,7 @@ class Paged:
         self.release()  # such questions are rare
         return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
 
-    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[Batch]:
+    def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
         m = len(rays.origins)
         self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
@@ -281,3 +445,81 @@ class Paged:
         none = Copies(_NONE, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32))
         _, vertices, colour, ids = (np.concatenate(arrays) for arrays in zip(*(copies or [none])))
         return Triangles(vertices, self.scene.origin.copy(), ids, colour)
+
+
+# --- The tree of a store as one `Bvh`, as far as the segments of some queries reach: for `antumbra explain` -----------
+
+
+_BYTES = 140  # memory of a triangle while the tree is made
+
+
+def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndarray]:
+    """The tree over the chunks that segments may enter: (Bvh, indices in the whole scene of its prim_ids).
+
+    Other chunks are missing children, so each ray takes the same steps as through the whole tree.
+
+    Raises
+    ------
+    InputError
+        If memory does not hold the tree.
+    """
+    store = paged.store
+    wanted = _reached(paged, queries)
+    need = int(store.chunks.triangles[wanted].sum()) * _BYTES + resident() - paged.residency.held
+    if need > paged.max_memory:
+        raise InputError(
+            f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
+            "much, or a smaller view"
+        )
+    chunks = [store.chunk(int(k)) for k in wanted]
+    ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
+    bvh = _joined(store.top.nodes, len(store), wanted, chunks, ids)
+    if leaf_depths(bvh).max(initial=0) > MAX_DEPTH:
+        raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels, so no steps can be counted")
+    return bvh, ids
+
+
+def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
+    """The chunks whose boxes segments meet, whether or not something blocks them before."""
+    scheduled, k = paged.accelerated.prepared, len(paged.store)
+    met = np.zeros(k, np.bool_)
+    for query in queries:
+        bits = new_bits(query)
+        for step in segments_of(scheduled.parts, query):
+            how = {"threads": paged.threads, "counters": None, "progress": None}
+            rays = SegmentRaySets(scheduled.parts, scheduled.options, query, bits, *step, **how)
+            for s in range(rays.sets):
+                screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that is the whole screen
+                pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
+                met |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+    return np.flatnonzero(met)
+
+
+def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
+    """One tree of a top tree and some of k chunks; `top`: see `store.store_file.TopTree`."""
+    m = len(top) if k > 1 else 0  # the top tree of one chunk is not needed
+    sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
+    firsts = m + np.cumsum(sizes)
+    nodes = aligned_empty((max(int(firsts[-1]), 1), 16), "f4")
+    links, slots = nodes.view(np.int32)[:, CHILDREN], 0
+    if not chunks:
+        nodes[0], links[0] = 0.0, EMPTY
+        nodes[0, 0:12:4] = nodes[0, 1:12:4] = np.inf
+        nodes[0, 2:12:4] = nodes[0, 3:12:4] = -np.inf
+        return Bvh(nodes[:1], nodes[:1].view(np.int32), np.empty(0, np.int32), np.empty((0, 9), np.float32))
+    if m:
+        root_of = np.full(k, EMPTY, np.int64)
+        root_of[wanted] = firsts[:-1]
+        nodes[:m] = top
+        leaf = (links[:m] < 0) & (links[:m] != EMPTY)
+        links[:m][leaf] = root_of[bvh_leaf(links[:m][leaf]).first]
+    for first, end, chunk in zip(firsts[:-1], firsts[1:], chunks):
+        nodes[first:end] = chunk.bvh.nodes
+        own = links[first:end]
+        is_full, leaf = (own < 0) & (own != EMPTY), bvh_leaf(own)
+        moved = bvh_link(leaf.first + slots, leaf.count)
+        own[...] = np.where(is_full, moved, np.where(own >= 0, own + int(first), own))
+        slots += len(chunk.bvh.prim_ids)
+    prim_ids = np.searchsorted(ids, np.concatenate([chunk.bvh.prim_ids for chunk in chunks])).astype(np.int32)
+    corners = np.concatenate([chunk.bvh.corners for chunk in chunks])
+    return Bvh(nodes, nodes.view(np.int32), prim_ids, corners)

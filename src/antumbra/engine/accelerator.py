@@ -1,24 +1,40 @@
-"""Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries."""
+"""Accelerators: build, optimise or update a BVH by a plan, prepare it for the plan's tracer, and answer queries.
 
+The accelerator of the plan `auto` chooses the builder of each frame's tree. Scenes in memory cache the trees of their
+latest time sample.
+"""
+
+import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..auto.choose import Memory, suited_ways
+from ..auto.facts import facts_of
+from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
 from ..auto.trace import Auto
 from ..bvh.blocks import block_tree
 from ..bvh.kept import part_of
 from ..bvh.nodes import Bvh
 from ..bvh.srdh_rays import SrdhRays
 from ..errors import InputError
-from ..methods import BUILDERS, CULLERS, OPTIMISERS, UPDATERS
-from ..plan import Plan
+from ..methods import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
+from ..plan import Plan, parse_plan
+from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery, new_bits
+from ..scene.memory import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
-from ..techniques.culling.pre_bvh_culling import CullResult, solid_of, solid_tree, soup_of
+from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of
 from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
+from .precompilation import Job, fixed_job, precompile, small_scene
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries.
 
 
 class Accelerated(NamedTuple):
@@ -202,3 +218,172 @@ class Accelerator:
             for query, found in zip(queries, bits):
                 add_shadows(accelerated.cutouts, query, found, self.threads)
         return bits
+
+
+# --- The plan `auto`: it chooses the builder of each frame's tree, and its tracer chooses the way of each query -------
+
+
+_RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
+
+
+class AutoAccelerator(Accelerator):
+    """An `Accelerator` that builds the tree that its rays need.
+
+    A tree of GOOD takes five times as long to build as one of QUICK, and rays take less time. It is built at once if
+    the predicted rays make up for it. It replaces a tree that was kept as soon as the rays so far would have. So at
+    most twice the necessary time is lost, however many rays follow. A tree of BEST replaces one of GOOD by the same
+    rule. Trees of animated scenes are refitted from the first tree of GOOD on, and so are those of BEST.
+    """
+
+    def __init__(self, plan: Plan, threads: int):
+        super().__init__(plan, threads)
+        self.memory = Memory()
+        self._tree_name = self._built = QUICK  # the next tree, and the last one
+        self._rays_soon = self._later = 0  # rays of which only the number is known
+
+    def begin(self, rays: int, later: int = 0) -> None:
+        self.memory.begin()
+        self._rays_soon, self._later = rays, later
+
+    @property
+    def builder(self) -> str:
+        return self._tree_name.partition("+")[0]
+
+    @property
+    def optimiser(self) -> str | None:
+        return self._tree_name.partition("+")[2] or None
+
+    def ran(self, accelerated: Accelerated) -> Plan:
+        assert accelerated.chosen is not None
+        tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
+        tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
+        return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
+
+    def culled(self, triangles: Triangles, queries) -> None:
+        """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
+        if self._tree_name != QUICK:
+            return
+        n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
+        lost = self.memory.lost + self._loss(self._later)
+        for query in queries:
+            facts = facts_of(query, n, box)
+            cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
+            lost += cost * facts.rays / self.threads * lost_share(way)
+        self._choose(lost, n)
+        self._rays_soon = self._later = 0
+
+    def _loss(self, rays: int) -> float:
+        """Seconds that rays of which nothing is known lose in a tree of QUICK."""
+        return rays * _RAY / self.threads * lost_share("")
+
+    def outgrown(self, accelerated: Accelerated) -> bool:
+        chosen = accelerated.chosen
+        if chosen is None:
+            return False
+        if chosen.builder == QUICK and good_pays(chosen.memory.lost, chosen.forms.triangles):
+            self._tree_name = GOOD
+            return True
+        if chosen.builder == GOOD and best_pays(chosen.memory.in_good, chosen.forms.triangles):
+            self._optimise()
+            return True
+        return False
+
+    def _optimise(self) -> None:
+        """Let the next tree be one of BEST. Later ones are of GOOD until they have lost the price again."""
+        precompile(best_tree_job)
+        self._tree_name, self._kept = BEST, None
+        self.memory.in_good = 0.0
+
+    def _choose(self, lost: float, triangles: int) -> None:
+        if self._tree_name == QUICK and good_pays(lost, triangles):
+            self._tree_name = GOOD
+
+    def build(
+        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+    ) -> Accelerated:
+        n = solid_count(triangles)
+        self._choose(self._loss(self._rays_soon + self._later), n)
+        if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
+            self._keep_trees()
+        if self._kept is not None and best_pays(self.memory.in_good, n):
+            self._optimise()
+            self._keep_trees()
+        return super().build(triangles, culled, shown)
+
+    def _keep_trees(self) -> None:
+        """Refit the trees of later moments to a new one, which the next moment gets."""
+        self._kept, self._updated = UPDATERS["refit"].keep(self._new_tree), None
+
+    def _new_tree(self, vertices, threads) -> Bvh:
+        tree = super()._new_tree(vertices, threads)
+        self._built = self._tree_name
+        if self._tree_name == BEST:
+            self._tree_name = GOOD
+        return tree
+
+    def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
+        assert bvh is not None
+        better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
+        tracer = Auto(bvh, self.threads, self.memory, self._built, better)
+        return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
+
+    def _better(self, triangles: Triangles) -> Bvh:
+        """A tree of GOOD, which a query needs after all."""
+        self._tree_name = GOOD
+        return self._tree(triangles, solid_of(triangles, None, self.threads))
+
+
+def best_tree(vertices: np.ndarray, threads: int) -> Bvh:
+    """A tree of BEST."""
+    build, _, optimise = BEST.partition("+")
+    return OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
+
+
+def best_tree_job() -> Job:
+    """The job of a tree of BEST, which only scenes that are asked for long need."""
+    return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
+
+
+def accelerator_of(plan: Plan, threads: int) -> Accelerator:
+    """The accelerator of a plan."""
+    return (AutoAccelerator if plan.chooses else Accelerator)(plan, threads)
+
+
+# --- The triangles of a scene in memory at its latest moment, and the trees that questions have had made for them -----
+
+
+class SceneTrees:
+    """What the engines of one scene share: triangles at a time, and a tree for each plan. Threads of Python may ask it.
+
+    data : MemoryData
+    """
+
+    def __init__(self, data: MemoryData):
+        self._data, self._lock = data, threading.RLock()
+        self._time: float | None = None
+        self._triangles: Triangles | None = None
+        self._made: dict[Plan, Accelerated] = {}
+
+    def triangles(self, time: float, threads: int) -> Triangles:
+        """The triangles at a time within 0 .. `duration`; those of the latest time are kept."""
+        with self._lock:
+            if self._triangles is None or self._time != time:
+                self._time, self._made = time, {}
+                self._triangles = self._data.triangles(time, threads)
+            return self._triangles
+
+    def of(self, make: Accelerator, time: float) -> Accelerated:
+        """The tree of a plan at a time within 0 .. `duration`. Plans that differ only in their tracer share a BVH."""
+        with self._lock:
+            triangles, plan = self.triangles(time, make.threads), make.plan
+            kept = self._made.get(plan)
+            if kept is None or make.outgrown(kept):
+                like = None if plan.chooses else next((t for p, t in self._made.items() if p.tree == plan.tree), None)
+                kept = make.build(triangles) if like is None else make.prepare(triangles, like.bvh)
+                self._made[plan] = kept
+            return kept
+
+    def forget(self, plan: Plan) -> None:
+        """Make room for a better tree than that of this plan."""
+        with self._lock:
+            self._made.pop(plan, None)

@@ -1,12 +1,22 @@
-"""Primary visibility in memory: the surfaces that a camera sees."""
+"""Primary visibility in memory: the surfaces that a camera sees, by rasterisation or by rays through a tree.
 
+If no method is named, the faster one is chosen once a tree is cached.
+
+Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays are
+tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method is used
+that took less time for a pixel.
+"""
+
+from collections.abc import Callable
 from functools import partial
+from time import perf_counter
+from typing import TypeVar
 
 import numpy as np
 
 from ..auto.ways import WAYS
 from ..bvh import lbvh
-from ..bvh.blocks import BlockTree
+from ..bvh.blocks import BlockTree, block_tree
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
@@ -21,11 +31,13 @@ from ..techniques.culling.pre_bvh_culling import solid_tree
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
-from .accelerate import Accelerated
-from .ready import Job, fixed_job, small_scene_with_cutouts, small_view
+from .accelerator import Accelerated
+from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
+
+# --- Primary visibility in memory: the surfaces that a camera sees ----------------------------------------------------
 
 
-def see(
+def primary_visibility(
     triangles: Triangles,
     camera,
     whole: Accelerated | None = None,
@@ -76,7 +88,7 @@ def nearest_in(whole: Accelerated, threads: int | None = None) -> Nearest:
     return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads, show=show)
 
 
-def see_subpixels(
+def subpixel_visibility(
     triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels: see `query.pixel_refinement`."""
@@ -120,8 +132,79 @@ def cutouts_job() -> Job:
         triangles = scene.triangles(0.0, 2)
         tree = cutout_tree(triangles, 2)
         assert tree is not None
-        gbuffer = see(triangles, camera, None, 2, tree)
+        gbuffer = primary_visibility(triangles, camera, None, 2, tree)
         for query in shadow_queries(triangles, gbuffer, lights, [light_samples(light, 1) for light in lights], 0, 2):
             add_shadows(tree, query, new_bits(query), 2)
 
     return fixed_job("cut-outs", work)
+
+
+# --- How a camera's surfaces are found where no method was named: by rasterisation, or by rays through a tree ---------
+#
+# Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays
+# are tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method
+# is used that took less time for a pixel.
+
+
+RASTER, RAYS, AUTO = METHODS = "raster", "rays", "auto"
+_AGAIN = 64  # frames after which the slower method is tried again
+_T = TypeVar("_T")
+
+
+def compiled_for(method: str) -> str:
+    """The method whose kernels are compiled before the first frame."""
+    return RASTER if method == AUTO else method
+
+
+class PrimaryMethodChooser:
+    """What the methods have taken in the frames so far."""
+
+    def __init__(self) -> None:
+        self._calls = {RASTER: 0, RAYS: 0}
+        self._seconds: dict[str, float] = {}  # method -> seconds for a pixel in its last frame
+        self._frames = 0
+
+    def choose(self, whole: Accelerated | None) -> str:
+        """The method of the next frame; `whole`: a tree of all triangles that an earlier frame has kept."""
+        if whole is None or not _has_blocks(whole):
+            return RASTER
+        if self._calls[RAYS] == 0 and not _rays_are_compiled():
+            return RASTER
+        for method in RASTER, RAYS:
+            if method not in self._seconds:
+                return method
+        self._frames += 1
+        slower, faster = sorted(self._seconds, key=self._seconds.__getitem__, reverse=True)
+        return slower if self._frames % _AGAIN == 0 else faster
+
+    def timed(self, method: str, pixels: int, look: Callable[[], _T]) -> _T:
+        """The result of `look`, whose time is noted. The first call of a method is not, since it loads kernels."""
+        start = perf_counter()
+        seen = look()
+        self._calls[method] += 1
+        if self._calls[method] > 1:
+            self._seconds[method] = (perf_counter() - start) / pixels
+        return seen
+
+
+def _has_blocks(whole: Accelerated) -> bool:
+    """Has the tree the form that camera rays walk?"""
+    if whole.chosen is not None:
+        return not whole.chosen.forms.missing(WAYS["multifrusta"])
+    return isinstance(whole.prepared, BlockTree)
+
+
+def _rays_are_compiled() -> bool:
+    wanted = camera_rays_job().kernels()
+    return wanted is not None and not missing_of(wanted)
+
+
+def camera_rays_job() -> Job:
+    """The job of camera rays through a tree of blocks."""
+
+    def work():
+        triangles, (camera, _) = small_scene().triangles(0.0, 2), small_view()
+        bvh = lbvh.build(triangles.vertices, 2)
+        primary_visibility(triangles, camera, Accelerated(triangles, bvh, block_tree(bvh, 2)), 2)
+
+    return fixed_job("camera rays", work)

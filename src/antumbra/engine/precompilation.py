@@ -1,4 +1,4 @@
-"""Compile kernels on all cores before anything is timed, and tell the user.
+"""Compile kernels on all cores before anything is timed, and report it.
 
 A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` records which kernels a job
 calls. Several processes compile the kernels that are missing on disk. Then the job runs on a small scene, which
@@ -43,7 +43,7 @@ def fixed_job(name: str, work: Callable[[], object]) -> Job:
 
 
 @cache
-def make_ready(job_of: Callable[..., Job], *about) -> None:
+def precompile(job_of: Callable[..., Job], *about) -> None:
     """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
     job = job_of(*about)
     wanted = job.kernels()
@@ -54,7 +54,7 @@ def make_ready(job_of: Callable[..., Job], *about) -> None:
         job.work()
 
 
-def make_ready_all(wanted: Iterable[Job]) -> int:
+def precompile_all(wanted: Iterable[Job]) -> int:
     """Compile the missing kernels of several jobs together; returns how many were compiled."""
     wanted = list(wanted)
     missing = missing_of({each for job in wanted for each in job.kernels() or ()})

@@ -1,4 +1,4 @@
-"""What is in a file or folder, or in a mesh of another library: the data of a scene."""
+"""Read the data of a scene from a file or folder, or from a mesh of another library."""
 
 import os
 from pathlib import Path
@@ -24,10 +24,10 @@ CITY_SUFFIXES = (".json", ".jsonl")
 def data_of(value) -> SceneData:
     """What a scene holds: one that is loaded, or anything that `antumbra.load` takes."""
     data = getattr(value, "data", value)
-    return data if isinstance(data, SceneData) else opened(value)
+    return data if isinstance(data, SceneData) else read_scene_data(value)
 
 
-def opened(value, up: str | None = None, lod: str | None = None) -> SceneData:
+def read_scene_data(value, up: str | None = None, lod: str | None = None) -> SceneData:
     """What is in the scene of a path or of a mesh of another library."""
     if up is not None:
         checked_up(up)

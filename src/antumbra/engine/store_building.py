@@ -1,4 +1,4 @@
-"""The public function that builds a store."""
+"""`build_store`: merge scenes into one store file."""
 
 import os
 from collections.abc import Iterator
@@ -14,9 +14,9 @@ from ..scene.generated import StreamedCity
 from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
 from ..temporary import temporary_folder
-from .any_scene import AnyScene
-from .loading import scene_of
-from .ready import Job, fixed_job, make_ready, small_scene
+from .precompilation import Job, fixed_job, precompile, small_scene
+from .scene import AnyScene
+from .scene_loading import scene_of
 
 
 @followed
@@ -63,7 +63,7 @@ def build_store(
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
     max_memory = byte_count(max_memory, "max_memory", LEAST_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
-    make_ready(store_job)
+    precompile(store_job)
     with shown(f"building {path.name}") as heard:
         bar = None if heard is None else lambda text, done, total: heard(done, total)
         return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)

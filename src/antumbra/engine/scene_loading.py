@@ -1,4 +1,4 @@
-"""Reading a scene from a file or folder."""
+"""`load`: read a scene from a file or folder."""
 
 import os
 import warnings
@@ -9,9 +9,8 @@ from ..scene.crs import checked_crs
 from ..scene.data import SceneData
 from ..scene.memory import MemoryData
 from ..scene.notes import by_kind
-from .any_scene import AnyScene
-from .opening import opened
-from .scene import Scene
+from .scene import AnyScene, Scene
+from .scene_reading import read_scene_data
 
 if TYPE_CHECKING:
     from .paged_scene import PagedScene
@@ -68,7 +67,7 @@ def load(
         their number.
     """
     asked = None if crs is None else checked_crs(crs)
-    scene = _face(opened(path, up, lod))
+    scene = _face(read_scene_data(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
     scene.crs = asked or scene.crs
@@ -92,7 +91,7 @@ def scene_of(value: SceneLike) -> "Scene | PagedScene":
     """
     if isinstance(value, AnyScene):
         return value  # type: ignore[return-value]  # the two kinds that there are
-    scene = _face(opened(value))
+    scene = _face(read_scene_data(value))
     for note in scene.notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     return scene

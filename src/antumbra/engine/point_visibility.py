@@ -1,4 +1,4 @@
-"""Queries without a camera: the visibility of lights from points."""
+"""`visibility`: which samples of lights are visible from points, without a camera."""
 
 from collections.abc import Sequence
 
@@ -9,9 +9,9 @@ from ..kernels.progress import hushed
 from ..plan import Plan
 from ..query.receivers import Receivers
 from ..scene.lights import Light
-from .loading import SceneLike, scene_of
-from .source import Progress
-from .visibility import Visibility
+from .engine import Visibility
+from .frame_tracer import Progress
+from .scene_loading import SceneLike, scene_of
 
 
 @hushed

@@ -1,0 +1,236 @@
+"""Scenes in memory: all triangles are resident, and any plan can trace them.
+
+So at most twice the necessary time is lost, however many rays follow. `AutoAccelerator` has the same rule for pictures.
+"""
+
+import sys
+import threading
+from collections.abc import Iterator
+from time import perf_counter
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from ..auto.rates import BEST, GOOD, seconds_before_best
+from ..plan import DEFAULT_PLAN, Plan, parse_plan
+from ..query.pixel_refinement import subpixel_rays
+from ..query.query_bounds import bounds
+from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
+from ..query.shadow_query import Surfaces, surfaces_of
+from ..scene.camera import CameraRays
+from ..scene.listed_rays import ListedRays
+from ..scene.memory import MemoryData
+from ..scene.triangles import Triangles
+from ..trace.alpha_test import add_hits
+from ..trace.rays.ray_batches import RayTracer
+from ..trace.rays.ray_hits import Nearest
+from .accelerator import Accelerated, Accelerator, SceneTrees, best_tree_job
+from .frame_tracer import FrameMemory
+from .precompilation import Job, fixed_job, precompile, small_scene
+from .primary_visibility import (
+    AUTO,
+    RAYS,
+    PrimaryMethodChooser,
+    cutouts_job,
+    nearest_in,
+    primary_visibility,
+    subpixel_visibility,
+)
+
+# --- Ray lists in memory: a moment's tree is optimised once its rays have lost the time that this takes ---------------
+#
+# So at most twice the necessary time is lost, however many rays follow. `choosing` has the same rule for pictures.
+
+
+PLANS = f"{GOOD}+wide", f"{BEST}+wide"
+"""The plan of a moment's first rays, and that of later ones."""
+
+
+class _Ready(NamedTuple):
+    """The tree of a moment."""
+
+    time: float
+    plan: Plan
+    until: float  # seconds of rays, after which a better tree pays
+    accelerated: Accelerated
+    tracer: RayTracer
+
+
+class RayLists:
+    """Traces the ray lists of a scene in memory. Threads of Python may share it.
+
+    spent : float
+        Seconds that the rays of the latest moment took.
+    """
+
+    def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
+        self._data, self._trees, self._threads = data, trees, threads
+        self._ready: _Ready | None = None
+        self._lock = threading.RLock()
+        self.spent = 0.0
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+        """The hits of rays at a time within 0 .. `duration`.
+
+        Raises
+        ------
+        InputError
+            If a ray holds an illegal number: NaN, infinity, a zero direction, ...
+        """
+        ready = self._ready_at(time)
+        out, start = hit_arrays(rays.n, any_hit), perf_counter()
+        legal = ready.tracer.trace(rays, any_hit, out, threads)
+        self.spent += perf_counter() - start
+        if not legal:  # and what was traced is not whole
+            rays.arrays().check()
+            raise changed()
+        if ready.accelerated.cutouts is not None:
+            add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
+        return out
+
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
+        return self._ready_at(time).accelerated.triangles, face
+
+    @property
+    def plan(self) -> Plan | None:
+        """The plan of the latest rays."""
+        return None if self._ready is None else self._ready.plan
+
+    def _ready_at(self, time: float) -> _Ready:
+        ready = self._ready
+        return self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.until else ready
+
+    def _make_ready(self, time: float) -> _Ready:
+        with self._lock:
+            ready = self._ready
+            if ready is None or ready.time != time:
+                precompile(rays_job)
+                self.spent, plan = 0.0, parse_plan(PLANS[0])
+            elif self.spent > ready.until:
+                precompile(best_tree_job)
+                self._trees.forget(ready.plan)
+                plan = parse_plan(PLANS[1])
+            else:  # another thread was faster
+                return ready
+            made = self._trees.of(Accelerator(plan, self._threads), time)
+            until = seconds_before_best(self._data.n_triangles) if str(plan) == PLANS[0] else np.inf
+            self._ready = _Ready(time, plan, until, made, RayTracer(made.prepared))
+            return self._ready
+
+
+def rays_job() -> Job:
+    """The job of ray queries."""
+
+    def work():
+        triangles = small_scene().triangles(0.0, 1)
+        tracer = RayTracer(Accelerator(parse_plan(PLANS[0]), 1).build(triangles).prepared)
+        rays = rays_of(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, (0.0, 0.0, 0.0), 1)
+        for any_hit in True, False:
+            tracer.trace(rays, any_hit, hit_arrays(1, any_hit), 1)
+
+    return fixed_job("ray queries", work)
+
+
+# --- Scenes in memory: all triangles are resident, and any plan can trace them ----------------------------------------
+
+
+class InMemory:
+    """A scene whose triangles are in memory; `RenderSource` documents the methods.
+
+    Parameters
+    ----------
+    data : MemoryData
+    accelerator : Accelerator
+        Holds the plan and builds its trees.
+    trees : Trees
+        Shared with other engines of the scene.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility; "auto": the faster one, see `looking`.
+    """
+
+    default_plan: ClassVar = DEFAULT_PLAN
+    in_store: ClassVar = False
+    looks: ClassVar = 0
+
+    def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
+        self.scene, self.gbuffer, self._looking, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
+        self._accelerator, self.threads = accelerator, accelerator.threads
+        self._box: tuple[Triangles, np.ndarray] | None = None  # of the triangles that were asked for last
+        self.ray_lists = RayLists(data, trees, self.threads)
+        self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
+
+    def warm_up(self) -> None:
+        if self.scene.cutouts is not None:
+            precompile(cutouts_job)
+
+    def begin(self, memory: FrameMemory) -> None:
+        pass
+
+    def release(self) -> None:
+        pass
+
+    def together(self, size: int) -> int:
+        return 1
+
+    def at_once(self, size: int) -> int:
+        return sys.maxsize
+
+    def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        if self._last is None or self._accelerator.outgrown(self._last):
+            self._last = None
+            return self._trees.triangles(time, self.threads), None
+        return self._last.triangles, self._last
+
+    def for_points(self, time: float) -> tuple[Triangles, Accelerated | None]:
+        plan = self._accelerator.plan
+        if plan.cull or plan.wants_rays:
+            return self._trees.triangles(time, self.threads), None
+        ready = self._trees.of(self._accelerator, time)
+        return ready.triangles, ready
+
+    def keep(self, accelerated: Accelerated) -> None:
+        """Keep the tree if its tracer remembers frames and later frames use the same triangles and tree."""
+        plan = self._accelerator.plan
+        if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
+            self._last = accelerated
+
+    def bands(self, height: int) -> Iterator[slice]:
+        yield slice(0, height)
+
+    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
+        cutouts = self._accelerator.cutouts_of(triangles)
+        seen = lambda tree: surfaces_of(primary_visibility(triangles, camera, tree, self.threads, cutouts), triangles)
+        if camera.listed or self.gbuffer != AUTO:
+            return seen(whole if camera.listed or self.gbuffer == RAYS else None)
+        method = self._looking.choose(whole)
+        return self._looking.timed(
+            method, camera.width * camera.height, lambda: seen(whole if method == RAYS else None)
+        )
+
+    def nearest_in(self, whole: Accelerated) -> Nearest:
+        return nearest_in(whole, self.threads)
+
+    def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
+        return self.ray_lists.trace_rays(rays, any_hit, time, threads)
+
+    def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
+        return self.ray_lists.triangles_hit(rays, face, time)
+
+    def subpixels(
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+    ) -> Surfaces:
+        if isinstance(view, ListedRays):
+            assert whole is not None
+            rays, shape = subpixel_rays(view, edge, self.threads)
+            return next(self.nearest_in(whole)([rays], shape))
+        cutouts = self._accelerator.cutouts_of(triangles)
+        return surfaces_of(subpixel_visibility(triangles, view, edge, self.threads, cutouts), triangles)
+
+    def box(self, triangles: Triangles) -> np.ndarray:
+        if self._box is None or self._box[0] is not triangles:
+            self._box = triangles, np.stack(bounds(triangles.vertices, self.threads))
+        return self._box[1]
+
+    def paging(self) -> None:
+        return None
