@@ -75,8 +75,8 @@ class Tracer(NamedTuple):
 
     ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree.
     ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer without a BVH prepares a
-    `techniques.culling.pre_bvh_culling.Soup` instead. A tracer that gains by it may take several queries of receivers of the same shape:
-    ``trace_all(prepared, queries, bits, threads, counters, progress)``.
+    `techniques.culling.pre_bvh_culling.Soup` instead. A tracer may also take several queries of receivers of the same
+    shape: ``trace_all(prepared, queries, bits, threads, counters, progress)``.
     """
 
     prepare: Callable

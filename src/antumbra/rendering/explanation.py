@@ -1,6 +1,6 @@
 """Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers.
 
-`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). The other tracers
+`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). Other tracers
 test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
 counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second walk,
 one ray at a time, finds the leaf in which each ray ends.

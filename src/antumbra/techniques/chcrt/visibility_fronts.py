@@ -160,7 +160,7 @@ class FrameRaySet(Protocol):
         ...
 
     def marker(self) -> Callable | None:
-        """The function that marks the hits so far: see `store.chunk_residency.Mark`. None: their triangles are not wanted."""
+        """The function that marks hits, a `store.chunk_residency.Mark`; None if their triangles are not wanted."""
         ...
 
 

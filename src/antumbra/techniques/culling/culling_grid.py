@@ -1,4 +1,4 @@
-"""The grid of pre-BVH culling: mark the cells that shadow rays can pass through [Selgrad et al. 2015, Sec. 3.1 and 3.2].
+"""The grid of pre-BVH culling: mark the cells that shadow rays can meet [Selgrad et al. 2015, Sec. 3.1 and 3.2].
 
 Sources are boxes around the receivers of each cell; targets are boxes around light samples. The cells of the convex
 hull of each pair are marked one layer at a time.

@@ -101,8 +101,8 @@ def slabs_from(eye, directions):
 # interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own predicates
 # settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.resolve`).
 #
-# The tracer takes a forest (`trace.tree_list`). Each tile goes through the trees of its list, one after the other. Later
-# it may go through another list, and starts from its hits so far.
+# The tracer takes a tree list (`trace.tree_list`). Each tile goes through the trees of its list, one after the other.
+# Later it may go through another list, and starts from its hits so far.
 
 
 _F = np.float32
