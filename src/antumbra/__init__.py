@@ -23,6 +23,7 @@ if typing.TYPE_CHECKING:
     from .engine.scene_loading import load
     from .engine.store_building import build_store
     from .errors import InputError
+    from .formats.cityjson.attribute_writer import write_attributes
     from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
     from .jobs.dataset.make import Dataset, dataset
@@ -47,7 +48,6 @@ if typing.TYPE_CHECKING:
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.cityjson.model import CityModel
-    from .scene.cityjson.write import write_attributes
     from .scene.directional_lights import DirectionalLights
     from .scene.hit import Hit
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -164,7 +164,7 @@ _HOMES = {
     "rendering.virtual_lights": ["virtual_point_lights"],
     "scene.camera": ["Camera"],
     "scene.cityjson.model": ["CityModel"],
-    "scene.cityjson.write": ["write_attributes"],
+    "formats.cityjson.attribute_writer": ["write_attributes"],
     "scene.directional_lights": ["DirectionalLights"],
     "scene.hit": ["Hit"],
     "scene.lights": [

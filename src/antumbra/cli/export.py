@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..formats.gltf.gltf_file import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, buffer_views, glb_bytes
 from ..image.tonemap import linear_to_srgb
 from ..output import checked_output, replacing
-from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, views_of
 
 SUFFIXES = (".glb", ".obj", ".ply")
 
@@ -73,12 +73,12 @@ def _glb(made, name: str) -> bytes:
             {"bufferView": 1, **floats},
             {"bufferView": 2, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices.size},
         ],
-        **views_of(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER]),
+        **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER]),
         "cameras": [_lens(made.camera)],
         "extensionsUsed": [_LIGHTS],
         "extensions": {_LIGHTS: {"lights": [_point_light(made.light)]}},
     }
-    return packed(root, blocks)
+    return glb_bytes(root, blocks)
 
 
 def _coloured_vertices(made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -191,7 +191,7 @@ def scene_digest(spec: SceneSpec) -> str:
 
     Files that a file refers to (textures, buffers of a .gltf) are not read.
     """
-    from ..scene.frames import FILES
+    from ..formats.array_files import FILES
     from ..store.store_format import STORE_SUFFIX
 
     digest = hashlib.sha256(usedforsecurity=False)

@@ -124,7 +124,7 @@ def _check_city(spec: SceneSpec, path: Path) -> None:
 
 def _write_city(table, spec: SceneSpec, path: Path) -> None:
     """Write the columns of numbers as attributes of a copy of the CityJSON file."""
-    from ..scene.cityjson.write import write_attributes
+    from ..formats.cityjson.attribute_writer import write_attributes
 
     values = {name: table.of_faces(name) for name in table.columns if table[name].dtype.kind in "fiub"}
     write_attributes(spec.path, path, values, lod=spec.lod)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..formats.library_meshes import data_of_arrays
 from ..kernels import needs
 from ..kernels.arguments import named
 from ..kernels.crew import Wanted, compile_all
@@ -20,7 +21,6 @@ from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
-from ..scene.made import data_of_arrays
 from ..scene.materials import MASK, Material, Texture
 from ..scene.memory import MemoryData
 from ..scene.mesh import make_mesh

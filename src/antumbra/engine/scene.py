@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 import numpy as np
 
 from ..checks import choice, whole_number
+from ..formats.library_meshes import data_of_arrays, data_of_mesh
 from ..scene import framing
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
@@ -16,7 +17,6 @@ from ..scene.data import SceneData
 from ..scene.generated import generated
 from ..scene.hit import Hit
 from ..scene.lights import Light
-from ..scene.made import data_of_arrays, data_of_mesh
 from ..scene.memory import MemoryData
 from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.source import Source

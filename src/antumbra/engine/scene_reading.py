@@ -7,10 +7,9 @@ import numpy as np
 
 from ..checks import path_of, text
 from ..errors import InputError
+from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
 from ..scene.data import SceneData
 from ..scene.files import checked_file
-from ..scene.foreign import KNOWN, is_mesh
-from ..scene.made import data_of_mesh
 from ..scene.memory import MemoryData, checked_up
 from ..scene.sampled import looks_z_up, sampled_faces
 from ..scene.source import Source
@@ -63,7 +62,7 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
     if lod is not None:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if path.is_dir():
-        from ..scene.frames import read_frames
+        from ..formats.array_files import read_frames
 
         return _scene(*read_frames(path), path.resolve().name, up)
     if suffix == STORE_SUFFIX:
@@ -77,16 +76,16 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
         raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
     checked_file(path, name)
     if suffix in GLTF_SUFFIXES:
-        from ..scene.gltf import read_gltf
+        from ..formats.gltf.gltf_source import read_gltf
 
         return _scene(*read_gltf(path), path.stem, up)
-    from ..scene.meshfile import read_mesh_file
+    from ..formats.mesh_files import read_mesh_file
 
     return _scene(*read_mesh_file(path), path.stem, up)
 
 
 def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> MemoryData:
-    from ..scene.cityjson.read import read_cityjson
+    from ..formats.cityjson.cityjson_source import read_cityjson
 
     checked_file(path, name)
     found = read_cityjson(path, lod)

@@ -5,9 +5,17 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.scene import AnyScene
+from ..formats.gltf.gltf_file import (
+    ARRAY_BUFFER,
+    ELEMENT_ARRAY_BUFFER,
+    FLOAT,
+    UNSIGNED_INT,
+    buffer_views,
+    glb_bytes,
+    up_axis_transform,
+)
 from ..scene.colour import srgb_to_linear
 from ..scene.framing import axes
-from ..scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, packed, upright, views_of
 from .picture import shown_scale, shown_values
 from .sensors import corners_of
 
@@ -90,11 +98,11 @@ def glb(parts: list[Part], up: str, extras: dict) -> bytes:
         "asset": {"version": "2.0", "generator": "antumbra", "extras": extras},
         "scene": 0,
         "scenes": [{"nodes": list(range(len(parts)))}],
-        "nodes": [{"name": part.name, "mesh": k, **upright(up)} for k, part in enumerate(parts)],
+        "nodes": [{"name": part.name, "mesh": k, **up_axis_transform(up)} for k, part in enumerate(parts)],
         "meshes": meshes,
         "materials": [{"doubleSided": True, "extensions": {_UNLIT: {}}}],
         "accessors": accessors,
-        **views_of(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER] * len(parts)),
+        **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER] * len(parts)),
         "extensionsUsed": [_UNLIT],
     }
-    return packed(root, blocks)
+    return glb_bytes(root, blocks)

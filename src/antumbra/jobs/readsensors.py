@@ -14,8 +14,8 @@ from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
+from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
-from ..scene.arrayfile import check_expansion, mapped_array, npz_arrays
 from ..scene.crs import check_plan, checked_crs
 from ..scene.files import checked_file
 from .areas import area_sensors

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..scene.gltf.pack import ARRAY_BUFFER, FLOAT, packed, views_of
+from ..formats.gltf.gltf_file import ARRAY_BUFFER, FLOAT, buffer_views, glb_bytes
 
 # three.js maps the tones of all materials by a fit of ACES, and viser leaves that on. These are its constants.
 _INTO = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
@@ -30,9 +30,9 @@ def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
             {**_accessor(0, both), "min": both.min(0).tolist(), "max": both.max(0).tolist()},
             _accessor(1, shown),
         ],
-        **views_of([both, shown], [ARRAY_BUFFER, ARRAY_BUFFER]),
+        **buffer_views([both, shown], [ARRAY_BUFFER, ARRAY_BUFFER]),
     }
-    return packed(root, [both, shown])
+    return glb_bytes(root, [both, shown])
 
 
 def before_aces(colours: np.ndarray) -> np.ndarray:

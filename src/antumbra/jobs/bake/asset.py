@@ -11,12 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...formats.gltf.accessors import COMPONENTS, WIDTHS, Accessors, decompress
+from ...formats.gltf.accessors import DRACO_EXTENSION as DRACO
+from ...formats.gltf.gltf_file import (
+    ARRAY_BUFFER,
+    CURE,
+    ELEMENT_ARRAY_BUFFER,
+    GltfDocument,
+    assemble_glb,
+    is_data_uri,
+    open_gltf,
+)
 from ...scene.files import sibling
-from ...scene.gltf.accessors import COMPONENTS, WIDTHS, Accessors
-from ...scene.gltf.document import CURE, Document, is_data_uri, open_document
-from ...scene.gltf.draco import EXTENSION as DRACO
-from ...scene.gltf.draco import decompress
-from ...scene.gltf.pack import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, assembled
 from .prune import LISTS, pruned, used_in
 
 _CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
@@ -116,7 +122,7 @@ class Asset:
         root, binary = pruned(self.json, bytes(self.binary), self._given, self._used)
         root["buffers"] = [{**(root.get("buffers") or [{}])[0], "byteLength": len(binary)}]
         text = json.dumps(root, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
-        return assembled(text, binary)
+        return assemble_glb(text, binary)
 
 
 def _bounds(values: np.ndarray) -> dict:
@@ -131,7 +137,7 @@ def open_asset(path: Path) -> Asset:
     InputError
         If it cannot be read, or a buffer has no data.
     """
-    document = open_document(path)
+    document = open_gltf(path)
     asset = Asset(copy.deepcopy(document.root.data), bytearray())
     starts = [_append(asset.binary, buffer, document.file, i) for i, buffer in enumerate(document.buffers)]
     for view in asset.json.get("bufferViews", []):
@@ -158,7 +164,7 @@ def _append(binary: bytearray, buffer, file: str, index: int) -> int:
     return start
 
 
-def _embed(asset: Asset, image: dict, document: Document) -> None:
+def _embed(asset: Asset, image: dict, document: GltfDocument) -> None:
     """Move an image beside the file into its buffer. A missing one keeps its name."""
     uri = image.get("uri")
     if uri is None or is_data_uri(uri):
@@ -169,7 +175,7 @@ def _embed(asset: Asset, image: dict, document: Document) -> None:
         image |= {"mimeType": _MIME[path.suffix.lower()], "bufferView": asset.view(path.read_bytes())}
 
 
-def _decompress(asset: Asset, document: Document) -> None:
+def _decompress(asset: Asset, document: GltfDocument) -> None:
     """Give accessors the values that Draco has compressed. The extension goes: baked attributes are not in its data."""
     accessors = Accessors(document)
     for mesh, of_mesh in zip(asset.json.get("meshes", []), document.root.objects("meshes")):

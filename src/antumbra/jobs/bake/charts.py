@@ -7,8 +7,8 @@ import numpy as np
 
 from ...errors import InputError
 from ...extras import needed
+from ...formats.gltf.accessors import Accessors
 from ...kernels.progress import reported
-from ...scene.gltf.accessors import Accessors
 from .parts import Part
 from .texels import Cover, cover
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...scene.gltf.accessors import Accessors
+from ...formats.gltf.accessors import Accessors
 from .asset import Asset
 from .parts import Part
 

@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...engine.scene import Scene
-from ...scene.gltf.accessors import Accessors
-from ...scene.gltf.document import Document
-from ...scene.gltf.fields import Fields
+from ...formats.gltf.accessors import Accessors
+from ...formats.gltf.gltf_file import GltfDocument
+from ...formats.json_fields import Fields
 from .asset import Asset
 
 
@@ -79,7 +79,7 @@ def accessors_of(asset: Asset, name: str) -> Accessors:
     """The accessors of an asset, as it is now."""
 
     binary = np.frombuffer(bytes(asset.binary), np.uint8)
-    return Accessors(Document(name, Path(), Fields(asset.json, f"{name}:"), [binary]))
+    return Accessors(GltfDocument(name, Path(), Fields(asset.json, f"{name}:"), [binary]))
 
 
 def face_vectors(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:

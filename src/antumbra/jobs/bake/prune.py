@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...scene.gltf.accessors import COMPONENTS, WIDTHS
-from ...scene.gltf.document import HARMLESS, SUPPORTED
+from ...formats.gltf.accessors import COMPONENTS, WIDTHS
+from ...formats.gltf.gltf_file import HARMLESS, SUPPORTED
 
 LISTS = "textures", "images", "samplers", "accessors", "bufferViews"  # each after those that refer to it
 _KNOWN = (*SUPPORTED, *HARMLESS, "KHR_node_visibility", "KHR_animation_pointer")

@@ -10,10 +10,9 @@ from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import load
 from ...engine.scene_reading import GLTF_SUFFIXES
+from ...formats.gltf.accessors import Accessors
+from ...formats.gltf.gltf_file import open_gltf, up_axis_transform
 from ...scene.framing import axes
-from ...scene.gltf.accessors import Accessors
-from ...scene.gltf.document import open_document
-from ...scene.gltf.pack import upright
 from ...temporary import temporary_folder
 from .asset import Asset, open_asset
 from .parts import Part, read_parts
@@ -95,7 +94,7 @@ def asset_of(scene: Scene, time: float) -> Asset:
     root: dict = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
     nodes = [asset.add("nodes", root)]
     if scene.up == "z":
-        nodes = [asset.add("nodes", {"name": "upright", "children": nodes, **upright(scene.up)})]
+        nodes = [asset.add("nodes", {"name": "upright", "children": nodes, **up_axis_transform(scene.up)})]
     asset.json["scenes"] = [{"nodes": nodes}]
     materials: dict[bytes, int] = {}
     for piece in scene.source.pieces(scene.clamped(time)):
@@ -147,7 +146,7 @@ def _has_copies(asset: Asset) -> bool:
 
 def _give_nodes(asset: Asset, path: Path) -> None:
     """Replace the copies of EXT_mesh_gpu_instancing by nodes: copies share all attributes, and bakes differ."""
-    document = open_document(path)
+    document = open_gltf(path)
     accessors = Accessors(document)
     for node in list(asset.json["nodes"]):
         extension = node.get("extensions", {}).pop(_INSTANCING, None)

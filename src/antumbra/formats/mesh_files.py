@@ -1,4 +1,4 @@
-"""OBJ, PLY and STL files: trimesh parses them, and this module checks their numbers."""
+"""OBJ, PLY and STL files. trimesh parses them; this module checks their numbers."""
 
 import io
 import logging
@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from .files import checked_file, sibling
-from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
-from .mesh import Mesh, make_mesh
-from .painted import painted, upright
-from .picture import decoded
-from .source import StaticMeshes
+from ..scene.files import checked_file, sibling
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
+from ..scene.mesh import Mesh, make_mesh
+from ..scene.painted import painted, upright
+from ..scene.picture import decoded
+from ..scene.source import StaticMeshes
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 

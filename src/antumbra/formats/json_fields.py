@@ -1,11 +1,11 @@
-"""Checked reading of JSON objects. Every error names the file, the field and its expected value."""
+"""Checked access to JSON objects. Every error names the file, the field and the expected value."""
 
 import json
 import math
 
 import numpy as np
 
-from ...errors import InputError
+from ..errors import InputError
 
 REQUIRED = object()
 _MAX_WHOLE = 2**53

@@ -1,7 +1,4 @@
-"""Meshes of trimesh, pyvista, meshio and Open3D as meshes of a scene. None of these packages is imported.
-
-Objects are known by their attributes, so any version of a library will do, and so will objects that look the same.
-"""
+"""Scenes from arrays and from the meshes of trimesh, PyVista, meshio and Open3D, none of which is imported."""
 
 import warnings
 from collections.abc import Iterator
@@ -10,12 +7,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import as_array
+from ..checks import as_array, text
 from ..errors import InputError
-from .materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
-from .mesh import Mesh, linear_colours, make_mesh
-from .painted import painted, upright
-from .picture import rgba_of
+from ..scene.crs import checked_crs
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
+from ..scene.memory import MemoryData
+from ..scene.mesh import Mesh, linear_colours, make_mesh
+from ..scene.painted import painted, picture_texture, upright
+from ..scene.picture import rgba_of
+from ..scene.source import StaticMeshes
+
+# --- Meshes of trimesh, pyvista, meshio and Open3D as meshes of a scene. None of these packages is imported -----------
+#
+# Objects are known by their attributes, so any version of a library will do, and so will objects that look the same.
+
 
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
@@ -23,7 +28,7 @@ _CORNERS = {"triangle": 3, "quad": 4}  # of meshio's cells; cells of higher orde
 _FLAT = "vertex", "line"  # cells that block no light
 
 
-class Foreign(NamedTuple):
+class ForeignMesh(NamedTuple):
     """One mesh, as its library has it."""
 
     name: str
@@ -64,7 +69,7 @@ def meshes_of(obj, name: str) -> tuple[list[Mesh], list[str]]:
     return [_mesh(each, f'{name}: mesh "{each.name}"') for each in found], notes
 
 
-def _mesh(given: Foreign, where: str) -> Mesh:
+def _mesh(given: ForeignMesh, where: str) -> Mesh:
     vertices, faces = as_array(given.vertices, f"{where}: vertices"), as_array(given.faces, f"{where}: faces")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{where}: vertices must be numbers (v, 3), not {vertices.dtype} {vertices.shape}")
@@ -100,7 +105,7 @@ def _reader(obj):
 # --- trimesh -----------------------------------------------------------------------------------------------------
 
 
-def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """Each node that shows a mesh, placed by its matrix."""
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
@@ -113,8 +118,8 @@ def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[Foreign]:
         yield mesh._replace(vertices=np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
-    visual, made = mesh.visual, Foreign(name, mesh.vertices, mesh.faces)
+def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+    visual, made = mesh.visual, ForeignMesh(name, mesh.vertices, mesh.faces)
     kind = getattr(visual, "kind", None)
     if kind == "vertex":
         yield made._replace(vertex_colours=visual.vertex_colors)
@@ -142,12 +147,12 @@ def _material(material, name: str) -> Material:
 # --- Open3D ------------------------------------------------------------------------------------------------------
 
 
-def _open3d(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _open3d(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     colours = _from_srgb(mesh.vertex_colors) if mesh.has_vertex_colors() else None
-    yield Foreign(name, np.asarray(mesh.vertices), np.asarray(mesh.triangles), vertex_colours=colours)
+    yield ForeignMesh(name, np.asarray(mesh.vertices), np.asarray(mesh.triangles), vertex_colours=colours)
 
 
-def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield from _open3d(mesh.to_legacy(), name, notes)
 
 
@@ -159,7 +164,7 @@ def _from_srgb(colours) -> np.ndarray:
 # --- pyvista -----------------------------------------------------------------------------------------------------
 
 
-def _pyvista(data, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _pyvista(data, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """A PolyData, or the surface of another data set. Polygons are cut into triangles by pyvista."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of pyvista, about defaults of its own
@@ -167,10 +172,10 @@ def _pyvista(data, name: str, notes: list[str]) -> Iterator[Foreign]:
     faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
     of_faces = _named_colours(surface.cell_data) if len(faces) == surface.n_cells else None
     of_points = _named_colours(surface.point_data)
-    yield Foreign(name, surface.points, faces, None if of_points is not None else of_faces, of_points)
+    yield ForeignMesh(name, surface.points, faces, None if of_points is not None else of_faces, of_points)
 
 
-def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     for i, key in enumerate(blocks.keys()):
         block = blocks[i]
         read = None if block is None else _reader(block)
@@ -193,7 +198,7 @@ def _named_colours(data) -> np.ndarray | None:
 # --- meshio ------------------------------------------------------------------------------------------------------
 
 
-def _meshio(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
+def _meshio(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """Triangles and quads. Cells of higher order are flat between their corners; volumes have no surface here."""
     points, faces = np.asarray(mesh.points), list[np.ndarray]()
     if points.ndim == 2 and points.shape[1] == 2:
@@ -212,4 +217,51 @@ def _meshio(mesh, name: str, notes: list[str]) -> Iterator[Foreign]:
             )
     if not faces:
         return
-    yield Foreign(name, points, np.concatenate(faces), vertex_colours=_named_colours(mesh.point_data))
+    yield ForeignMesh(name, points, np.concatenate(faces), vertex_colours=_named_colours(mesh.point_data))
+
+
+# --- What scenes hold that are made of arrays, or of meshes of other libraries ----------------------------------------
+
+
+def data_of_arrays(
+    vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None, name="arrays",
+    up="y", crs=None,
+) -> MemoryData:  # fmt: skip
+    """What a scene of arrays holds; `Scene.from_arrays` documents the arguments."""
+    positions, indices = _as_positions(vertices, text(name, "name")), None
+    if faces is not None:
+        if positions.ndim == 3:
+            raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
+        indices = as_array(faces, f"{name}: faces")
+    elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
+        raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
+    positions = positions.reshape(-1, 3)
+    mesh = make_mesh(name, positions, indices, colours, name)
+    if any(given is not None for given in (vertex_colours, uv, texture, normals)):
+        if colours is not None:
+            raise InputError(
+                f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
+            )
+        material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
+        mesh = painted(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
+    return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
+
+
+def data_of_mesh(mesh, *, name: str | None = None, up="y", crs=None) -> MemoryData:
+    """What a scene of a mesh holds; `Scene.from_mesh` documents the arguments."""
+    name = type(mesh).__name__.lower() if name is None else text(name, "name")
+    meshes, notes = meshes_of(mesh, name)
+    crs = None if crs is None else checked_crs(crs)
+    return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
+
+
+def _as_positions(vertices, name: str) -> np.ndarray:
+    """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 where that holds them, else float64."""
+    positions = as_array(vertices, f"{name}: vertices")
+    if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
+        raise InputError(
+            f"{name}: vertices must be numbers, (v, 3) or (n, 3, 3), not {positions.dtype} {positions.shape}"
+        )
+    if positions.ndim == 3 and positions.shape[1] != 3:
+        raise InputError(f"{name}: a triangle soup has shape (n, 3, 3), not {positions.shape}")
+    return positions.astype(np.float32 if positions.dtype in (np.float16, np.float32) else np.float64)

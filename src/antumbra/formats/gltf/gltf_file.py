@@ -1,8 +1,10 @@
-"""A glTF file and its buffers, with sizes checked before anything is read."""
+"""glTF and GLB files: containers, buffers and data URIs, checked before they are read; and GLB output."""
 
 import base64
 import binascii
+import json
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import unquote_to_bytes
@@ -10,8 +12,11 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 
 from ...errors import InputError
-from ..files import checked_file, sibling
-from .fields import Fields, parse
+from ...scene.files import checked_file, sibling
+from ..json_fields import Fields, parse
+
+# --- A glTF file and its buffers, with sizes checked before anything is read ------------------------------------------
+
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
 COMPRESSIONS = {
@@ -25,7 +30,7 @@ CURE_TEXTURES = "convert it first, for example with: npx @gltf-transform/cli ktx
 CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
 
 
-class Document(NamedTuple):
+class GltfDocument(NamedTuple):
     """A glTF file: JSON, and buffers as bytes (None for a buffer without data)."""
 
     file: str
@@ -34,7 +39,7 @@ class Document(NamedTuple):
     buffers: list[np.ndarray | None]  # (byteLength,) uint8
 
 
-def open_document(path: Path) -> Document:
+def open_gltf(path: Path) -> GltfDocument:
     """Read a .glb or .gltf file, and the buffers in or beside it. The content decides between the two."""
     data, file = path.read_bytes(), path.name
     text, binary = split_glb(data, file) if data[:4] == GLB_MAGIC else (data, None)
@@ -47,7 +52,7 @@ def open_document(path: Path) -> Document:
             if uri is not None and not is_data_uri(uri):
                 sibling(path.parent, uri, fields.place("uri"))
     buffers = [_buffer(b, i, binary, path.parent) for i, b in enumerate(root.objects("buffers"))]
-    return Document(file, path.parent, root, buffers)
+    return GltfDocument(file, path.parent, root, buffers)
 
 
 def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
@@ -137,3 +142,45 @@ def _check_extensions(root: Fields) -> None:
             raise InputError(
                 f"{root.where} extensionsRequired has {name[:60]!r}, which is unsupported; export without it"
             )
+
+
+# --- Binary glTF 2.0 files (GLB): a JSON chunk, and a chunk with the arrays -------------------------------------------
+
+
+FLOAT, UNSIGNED_INT = 5126, 5125
+"""`componentType` of float32 and uint32."""
+
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+"""`target` of a buffer view with vertices, and with indices."""
+
+
+_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # by columns
+
+
+def up_axis_transform(up: str) -> dict:
+    """The transform of a node that turns the up axis of a scene, "y" or "z", to +Y, as glTF has it.
+
+    It is a matrix and no quaternion, because square roots of 1/2 would round the coordinates.
+    """
+    return {"matrix": _UPRIGHT} if up == "z" else {}
+
+
+def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
+    """The keys `bufferViews` and `buffers` of a file whose arrays follow each other."""
+    starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
+    views = [
+        {"buffer": 0, "byteOffset": a, "byteLength": z - a, "target": t} for a, z, t in zip(starts, starts[1:], targets)
+    ]
+    return {"bufferViews": views, "buffers": [{"byteLength": starts[-1]}]}
+
+
+def glb_bytes(root: dict, blocks: Sequence[np.ndarray]) -> bytes:
+    """The bytes of a file: its JSON, and arrays whose sizes are multiples of four bytes."""
+    return assemble_glb(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
+
+
+def assemble_glb(text: bytes, binary: bytes) -> bytes:
+    """The bytes of a file: its JSON as text, and the bytes of its arrays."""
+    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary + bytes(-len(binary) % 4))]
+    body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

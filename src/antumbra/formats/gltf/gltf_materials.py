@@ -1,4 +1,4 @@
-"""Materials of glTF: base colour, its texture, and what alpha means."""
+"""glTF materials: base colour, texture and alpha mode, and a note on the fields that are ignored."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -6,10 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ..files import checked_file, sibling
-from ..materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
-from .document import CURE_TEXTURES, Document, data_uri_bytes, is_data_uri
-from .fields import Fields
+from ...scene.files import checked_file, sibling
+from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
+from ..json_fields import Fields
+from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
+
+# --- Materials of glTF: base colour, its texture, and what alpha means ------------------------------------------------
+
 
 MAX_IMAGE_BYTES = 1 << 28
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
@@ -33,7 +36,7 @@ class Used(NamedTuple):
 class Materials:
     """The materials of a document. Those with the same image share its bytes. Unreadable textures are white."""
 
-    def __init__(self, document: Document):
+    def __init__(self, document: GltfDocument):
         self._document = document
         root = document.root
         self._materials, self._textures = root.objects("materials"), root.objects("textures")
@@ -137,3 +140,39 @@ def _matrix(transform: Fields) -> np.ndarray:
     u, v = transform.numbers("offset", 2, (0.0, 0.0))
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c * x, s * y, u], [-s * x, c * y, v]])
+
+
+# --- What a glTF file says about its materials and is left out, in one line -------------------------------------------
+
+
+_EXTENSIONS = {
+    "transmission": ("KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"),
+    "clearcoat": ("KHR_materials_clearcoat",),
+    "sheen": ("KHR_materials_sheen",),
+    "iridescence": ("KHR_materials_iridescence",),
+    "anisotropy": ("KHR_materials_anisotropy",),
+    "specular colours": ("KHR_materials_specular",),
+}
+
+
+def ignored_fields(root: Fields) -> list[str]:
+    """One note that names the properties of materials that pictures do not show; empty if there are none."""
+    found = {name for material in root.objects("materials") for name in _of_material(material)}
+    if root.extension("KHR_materials_variants") is not None:
+        found.add("variants of materials")
+    return [f"{root.where} left out: {', '.join(sorted(found))}; surfaces are diffuse"] if found else []
+
+
+def _of_material(material: Fields):
+    model = material.object("pbrMetallicRoughness")
+    if model is not None and ("metallicRoughnessTexture" in model or model.number("metallicFactor", 0.0) > 0.0):
+        yield "metalness and roughness"
+    if "normalTexture" in material:
+        yield "normal maps"
+    if "occlusionTexture" in material:
+        yield "occlusion maps"
+    if "emissiveTexture" in material or np.any(material.numbers("emissiveFactor", 3, np.zeros(3))):
+        yield "emission"
+    for name, extensions in _EXTENSIONS.items():
+        if any(material.extension(extension) is not None for extension in extensions):
+            yield name

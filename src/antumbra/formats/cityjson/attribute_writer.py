@@ -1,4 +1,4 @@
-"""Attributes of faces, written to a copy of a CityJSON file."""
+"""Write attributes of faces, such as sun hours, to the semantic surfaces in a copy of a CityJSON file."""
 
 import json
 from collections.abc import Mapping
@@ -10,11 +10,10 @@ from ...checks import path_of, quoted
 from ...checks import text as checked_text
 from ...errors import InputError
 from ...output import checked_output, replacing
-from ..files import checked_file
-from .document import SUFFIXES, lines_of, many_lists
-from .lods import DEPTHS, INSTANCE
-from .model import CityModel, Surface
-from .read import read_cityjson
+from ...scene.cityjson.model import CityModel, Surface
+from ...scene.files import checked_file
+from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
+from .cityjson_source import read_cityjson
 
 _RESERVED = ("type", "parent", "children")  # members of a semantic surface that are no attributes
 _BUILT = ("Building", "Bridge", "Tunnel", "OtherConstruction")

@@ -1,10 +1,14 @@
-"""Accessors: bounds-checked numbers in buffers, with sparse values and normalised integers."""
+"""glTF accessors: bounds-checked numbers in buffers, sparse values, normalised integers and Draco decompression."""
 
 import numpy as np
 
 from ...errors import InputError
-from .document import COMPRESSIONS, CURE, Document
-from .fields import Fields
+from ...extras import needed
+from ..json_fields import Fields
+from .gltf_file import COMPRESSIONS, CURE, GltfDocument
+
+# --- Accessors: bounds-checked numbers in buffers, with sparse values and normalised integers -------------------------
+
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
@@ -13,7 +17,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 class Accessors:
     """The accessors of a document. Each is decoded once in the lifetime of this object."""
 
-    def __init__(self, document: Document):
+    def __init__(self, document: GltfDocument):
         self._document = document
         self._fields = document.root.objects("accessors")
         self._views = document.root.objects("bufferViews")
@@ -130,3 +134,46 @@ class Accessors:
         if component not in COMPONENTS:
             raise fields.bad("componentType", "one of " + ", ".join(map(str, COMPONENTS)))
         return np.dtype(COMPONENTS[component])
+
+
+# --- KHR_draco_mesh_compression: a library decodes a primitive, and its accessors get the values ----------------------
+
+
+DRACO_EXTENSION = "KHR_draco_mesh_compression"
+_TRIANGLES = 4
+
+
+def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
+    """Give the accessors of a compressed primitive their values, and return which these are.
+
+    None are if the file has them uncompressed too.
+
+    Raises
+    ------
+    InputError
+        If the library is missing, or the data cannot be decoded.
+    """
+    packed = primitive.extension(DRACO_EXTENSION)
+    attributes = primitive.mapping("attributes", len(accessors))
+    if packed is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
+        return []
+    if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
+        raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
+    library = needed("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
+    data, indices = accessors.view_bytes(packed, "bufferView"), primitive.whole("indices", high=len(accessors))
+    try:
+        mesh = library.decode(data)
+        found = {
+            attributes[name]: np.asarray(mesh.get_attribute_by_unique_id(number)["data"])
+            for name, number in packed.mapping("attributes", 1 << 31).items()
+            if name in attributes
+        }
+        found[indices] = np.asarray(mesh.faces).reshape(-1, 1)
+    except Exception as error:  # the library raises various exceptions on damaged data
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{primitive.where}: Draco data cannot be decoded ({reason}); export the file again"
+        ) from error
+    for index, values in found.items():
+        accessors.supply(index, values)
+    return list(found)
