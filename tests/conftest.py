@@ -8,9 +8,9 @@ import pytest
 from hypothesis import settings
 
 from antumbra.engine.precompilation import compile_missing, missing_of
+from antumbra.generate.procedural_scenes import add_scenes
 from antumbra.kernels import needs
 from antumbra.methods import add_plugins
-from antumbra.scene.procedural import add_scenes
 
 pytest_plugins = ["command_line"]
 add_scenes()

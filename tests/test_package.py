@@ -14,7 +14,7 @@ import zipfile
 import pytest
 
 import antumbra as at
-from antumbra.scene.procedural import PROCEDURAL
+from antumbra.generate.procedural_scenes import PROCEDURAL
 from repository import ROOT, tool
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from antumbra.cli.export import write_scene
-from antumbra.scene.procedural import generate
+from antumbra.generate.procedural_scenes import generate
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 WITHOUT = """

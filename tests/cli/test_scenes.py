@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 import antumbra as at
 from antumbra.cli import export
-from antumbra.scene.procedural import PROCEDURAL, generate
+from antumbra.generate.procedural_scenes import PROCEDURAL, generate
 
 
 def test_the_list(cli):

@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.blocks import BlockTree
+from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.rendering.frame import PHASES
-from antumbra.scene.procedural import PROCEDURAL
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.rays.ray_traversal import BUILT, Ordered
 

@@ -65,8 +65,8 @@ def build(
 
 def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
     """Yield the scenes one after the other. A city is yielded as pieces that are made later."""
+    from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
-    from ..scene.generated import StreamedCity
 
     for spec in specs:
         if spec.path is None and spec.name == "city" and up is None:

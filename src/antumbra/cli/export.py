@@ -37,7 +37,7 @@ def write_scene(made, name: str, path) -> list[Path]:
 
     Parameters
     ----------
-    made : from `antumbra.scene.procedural.generate`
+    made : from `antumbra.generate.procedural_scenes.generate`
     name : str
         Name of the mesh.
     path : str or path-like

@@ -66,7 +66,7 @@ def scenes(
 
 
 def _list(json: bool) -> None:
-    from ..scene.procedural import PROCEDURAL, add_scenes
+    from ..generate.procedural_scenes import PROCEDURAL, add_scenes
 
     add_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
@@ -78,7 +78,7 @@ def _list(json: bool) -> None:
 
 
 def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
-    from ..scene.procedural import generate
+    from ..generate.procedural_scenes import generate
 
     made = generate(name, triangles, seed)
     files = []

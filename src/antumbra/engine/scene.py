@@ -8,13 +8,13 @@ import numpy as np
 
 from ..checks import choice, whole_number
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
+from ..generate.generated_scene import procedural_data
 from ..scene import framing
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
 from ..scene.cityjson.model import CityModel
 from ..scene.cutouts import Cutouts
 from ..scene.data import SceneData
-from ..scene.generated import generated
 from ..scene.hit import Hit
 from ..scene.lights import Light
 from ..scene.memory import MemoryData
@@ -451,4 +451,4 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
     InputError
         On an unknown name, or a number of triangles out of range.
     """
-    return Scene.of_data(generated(name, triangles, seed))
+    return Scene.of_data(procedural_data(name, triangles, seed))

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
 from ..formats.library_meshes import is_mesh
+from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
 from ..kernels.progress import Progress, followed, shown
 from ..output import checked_output
 from ..scene.data import SceneData
-from ..scene.generated import StreamedCity
 from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
 from ..temporary import temporary_folder

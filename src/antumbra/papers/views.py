@@ -20,9 +20,9 @@ from ..cli.sceneinput import open_scene
 from ..engine.scene import AnyScene, procedural
 from ..engine.scene_loading import load
 from ..errors import InputError
+from ..generate.procedural_scenes import PROCEDURAL, add_scenes
 from ..scene.camera import Camera
 from ..scene.lights import Light, PointLight, QuadLight, tangents
-from ..scene.procedural import PROCEDURAL, add_scenes
 
 _DIAGONALS = {"bart_robots": 400.0}
 """Scene -> the diagonal to use instead of the scene's own. The sky of the robots' city is twenty times as wide as the

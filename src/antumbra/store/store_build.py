@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..generate.generated_scene import StreamedCity
 from ..output import replacing
-from ..scene.generated import StreamedCity
 from ..scene.memory import MemoryData
 from ..scene.recentre import frame_origin
 from ..scene.source import Source

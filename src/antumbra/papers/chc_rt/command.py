@@ -95,14 +95,14 @@ def chc_rt(
     memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
     count = arguments.parse_count(triangles, "--triangles")
 
+    from ...generate.palette import check_request
     from ...kernels.parallel import thread_count
-    from ...scene.procedural.request import checked
     from ...store.system_resources import peak_resident
     from . import session
     from . import views as chcrt_views
     from .measure import Pace
 
-    checked("city", count, 0)
+    check_request("city", count, 0)
     if plot is not None and not WALKED.intersection(tables):
         raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
     plots = results.plots(plot) if WALKED.intersection(tables) else []

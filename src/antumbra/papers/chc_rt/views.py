@@ -11,9 +11,9 @@ import numpy as np
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...errors import InputError
+from ...generate.city import PITCH
 from ...scene.camera import Camera
 from ...scene.lights import Light
-from ...scene.procedural.city import PITCH
 from .. import views
 from ..views import View, real_path, square
 

@@ -3,7 +3,7 @@
 Only the benchmarks of the papers need them.
 """
 
-from ...scene.procedural import Recipe, register
+from ...generate.procedural_scenes import Recipe, register
 from .blinds import blinds
 from .cellar import cellar
 from .museum import museum

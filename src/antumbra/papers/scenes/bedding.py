@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.parts import assemble, put
-from ...scene.procedural.props import SINK
-from ...scene.procedural.shapes import PaletteMesh, box, boxes, merge, revolve, shell, steps
+from ...generate import palette as p
+from ...generate.props import SINK
+from ...generate.shapes import PaletteMesh, assemble, box, boxes, merge, place_copies, revolve, shell, steps
 from .furniture import SKETCH
 
 
@@ -118,13 +117,15 @@ def bed(width: float, length: float, d: float, rng) -> PaletteMesh:
         headboard(width + 0.16, 1.12, steps(60, d, 4), p.CLAY),
         assemble(
             [
-                put(mattress, (0, top - 0.25, length / 2 + 0.06)),
-                put(quilt, (0, top, 0.72)),
-                put(sheet, (0, top + 0.045, 0.62)),
-                put(throw, (0, top + 0.075, length - 0.62)),
-                put(back, [(-x, top + 0.12, 0.27), (x, top + 0.12, 0.28)], [0.06, -0.04], tilt=0.95),
-                put(before, [(-x - 0.02, top + 0.08, 0.47), (x - 0.05, top + 0.08, 0.46)], [-0.1, 0.08], tilt=0.75),
-                put(small, (0.05, top + 0.07, 0.66), 0.15, tilt=0.7),
+                place_copies(mattress, (0, top - 0.25, length / 2 + 0.06)),
+                place_copies(quilt, (0, top, 0.72)),
+                place_copies(sheet, (0, top + 0.045, 0.62)),
+                place_copies(throw, (0, top + 0.075, length - 0.62)),
+                place_copies(back, [(-x, top + 0.12, 0.27), (x, top + 0.12, 0.28)], [0.06, -0.04], tilt=0.95),
+                place_copies(
+                    before, [(-x - 0.02, top + 0.08, 0.47), (x - 0.05, top + 0.08, 0.46)], [-0.1, 0.08], tilt=0.75
+                ),
+                place_copies(small, (0.05, top + 0.07, 0.66), 0.15, tilt=0.7),
             ]
         ),
     )
@@ -141,11 +142,11 @@ def armchair(d: float, rng) -> PaletteMesh:
     leg = revolve([(0.016, -SINK), (0.03, 0.1), (0.034, 0.2), (0.0, 0.2)], steps(10, d, 4), p.DARK_WOOD)
     return assemble(
         [
-            put(base, (0, 0.14, 0)),
-            put(seat, (0, 0.3, 0.06)),
-            put(back, (0, 0.66, -0.34), tilt=1.32),
-            put(arm, [(-0.37, 0.28, 0.03), (0.37, 0.28, 0.03)]),
-            put(loose, (0.06, 0.6, -0.1), 0.2, tilt=1.0),
-            put(leg, [(x, 0, z) for x in (-0.33, 0.33) for z in (-0.28, 0.3)]),
+            place_copies(base, (0, 0.14, 0)),
+            place_copies(seat, (0, 0.3, 0.06)),
+            place_copies(back, (0, 0.66, -0.34), tilt=1.32),
+            place_copies(arm, [(-0.37, 0.28, 0.03), (0.37, 0.28, 0.03)]),
+            place_copies(loose, (0.06, 0.6, -0.1), 0.2, tilt=1.0),
+            place_copies(leg, [(x, 0, z) for x in (-0.33, 0.33) for z in (-0.28, 0.3)]),
         ]
     )

@@ -2,13 +2,24 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.architecture import EMBED, tiles
-from ...scene.procedural.parts import ScenePart, assemble, count, fitted, moved, put
-from ...scene.procedural.plants import UP, agave, blades, shrub, sphere_directions, unit
-from ...scene.procedural.props import pot
-from ...scene.procedural.shapes import PaletteMesh, block, box, frame_ring, merge, raised, steps
-from ...scene.procedural.trees import palm
+from ...generate import palette as p
+from ...generate.atrium import EMBED, tiles
+from ...generate.props import UP, agave, blades, palm, pot, shrub, sphere_directions, unit
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    assemble,
+    block,
+    box,
+    count,
+    fitted,
+    frame_ring,
+    merge,
+    moved,
+    place_copies,
+    raised,
+    steps,
+)
 from .bedding import armchair, bed
 from .furniture import SKETCH, bookcase, chandelier, door, drawers, table_lamp
 from .sculptures import painting
@@ -52,15 +63,15 @@ def _shell(d: float, rng) -> list[ScenePart]:
     skirting = [(EMBED, -EMBED), (-0.016, -EMBED), (-0.02, 0.07), (-0.012, 0.1), (EMBED, 0.105)]
     cornice = [(EMBED, -0.1), (-0.02, -0.1), (-0.04, -0.05), (-0.09, -0.03), (-0.1, EMBED), (EMBED, EMBED)]
     return [
-        put(boards),
-        put(box((2 * x + 0.6, 0.23, 2 * z + 0.5), (-0.05, -0.135, 0), p.CONCRETE)),
-        put(box((2 * x + 0.62, 0.25, 2 * z + 0.52), (-0.05, h + 0.125, 0), p.PLASTER)),
-        put(box((2 * x + 0.35, h + 0.3, 0.2), (0.025, h / 2 - 0.05, -z - 0.1), p.PLASTER)),
-        put(box((2 * x + 0.35, h + 0.3, 0.2), (0.025, h / 2 - 0.05, z + 0.1), p.PLASTER)),
-        put(box((0.17, h + 0.29, 2 * z + 0.2), (x + 0.085, h / 2 - 0.05, 0), p.PLASTER)),
-        put(frame_ring(skirting, x, z, p.WHITE)),
-        put(frame_ring(cornice, x, z, p.WHITE), (0, h, 0)),
-        put(door(0.9, 2.05, d), (0.4, 0, z), np.pi),
+        place_copies(boards),
+        place_copies(box((2 * x + 0.6, 0.23, 2 * z + 0.5), (-0.05, -0.135, 0), p.CONCRETE)),
+        place_copies(box((2 * x + 0.62, 0.25, 2 * z + 0.52), (-0.05, h + 0.125, 0), p.PLASTER)),
+        place_copies(box((2 * x + 0.35, h + 0.3, 0.2), (0.025, h / 2 - 0.05, -z - 0.1), p.PLASTER)),
+        place_copies(box((2 * x + 0.35, h + 0.3, 0.2), (0.025, h / 2 - 0.05, z + 0.1), p.PLASTER)),
+        place_copies(box((0.17, h + 0.29, 2 * z + 0.2), (x + 0.085, h / 2 - 0.05, 0), p.PLASTER)),
+        place_copies(frame_ring(skirting, x, z, p.WHITE)),
+        place_copies(frame_ring(cornice, x, z, p.WHITE), (0, h, 0)),
+        place_copies(door(0.9, 2.05, d), (0.4, 0, z), np.pi),
     ]
 
 
@@ -68,7 +79,7 @@ def _window(d: float, rng) -> list[ScenePart]:
     """The wall with the window, its blinds and its curtains. Each blind has a slightly different tilt."""
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
-    parts = [put(wall), *frame(d), *venetian(tilts, d, rng), *curtains(LINTEL + 0.08, p.TEAL, d, rng)]
+    parts = [place_copies(wall), *frame(d), *venetian(tilts, d, rng), *curtains(LINTEL + 0.08, p.TEAL, d, rng)]
     return moved(parts, (-HALF_X, 0.0, 0.0), np.pi / 2)
 
 
@@ -80,15 +91,15 @@ def _furniture(d: float, rng) -> list[ScenePart]:
     wide, tall, small = painting(1.2, 0.62, n, rng), painting(0.5, 0.75, n, rng), painting(0.34, 0.44, n, rng)
     sides = [(x, 0.0, back + 0.24) for x in (-1.62, 0.92)]
     return [
-        put(bed(1.7, 2.05, d, rng), (-0.35, 0, back + 0.02)),
-        put(table, sides),
-        put(lamp, [(x, 0.515, z) for x, _, z in sides], [0.0, 0.4]),
-        put(low, (right - 0.25, 0, -0.5), -np.pi / 2),
-        put(table_lamp(0.56, d, p.OCHRE), (right - 0.26, 0.835, -0.95)),
-        put(armchair(d, rng), (-1.72, 0, 0.2), 1.0),
-        put(wide, (-0.35, 1.78, back + 0.06)),
-        put(small, [(0.92, 1.5, back + 0.06), (-1.62, 1.5, back + 0.06)]),
-        put(tall, [(right - 0.06, 1.55, -0.1), (right - 0.06, 1.55, 1.2)], -np.pi / 2),
+        place_copies(bed(1.7, 2.05, d, rng), (-0.35, 0, back + 0.02)),
+        place_copies(table, sides),
+        place_copies(lamp, [(x, 0.515, z) for x, _, z in sides], [0.0, 0.4]),
+        place_copies(low, (right - 0.25, 0, -0.5), -np.pi / 2),
+        place_copies(table_lamp(0.56, d, p.OCHRE), (right - 0.26, 0.835, -0.95)),
+        place_copies(armchair(d, rng), (-1.72, 0, 0.2), 1.0),
+        place_copies(wide, (-0.35, 1.78, back + 0.06)),
+        place_copies(small, [(0.92, 1.5, back + 0.06), (-1.62, 1.5, back + 0.06)]),
+        place_copies(tall, [(right - 0.06, 1.55, -0.1), (right - 0.06, 1.55, 1.2)], -np.pi / 2),
         *moved(bookcase(1.24, 2.0, 0.3, 6, d, rng), (1.96, 0, back + 0.17)),
         *moved(chandelier(0.62, d), (0.15, HEIGHT, 0.0)),
     ]
@@ -100,9 +111,9 @@ def _clutter(d: float, rng) -> list[ScenePart]:
     ficus = shrub(rng, steps(420, d * d, 14), 0.3, 0.8, 0.13 / max(1.0, d**0.5))
     aloe = agave(rng, steps(18, d**0.5, 5), 0.2, steps(5, d, 2))
     parts = [
-        put(merge(raised(leaves, 0.3), pot(0.36, 0.2, d)), (-2.22, 0, -2.4)),
-        put(merge(raised(ficus, 0.3), pot(0.36, 0.2, d, p.BLUE)), (-2.25, 0, 2.2)),
-        put(merge(raised(aloe, 0.11), pot(0.12, 0.07, d, p.CLAY)), (2.42, 0.835, -0.15)),
+        place_copies(merge(raised(leaves, 0.3), pot(0.36, 0.2, d)), (-2.22, 0, -2.4)),
+        place_copies(merge(raised(ficus, 0.3), pot(0.36, 0.2, d, p.BLUE)), (-2.25, 0, 2.2)),
+        place_copies(merge(raised(aloe, 0.11), pot(0.12, 0.07, d, p.CLAY)), (2.42, 0.835, -0.15)),
     ]
     if d > SKETCH:
         toys = [
@@ -112,7 +123,7 @@ def _clutter(d: float, rng) -> list[ScenePart]:
             (rings(d), (-0.35, 0.03, 0.62), 0.0),
             (train(d), (0.75, 0.03, 0.6), 0.5),
         ]
-        parts += [put(mesh, at, turn) for mesh, at, turn in toys]
+        parts += [place_copies(mesh, at, turn) for mesh, at, turn in toys]
     return parts
 
 
@@ -130,7 +141,7 @@ def _rug(rng, triangles: int) -> list[ScenePart]:
     u, v = (np.linspace(-1.0, 1.0, min(most, steps(share * triangles**0.5, 1.0, 6)) + 1) for share, most in WEAVE)
     ground = np.stack(np.broadcast_arrays(x + w / 2 * u[:, None], 0.012, z + length / 2 * v), axis=-1)
     middles = (u[1:, None] + u[:-1, None]) / 2, (v[1:] + v[:-1]) / 2
-    base = put(block(ground, -0.01, _pattern(*middles)))
+    base = place_copies(block(ground, -0.01, _pattern(*middles)))
     n = max(1, (triangles - base.n_triangles) // 2)
     at = rng.uniform(-1.0, 1.0, (n, 2))
     root = np.stack([x + at[:, 0] * (w / 2 - 0.01), np.full(n, 0.008), z + at[:, 1] * (length / 2 - 0.01)], axis=1)
@@ -138,4 +149,4 @@ def _rug(rng, triangles: int) -> list[ScenePart]:
     size = np.clip(0.03 * np.sqrt(15_000 / n), 0.012, 0.04)
     colour = _pattern(*at.T) + p.shades(rng, n) % 4
     pile = blades(root, 0.6 * UP + lean, UP - lean, size * rng.uniform(0.7, 1.2, n), 0.3 * size, 0.3, 2, 2, colour)
-    return [base, put(pile)]
+    return [base, place_copies(pile)]

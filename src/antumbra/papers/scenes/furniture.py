@@ -2,11 +2,25 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.architecture import EMBED
-from ...scene.procedural.parts import ScenePart, assemble, moved, put
-from ...scene.procedural.props import SINK, shelf, vase
-from ...scene.procedural.shapes import PaletteMesh, arc, box, frame_ring, loft, merge, revolve, shell, steps, tubes
+from ...generate import palette as p
+from ...generate.atrium import EMBED
+from ...generate.props import SINK, shelf, vase
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    arc,
+    assemble,
+    box,
+    frame_ring,
+    loft,
+    merge,
+    moved,
+    place_copies,
+    revolve,
+    shell,
+    steps,
+    tubes,
+)
 
 SKETCH = 0.12  # up to this detail, shapes are as plain as possible
 
@@ -33,9 +47,9 @@ def drawers(width: float, height: float, depth: float, rows: int, columns: int, 
             for r in range(rows)
         ]
     )
-    parts = [put(leg_, corners), put(front, places)]
+    parts = [place_copies(leg_, corners), place_copies(front, places)]
     if d > SKETCH:
-        parts.append(put(revolve(knob, steps(14, d, 5), p.BRONZE), places + [0, 0, 0.014], tilt=np.pi / 2))
+        parts.append(place_copies(revolve(knob, steps(14, d, 5), p.BRONZE), places + [0, 0, 0.014], tilt=np.pi / 2))
     return merge(*meshes, assemble(parts))
 
 
@@ -94,16 +108,16 @@ def bookcase(width: float, height: float, depth: float, boards: int, d: float, r
             kind.append(rng.integers(len(kinds)))
             x += thick
     where, size, turn, kind = (np.array(a) for a in (where, size, turn, kind))
-    parts = [put(shelf(width, height, depth, boards))]
+    parts = [place_copies(shelf(width, height, depth, boards))]
     for k, mesh in enumerate(kinds):
         own = kind == k
-        parts.append(put(mesh, where[own], turn[own], size[own], shade=p.shades(rng, int(own.sum())) % 4))
+        parts.append(place_copies(mesh, where[own], turn[own], size[own], shade=p.shades(rng, int(own.sum())) % 4))
     tops = [
-        put(vase(0.34, 0.8 * d, p.BLUE), (-0.3 * width, height - 0.03, 0)),
-        put(vase(0.22, 0.8 * d, p.CLAY, 0.36, 0.14), (-0.05 * width, height - 0.03, 0.02)),
+        place_copies(vase(0.34, 0.8 * d, p.BLUE), (-0.3 * width, height - 0.03, 0)),
+        place_copies(vase(0.22, 0.8 * d, p.CLAY, 0.36, 0.14), (-0.05 * width, height - 0.03, 0.02)),
     ]
     lid = box((width, 0.04, depth), (0, height - 0.03, 0), p.DARK_WOOD)
-    return [part for part in [*parts, put(lid), *tops] if len(part.offset)]
+    return [part for part in [*parts, place_copies(lid), *tops] if len(part.offset)]
 
 
 def chandelier(drop: float, d: float) -> list[ScenePart]:
@@ -129,14 +143,16 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
     rose = [(0.0, -0.05), (0.05, -0.05), (0.075, 0.0), (0.07, EMBED), (0.0, EMBED)]
     low = np.array([0.0, -drop, 0.0])
     parts = [
-        put(revolve(body, steps(20, d, 6), p.BRONZE)),
-        put(arm, np.zeros((arms, 3)), turn),
-        put(revolve(cup, k, p.BRONZE), ends),
-        put(revolve(candle, k, p.WHITE), ends + [0, 0.015, 0]),
-        put(tubes(np.array([[(0, 0.33, 0), (0, 0.6 * drop, 0), (0, drop, 0)]]), np.full(3, 0.007), 4, p.BRONZE)),
-        *([put(_beads(ends, turn, d))] if d > SKETCH else []),
+        place_copies(revolve(body, steps(20, d, 6), p.BRONZE)),
+        place_copies(arm, np.zeros((arms, 3)), turn),
+        place_copies(revolve(cup, k, p.BRONZE), ends),
+        place_copies(revolve(candle, k, p.WHITE), ends + [0, 0.015, 0]),
+        place_copies(
+            tubes(np.array([[(0, 0.33, 0), (0, 0.6 * drop, 0), (0, drop, 0)]]), np.full(3, 0.007), 4, p.BRONZE)
+        ),
+        *([place_copies(_beads(ends, turn, d))] if d > SKETCH else []),
     ]
-    return [*moved(parts, low), put(revolve(rose, steps(20, d, 6), p.PLASTER))]
+    return [*moved(parts, low), place_copies(revolve(rose, steps(20, d, 6), p.PLASTER))]
 
 
 def _beads(ends, turn, d: float) -> PaletteMesh:
@@ -151,7 +167,9 @@ def _beads(ends, turn, d: float) -> PaletteMesh:
     angle = np.linspace(-np.pi / 2, np.pi / 2, m + 1)
     ball = np.stack([np.maximum(np.cos(angle), 0.0) * 0.009, np.sin(angle) * 0.012], axis=1)
     ball[[0, -1], 0] = 0.0
-    return assemble([put(revolve(ball, steps(8, d, 4), p.GLASS), np.concatenate([swags, rising]).reshape(-1, 3))])
+    return assemble(
+        [place_copies(revolve(ball, steps(8, d, 4), p.GLASS), np.concatenate([swags, rising]).reshape(-1, 3))]
+    )
 
 
 def door(width: float, height: float, d: float) -> PaletteMesh:
@@ -169,9 +187,11 @@ def door(width: float, height: float, d: float) -> PaletteMesh:
         box((width + EMBED, height, 0.03), (0, height / 2, 0), p.WHITE, bevel),
         assemble(
             [
-                put(ring, (0, height / 2, 0), tilt=np.pi / 2),
-                put(edge, panels, tilt=np.pi / 2),
-                put(revolve(knob, steps(16, d, 5), p.BRONZE), (0.42 * width, 0.47 * height, 0.01), tilt=np.pi / 2),
+                place_copies(ring, (0, height / 2, 0), tilt=np.pi / 2),
+                place_copies(edge, panels, tilt=np.pi / 2),
+                place_copies(
+                    revolve(knob, steps(16, d, 5), p.BRONZE), (0.42 * width, 0.47 * height, 0.01), tilt=np.pi / 2
+                ),
             ]
         ),
     )

@@ -2,11 +2,24 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.architecture import EMBED, doorway, tiles
-from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
-from ...scene.procedural.props import bench, vase
-from ...scene.procedural.shapes import PaletteMesh, box, boxes, frame_ring, merge, raised, revolve, steps
+from ...generate import palette as p
+from ...generate.atrium import EMBED, doorway, tiles
+from ...generate.props import bench, vase
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    assemble,
+    box,
+    boxes,
+    count,
+    fitted,
+    frame_ring,
+    merge,
+    place_copies,
+    raised,
+    revolve,
+    steps,
+)
 from .sculptures import ammonite, blob, knot, painting, rain, ribbon, twist, vortex
 
 WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # size of a hall, from wall to wall
@@ -60,10 +73,10 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[ScenePart]:
         (0.05, 0.02),
     ]
     parts = [
-        put(floor, at),
-        put(slabs, at),
-        put(bars, at),
-        put(frame_ring(cornice, hx, hz, p.PLASTER), at + [0, HEIGHT, 0]),
+        place_copies(floor, at),
+        place_copies(slabs, at),
+        place_copies(bars, at),
+        place_copies(frame_ring(cornice, hx, hz, p.PLASTER), at + [0, HEIGHT, 0]),
     ]
     for horizontal in (True, False):
         length, high = (WIDTH if horizontal else DEPTH) + 0.1, HEIGHT + 0.4
@@ -74,11 +87,11 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[ScenePart]:
         inner = (j > 0) if horizontal else (i < nx - 1)  # there is a hall behind the wall on this side
         outer = (j == nz - 1) if horizontal else (i == 0)
         parts += [
-            put(open_, at[inner] + shift, turn),
-            put(closed, at[~inner] + shift, turn),
-            put(closed, at[outer] - shift, turn),
+            place_copies(open_, at[inner] + shift, turn),
+            place_copies(closed, at[~inner] + shift, turn),
+            place_copies(closed, at[outer] - shift, turn),
         ]
-        parts.append(put(threshold, at[inner] + shift, turn))
+        parts.append(place_copies(threshold, at[inner] + shift, turn))
     return [part for part in parts + _fittings(at, d, rng) if len(part.offset)]
 
 
@@ -91,11 +104,11 @@ def _fittings(at, d, rng) -> list[ScenePart]:
         x = side * (WIDTH / 2 - 0.07)
         for k, (mesh, z) in enumerate(((wide, -5.2), (tall, -2.6), (tall, 2.6), (wide, 5.2))):
             if d > 0.2 or k % 2 == 0:
-                parts.append(put(mesh, at + [x, 2.15, z], turn))
+                parts.append(place_copies(mesh, at + [x, 2.15, z], turn))
     for x in (-4.2, 4.2):
-        parts.append(put(tall, at + [x, 2.15, -DEPTH / 2 + 0.07], 0.0))
-        parts.append(put(wide, at + [x, 2.15, DEPTH / 2 - 0.07], np.pi))
-    parts.append(put(bench(1.8, p.OAK), np.concatenate([at + [0.0, 0.0, 6.4], at + [0.0, 0.0, -6.0]])))
+        parts.append(place_copies(tall, at + [x, 2.15, -DEPTH / 2 + 0.07], 0.0))
+        parts.append(place_copies(wide, at + [x, 2.15, DEPTH / 2 - 0.07], np.pi))
+    parts.append(place_copies(bench(1.8, p.OAK), np.concatenate([at + [0.0, 0.0, 6.4], at + [0.0, 0.0, -6.0]])))
     return parts
 
 
@@ -130,10 +143,10 @@ def _exhibits(at, budget: float, rng) -> list[ScenePart]:
         (_case(blob(0.5 * shares[6], rng, 0.2, p.TEAL)), (-5.2, 5.4)),
         (_case(vase(0.55, float(np.sqrt(shares[7] / 900.0)), p.BLUE)), (5.5, -0.6)),
     ]
-    parts = [put(mesh, at + [x, 0.0, z], rng.uniform(0, 6.3, len(at))) for mesh, (x, z) in works]
+    parts = [place_copies(mesh, at + [x, 0.0, z], rng.uniform(0, 6.3, len(at))) for mesh, (x, z) in works]
     first = np.arange(len(at)) % 2 == 0
     pieces = [(rain(shares[0], ceiling=HEIGHT), first), (vortex(shares[0]), ~first)]
-    stand = put(
+    stand = place_copies(
         revolve([(1.5, -EMBED), (1.5, 0.22), (1.4, 0.26), (0.0, 0.26)], steps(12, (each / 1000) ** 0.5, 8), p.SLATE), at
     )
     for group, chosen in pieces:

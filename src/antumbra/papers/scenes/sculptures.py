@@ -2,10 +2,24 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.parts import ScenePart, assemble, put, tilted, turned
-from ...scene.procedural.plants import unit
-from ...scene.procedural.shapes import PaletteMesh, block, box, boxes, capped, frame_ring, loft, merge, revolve
+from ...generate import palette as p
+from ...generate.props import unit
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    assemble,
+    block,
+    box,
+    boxes,
+    capped,
+    frame_ring,
+    loft,
+    merge,
+    place_copies,
+    revolve,
+    rotation_x,
+    rotation_y,
+)
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
@@ -113,7 +127,7 @@ def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]
     tone = np.digitize(y, [2.6, 3.3]) * 2
     rails = boxes((width + 0.3, 0.05, 0.05), np.stack([0 * z[::nx], 0 * z[::nx] + ceiling, z[::nx]], axis=1), p.IRON)
     beams = boxes((0.1, 0.09, 2 * 4.6), [(s * width / 2, ceiling + 0.06, 0) for s in (-1, 1)], p.IRON)
-    return [put(drop, np.stack([x, y, z], axis=1), shade=tone), put(merge(wires, rails, beams))]
+    return [place_copies(drop, np.stack([x, y, z], axis=1), shade=tone), place_copies(merge(wires, rails, beams))]
 
 
 def vortex(triangles: float, height=4.6) -> list[ScenePart]:
@@ -121,7 +135,7 @@ def vortex(triangles: float, height=4.6) -> list[ScenePart]:
     n = int(np.clip(triangles / 44.0, 12, 4000))
     t = (np.arange(n) + 0.5) / n
     angle = 5.0 * np.pi * t
-    matrix = turned(angle) @ tilted(0.5 * np.sin(6.0 * np.pi * t))
+    matrix = rotation_y(angle) @ rotation_x(0.5 * np.sin(6.0 * np.pi * t))
     size = 0.5 + 1.1 * np.sin(np.pi * t) ** 1.5
     scale = np.stack(
         [size, np.full(n, 60.0 / n if n > 60 else 1.0), np.full(n, 60.0 / n + 0.3 if n > 60 else 1.0)], axis=1
@@ -129,7 +143,7 @@ def vortex(triangles: float, height=4.6) -> list[ScenePart]:
     plate = box((2.0, 0.05, 0.22), (0, 0, 0), p.RED, 0.008)
     at = np.stack([0 * t, 0.5 + (height - 0.8) * t, 0 * t], axis=1).astype(np.float32)
     whirl = ScenePart(plate, at, (matrix * scale[:, None]).astype(np.float32), (np.arange(n) % 3).astype(np.uint8))
-    return [whirl, put(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
+    return [whirl, place_copies(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
 
 
 def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
@@ -146,4 +160,4 @@ def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
     edge = frame_ring(
         [(-0.02, -0.06), (0.12, -0.06), (0.12, 0.05), (0.05, 0.08), (-0.02, 0.03)], width / 2, height / 2, p.OCHRE
     )
-    return assemble([put(merge(canvas, edge), tilt=np.pi / 2)])
+    return assemble([place_copies(merge(canvas, edge), tilt=np.pi / 2)])

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.parts import assemble, put
-from ...scene.procedural.props import SINK
-from ...scene.procedural.shapes import PaletteMesh, arc, box, merge, raised, revolve, steps
+from ...generate import palette as p
+from ...generate.props import SINK
+from ...generate.shapes import PaletteMesh, arc, assemble, box, merge, place_copies, raised, revolve, steps
 from .furniture import SKETCH
 
 COLOURS = (p.RED, p.YELLOW, p.BLUE, p.LIME, p.TEAL, p.OCHRE)
@@ -41,7 +40,7 @@ def bear(height: float, d: float) -> PaletteMesh:
             ((0.095, 0.08, 0.18), (s * 0.15, 0.08, 0.2), fur),
             ((0.07, 0.07, 0.02), (s * 0.155, 0.085, 0.37), pale),
         ]
-    made = assemble([put(_ball(r, k if max(r) > 0.1 else max(5, k // 2), c), at) for r, at, c in pieces])
+    made = assemble([place_copies(_ball(r, k if max(r) > 0.1 else max(5, k // 2), c), at) for r, at, c in pieces])
     return made._replace(vertices=(made.vertices * height / 0.87).astype(np.float32))
 
 
@@ -66,7 +65,9 @@ def blocks(d: float) -> PaletteMesh:
         (-0.13, 0, 0.05),
         (-0.02, 0, 0.17),
     ]
-    return assemble([put(cube, at, [0.1, 0.4, -0.2, 0.9, 0.3, 1.3, 0.6], shade=[COLOURS[k % 6] for k in range(7)])])
+    return assemble(
+        [place_copies(cube, at, [0.1, 0.4, -0.2, 0.9, 0.3, 1.3, 0.6], shade=[COLOURS[k % 6] for k in range(7)])]
+    )
 
 
 def rings(d: float) -> PaletteMesh:
@@ -102,9 +103,9 @@ def train(d: float) -> PaletteMesh:
         *cab,
         assemble(
             [
-                put(wheel, axles, tilt=np.pi / 2),
-                put(boiler, (-0.02, 0.085, 0), np.pi / 2, tilt=np.pi / 2),
-                put(funnel, (0.05, 0.112, 0)),
+                place_copies(wheel, axles, tilt=np.pi / 2),
+                place_copies(boiler, (-0.02, 0.085, 0), np.pi / 2, tilt=np.pi / 2),
+                place_copies(funnel, (0.05, 0.112, 0)),
             ]
         ),
     )

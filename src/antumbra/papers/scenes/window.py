@@ -2,11 +2,24 @@
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.architecture import EMBED
-from ...scene.procedural.parts import ScenePart, moved, put
-from ...scene.procedural.props import cloth
-from ...scene.procedural.shapes import PaletteMesh, arc, box, boxes, loft, merge, revolve, shell, steps, tubes
+from ...generate import palette as p
+from ...generate.atrium import EMBED
+from ...generate.props import cloth
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    arc,
+    box,
+    boxes,
+    loft,
+    merge,
+    moved,
+    place_copies,
+    revolve,
+    shell,
+    steps,
+    tubes,
+)
 from .furniture import SKETCH
 
 WALL = 0.32  # thickness in metres
@@ -38,10 +51,10 @@ def frame(d: float) -> list[ScenePart]:
     board = box((WIDTH + 0.2, 0.035, 0.2), (0, SILL + 0.01, 0.02), p.MARBLE, bevel)
     back = 0.06 - WALL
     return [
-        put(post, [(at, middle, back) for at in x]),
-        put(rail, [(0, SILL + 0.03, back), (0, LINTEL - 0.03, back)]),
-        put(transom, [(0, SILL + 0.72 * height, back)]),
-        put(board),
+        place_copies(post, [(at, middle, back) for at in x]),
+        place_copies(rail, [(0, SILL + 0.03, back), (0, LINTEL - 0.03, back)]),
+        place_copies(transom, [(0, SILL + 0.72 * height, back)]),
+        place_copies(board),
     ]
 
 
@@ -76,9 +89,9 @@ def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Scene
     head = box((width, rail, DEPTH + 0.012), (0, -rail / 2, 0), p.LIMESTONE, 0.004 if d > SKETCH else 0.0)
     bottom = box((width, foot, 0.6 * DEPTH), (0, foot / 2 - height, 0), p.LIMESTONE, 0.006 if d > SKETCH else 0.0)
     parts = [
-        put(one, place, rng.normal(0.0, 0.0015, n), tilt=each, shade=rng.integers(0, 3, n)),
-        put(head),
-        put(bottom),
+        place_copies(one, place, rng.normal(0.0, 0.0015, n), tilt=each, shade=rng.integers(0, 3, n)),
+        place_copies(head),
+        place_copies(bottom),
     ]
     return parts if d <= SKETCH else parts + _strings(width, height, 0.5 * chord * np.cos(tilt), ladders, d)
 
@@ -96,11 +109,11 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
     tassel = revolve([(0.0, -0.05), (0.012, -0.045), (0.005, 0.0), (0.0, 0.004)], turns, p.OAK)
     knob = revolve([(0.0, -0.1), (0.008, -0.09), (0.006, 0.0), (0.0, 0.004)], turns, p.WHITE)
     return [
-        put(tubes(cords, np.full(len(y), 0.0016), sides, p.WHITE)),
-        put(tubes(cord[None], np.full(len(fall), 0.0018), sides, p.WHITE)),
-        put(tubes(rod[None], np.full(len(fall), 0.005), steps(6, d, 4), p.WHITE)),
-        put(tassel, cord[-1]),
-        put(knob, rod[-1]),
+        place_copies(tubes(cords, np.full(len(y), 0.0016), sides, p.WHITE)),
+        place_copies(tubes(cord[None], np.full(len(fall), 0.0018), sides, p.WHITE)),
+        place_copies(tubes(rod[None], np.full(len(fall), 0.005), steps(6, d, 4), p.WHITE)),
+        place_copies(tassel, cord[-1]),
+        place_copies(knob, rod[-1]),
     ]
 
 
@@ -121,11 +134,13 @@ def curtains(top: float, colour: int, d: float, rng) -> list[ScenePart]:
     rod = np.stack([np.linspace(-1.0, 1.0, 5) * (half + 0.3), 0 * np.ones(5) + top, 0 * np.ones(5) + z], axis=1)
     ball = np.concatenate([[(0.0, -0.035)], arc((0, 0), 0.035, -80, 80, steps(8, d, 2)), [(0.0, 0.035)]])
     parts = [
-        put(tubes(rod[None], np.full(5, 0.014), steps(10, d, 4), p.BRONZE)),
-        put(revolve(ball, steps(14, d, 5), p.BRONZE), [rod[0], rod[-1]]),
-        put(boxes((0.02, 0.02, z + EMBED), [(s * (half + 0.22), top, (z - EMBED) / 2) for s in (-1, 0, 1)], p.BRONZE)),
+        place_copies(tubes(rod[None], np.full(5, 0.014), steps(10, d, 4), p.BRONZE)),
+        place_copies(revolve(ball, steps(14, d, 5), p.BRONZE), [rod[0], rod[-1]]),
+        place_copies(
+            boxes((0.02, 0.02, z + EMBED), [(s * (half + 0.22), top, (z - EMBED) / 2) for s in (-1, 0, 1)], p.BRONZE)
+        ),
     ]
     for side in (-1, 1):
         hung = cloth(wide, top - 0.03, nx, ny, rng, 5.0, 0.045, 0.3, colour, p.OCHRE)
-        parts.append(put(hung, (side * (half + 0.06), top - 0.008, z), 0.0 if side > 0 else np.pi))
+        parts.append(place_copies(hung, (side * (half + 0.06), top - 0.008, z), 0.0 if side > 0 else np.pi))
     return parts

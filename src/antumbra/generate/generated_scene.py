@@ -1,17 +1,17 @@
-"""Procedural scenes with a camera and a light."""
+"""Procedural scenes as scene data, with a camera and a light. The generators are imported when they are first used."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from .camera import Camera
-from .lights import QuadLight
-from .memory import MemoryData
-from .mesh import MeshInfo, ObjectInfo, make_mesh
-from .source import Piece, StaticMeshes
+from ..scene.camera import Camera
+from ..scene.lights import QuadLight
+from ..scene.memory import MemoryData
+from ..scene.mesh import MeshInfo, ObjectInfo, make_mesh
+from ..scene.source import Piece, StaticMeshes
 
 
-class _Generated(StaticMeshes):
+class _ProceduralMeshes(StaticMeshes):
     """Meshes with their own camera and light."""
 
     def __init__(self, meshes, file, camera, light):
@@ -25,15 +25,15 @@ class _Generated(StaticMeshes):
         return [self._light]
 
 
-def generated(name: str, triangles: int | None, seed: int) -> MemoryData:
+def procedural_data(name: str, triangles: int | None, seed: int) -> MemoryData:
     """What the procedural scene of this name holds; `engine.scene.procedural` documents the arguments."""
-    from .procedural import generate
+    from .procedural_scenes import generate
 
     made = generate(name, triangles, seed)
     colour = np.asarray(made.palette, np.float32)[made.colour]
     mesh = make_mesh(name, made.vertices, made.faces, colour, f"procedural {name}")
     camera, light = Camera(**made.camera), QuadLight(**made.light)
-    return MemoryData(_Generated([mesh], f"procedural {name}", camera, light), name=name)
+    return MemoryData(_ProceduralMeshes([mesh], f"procedural {name}", camera, light), name=name)
 
 
 class StreamedCity:
@@ -58,11 +58,11 @@ class StreamedCity:
     notes = ()
 
     def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1):
-        from .procedural import PROCEDURAL
-        from .procedural.request import checked
+        from .palette import check_request
+        from .procedural_scenes import PROCEDURAL
 
         triangles = PROCEDURAL["city"].default_triangles if triangles is None else triangles
-        self._arguments, self._processes = checked("city", triangles, seed), processes
+        self._arguments, self._processes = check_request("city", triangles, seed), processes
         self.meshes: list[MeshInfo] = []
         self.objects = [ObjectInfo(self.name, -1, 0)]
 
@@ -77,19 +77,19 @@ class StreamedCity:
 
     def pieces(self, time: float) -> Iterator[Piece]:
         """The blocks of the city, one at a time."""
-        from .procedural import PALETTE
-        from .procedural.stream import streamed_blocks
+        from .city import stream_blocks
+        from .procedural_scenes import PALETTE
 
         palette = np.asarray(PALETTE, np.float32)
-        for vertices, faces, colour in streamed_blocks(*self._arguments, self._processes):
+        for vertices, faces, colour in stream_blocks(*self._arguments, self._processes):
             yield Piece(vertices[None], faces, palette[colour], self.file)
 
     def cameras(self, time: float) -> list:
-        from .procedural import city_view
+        from .procedural_scenes import city_view
 
         return [Camera(**city_view(self._arguments[0])[0])]
 
     def lights(self, time: float) -> list:
-        from .procedural import city_view
+        from .procedural_scenes import city_view
 
         return [QuadLight(**city_view(self._arguments[0])[1])]

@@ -1,18 +1,19 @@
-"""The registry of procedural scenes, and `generate`, which makes one of them."""
+"""The registry of procedural scenes, and `generate`, which makes one of them by name."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ... import plugins
-from ...checks import near, quoted
-from ...errors import InputError
+from .. import plugins
+from ..checks import near, quoted
+from ..errors import InputError
 from .atrium import atrium
-from .city import city
+from .city import city, city_blocks, city_view
 from .forest import forest
-from .palette import PALETTE
-from .request import checked
+from .palette import MAX_TRIANGLES, MIN_TRIANGLES, PALETTE, check_request
+
+# --- The registry of procedural scenes, and `generate`, which makes one of them ---------------------------------------
 
 
 class ProceduralScene(NamedTuple):
@@ -89,7 +90,7 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
         On an unknown name, a number of triangles out of range, or a negative seed.
     """
     recipe = find_scene(name)
-    triangles, seed = checked(name, recipe.default_triangles if triangles is None else triangles, seed)
+    triangles, seed = check_request(name, recipe.default_triangles if triangles is None else triangles, seed)
     mesh, camera, light = recipe.function(triangles, seed)
     camera = {key: _plain(value) for key, value in camera.items()}
     light = {key: _plain(value) for key, value in light.items()}
@@ -99,3 +100,29 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
 def _plain(value):
     """A vector as a tuple of Python floats, a number as a float."""
     return tuple(float(x) for x in value) if np.ndim(value) else float(value)
+
+
+# --- Procedural scenes of any size, without a file: atrium, city, forest, and scenes that other packages add ----------
+#
+# - recipes: the registry of scenes, and `generate`; request: the checks of its arguments
+# - atrium, courtyard: a court with arcades; city, buildings: streets and houses
+# - forest, trees, plants: a path through trees
+# - architecture, props: parts of buildings, and things that stand in them
+# - parts: copies of meshes, counted and assembled; shapes: small closed meshes; palette: the materials
+# - stream: the city as a stream of blocks, by several processes
+
+
+__all__ = [
+    "MIN_TRIANGLES",
+    "MAX_TRIANGLES",
+    "PALETTE",
+    "PROCEDURAL",
+    "ProceduralScene",
+    "Recipe",
+    "add_scenes",
+    "city_blocks",
+    "city_view",
+    "find_scene",
+    "generate",
+    "register",
+]

@@ -1,12 +1,10 @@
-"""A forest around a path: rolling ground, broadleaf trees, birches and spruces, ferns, grass, rocks, logs."""
+"""A forest around a path: rolling ground, broadleaf trees, birches and spruces, ferns, grass, rocks and logs."""
 
 import numpy as np
 
 from . import palette as p
-from .parts import ScenePart, assemble, count, put
-from .plants import fern, grass
-from .shapes import PaletteMesh, grid, merge, revolve, steps, tubes
-from .trees import bare_tree, conifer, tree
+from .props import bare_tree, conifer, fern, grass, tree
+from .shapes import PaletteMesh, ScenePart, assemble, count, grid, merge, place_copies, revolve, steps, tubes
 
 SPACING = 4.6  # metres between trees
 
@@ -53,7 +51,7 @@ def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     eye = np.array([ground.path(0.62 * half), 0.0, 0.62 * half])
     eye[1] = ground.height(eye[0], eye[2]) + 1.65
     rng = np.random.default_rng([seed, 1])
-    parts = [put(_terrain(ground, 0.09 * triangles, rng))]
+    parts = [place_copies(_terrain(ground, 0.09 * triangles, rng))]
     parts += _trees(ground, n_trees, 0.58 * triangles, eye, rng)
     parts += _stones(ground, n_trees, 0.05 * triangles, eye, rng)
     parts += _undergrowth(ground, triangles - count(parts), eye, rng)
@@ -111,7 +109,7 @@ def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
             at = ground.at(chosen[variant::variants], 0.06)
             if len(at):
                 mesh = _kind_of_tree(k, each, detail, rng)
-                parts.append(put(mesh, at, rng.uniform(0, 6.3, len(at)), rng.uniform(0.75, 1.25, len(at))))
+                parts.append(place_copies(mesh, at, rng.uniform(0, 6.3, len(at)), rng.uniform(0.75, 1.25, len(at))))
     return parts
 
 
@@ -141,7 +139,9 @@ def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]
         rock = revolve(profile, 2 * m, p.ROCK, lump)
         rock.colour[:] += p.shades(rng, len(rock.colour))
         xz = _scattered(ground, n // 3, rng, 1.2, eye)
-        parts.append(put(rock, ground.at(xz, 0.12), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.15, 0.75, len(xz))))
+        parts.append(
+            place_copies(rock, ground.at(xz, 0.12), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.15, 0.75, len(xz)))
+        )
     t = np.linspace(-1.0, 1.0, steps(4, detail, 2) + 1)
     path = np.stack([0.1 * t * t, 0.12 + 0.03 * np.sin(3 * t), 1.9 * t], axis=1)
     log = tubes(path[None], 0.2 - 0.03 * t, steps(10, detail, 5), p.BARK)
@@ -149,12 +149,12 @@ def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]
     turn = rng.uniform(0, 6.3, len(xz))
     along = 1.6 * np.stack([np.sin(turn), np.cos(turn)], axis=1)
     low, high = ground.at(xz - along, 0.05), ground.at(xz + along, 0.05)
-    parts.append(put(log, (low + high) / 2, turn, tilt=-np.arctan2(high[:, 1] - low[:, 1], 3.2)))
+    parts.append(place_copies(log, (low + high) / 2, turn, tilt=-np.arctan2(high[:, 1] - low[:, 1], 3.2)))
     cap = [(0, 0.13), (0.1, 0.13), (0.13, 0.15), (0.1, 0.2), (0.05, 0.23), (0, 0.235)]
     k = steps(8, detail, 5)
     mushroom = merge(revolve([(0.03, -0.05), (0.025, 0.08), (0.03, 0.14)], k, p.PLASTER), revolve(cap, k, p.RED))
     xz = _scattered(ground, n, rng, 0.9, eye)
-    parts.append(put(mushroom, ground.at(xz), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.6, 1.6, len(xz))))
+    parts.append(place_copies(mushroom, ground.at(xz), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.6, 1.6, len(xz))))
     return parts
 
 
@@ -178,10 +178,12 @@ def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[ScenePart]:
     for _ in range(3):
         mesh = fern(rng, steps(8, detail, 5), steps(12, detail, 5), 0.85)
         xz = _seen(ground, int(0.15 * budget / len(mesh.faces)), eye, rng, 1.3)
-        parts.append(put(mesh, ground.at(xz, 0.02), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.5, 1.3, len(xz))))
+        parts.append(
+            place_copies(mesh, ground.at(xz, 0.02), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.5, 1.3, len(xz)))
+        )
     blades, segments, kinds = steps(11, detail, 5), 3, 4
     xz = _seen(ground, (budget - count(parts)) // (2 * (segments - 1) * blades), eye, rng, 1.0)
     for k in range(kinds):
         mesh, own = grass(rng, blades, 0.4, 0.13, segments), xz[k::kinds]
-        parts.append(put(mesh, ground.at(own), rng.uniform(0, 6.3, len(own)), rng.uniform(0.4, 1.2, len(own))))
+        parts.append(place_copies(mesh, ground.at(own), rng.uniform(0, 6.3, len(own)), rng.uniform(0.4, 1.2, len(own))))
     return [part for part in parts if len(part.offset)]

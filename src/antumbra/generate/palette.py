@@ -1,10 +1,14 @@
-"""The 32 materials of all procedural scenes, each in 8 slightly different shades."""
+"""The 32 materials of all procedural scenes, each in 8 slightly different shades, and the limits of scene sizes."""
 
 from typing import Final
 
 import numpy as np
 
-from ..colour import srgb_to_linear
+from ..checks import whole_number
+from ..scene.colour import srgb_to_linear
+
+# --- The 32 materials of all procedural scenes, each in 8 slightly different shades -----------------------------------
+
 
 SHADES: Final = 8
 
@@ -95,3 +99,19 @@ PALETTE: Final = _palette()
 def shades(rng: np.random.Generator, n: int) -> np.ndarray:
     """(n,) uint8: random shades, to add to a material."""
     return rng.integers(0, SHADES, n, dtype=np.uint8)
+
+
+# --- Checks of the arguments of procedural scenes ---------------------------------------------------------------------
+
+
+MIN_TRIANGLES, MAX_TRIANGLES = 1_000, 400_000_000
+"""The limits of the number of triangles."""
+
+
+def check_request(name: str, triangles, seed) -> tuple[int, int]:
+    """`triangles` and `seed` of the scene `name` as integers. Raises InputError if one is invalid."""
+    where = f"procedural scene {name}:"
+    return (
+        whole_number(triangles, f"{where} triangles", MIN_TRIANGLES, MAX_TRIANGLES),
+        whole_number(seed, f"{where} seed", 0, 2**63 - 1),
+    )
