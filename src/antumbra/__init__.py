@@ -47,14 +47,12 @@ if typing.TYPE_CHECKING:
     from .rendering.renderer import Renderer, render
     from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
-    from .scene.cityjson.model import CityModel
-    from .scene.directional_lights import DirectionalLights
-    from .scene.hit import Hit
+    from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.mesh import MeshInfo, ObjectInfo
-    from .scene.point_lights import PointLights
+    from .scene.scene_data import CityModel
     from .scene.sky import Sky
-    from .scene.triangles import Triangles
+    from .scene.triangles import Hit, Triangles
     from .store.store_build import BuildReport
     from .viewer.show import Viewer, view
 
@@ -163,10 +161,10 @@ _HOMES = {
     "rendering.renderer": ["Renderer", "render"],
     "rendering.virtual_lights": ["virtual_point_lights"],
     "scene.camera": ["Camera"],
-    "scene.cityjson.model": ["CityModel"],
+    "scene.scene_data": ["CityModel"],
     "formats.cityjson.attribute_writer": ["write_attributes"],
-    "scene.directional_lights": ["DirectionalLights"],
-    "scene.hit": ["Hit"],
+    "scene.light_lists": ["DirectionalLights"],
+    "scene.triangles": ["Hit"],
     "scene.lights": [
         "AmbientOcclusion",
         "DirectionalLight",
@@ -177,7 +175,7 @@ _HOMES = {
         "SphereLight",
     ],
     "scene.mesh": ["MeshInfo", "ObjectInfo"],
-    "scene.point_lights": ["PointLights"],
+    "scene.light_lists": ["PointLights"],
     "scene.sky": ["Sky"],
     "scene.triangles": ["Triangles"],
     "store.store_build": ["BuildReport"],

@@ -10,7 +10,7 @@ import antumbra as at
 from antumbra.image.heatmap import heat_colours
 from antumbra.jobs.model import LINES, Part, glb
 from antumbra.jobs.table import Column, Table
-from antumbra.scene.colour import srgb_to_linear
+from antumbra.scene.materials import srgb_to_linear
 from result_tables import table
 
 

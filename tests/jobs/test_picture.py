@@ -10,7 +10,7 @@ from antumbra.jobs import picture as picture_module
 from antumbra.jobs.picture import shown_scale, shown_values
 from antumbra.jobs.table import Column
 from antumbra.jobs.view import projected
-from antumbra.scene.framing import fitted_camera
+from antumbra.scene.camera import fitted_camera
 from result_tables import hill, table
 
 GREY = (70, 70, 70)

@@ -10,7 +10,7 @@ from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
 from antumbra.jobs.bake.options import own_lights
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
-from antumbra.scene.light_list import LightList
+from antumbra.scene.light_lists import LightList
 from reference_radiometry import irradiance as reference
 
 FLOOR = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)

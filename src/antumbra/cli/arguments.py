@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..extras import needed
-from ..scene.colour import srgb_to_linear
+from ..scene.materials import srgb_to_linear
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -67,7 +67,7 @@ class CameraSpec(NamedTuple):
     position: np.ndarray | None  # (3,) float64; None: the default camera of its kind
     target: np.ndarray | None  # (3,) float64
     vfov: float = 60.0
-    kind: str = "perspective"  # one of `scene.view.KINDS`
+    kind: str = "perspective"  # one of `scene.default_picture.KINDS`
     extent: float | None = None  # height of the picture of an orthographic camera at a place
 
 
@@ -285,14 +285,14 @@ def make_lights(asked: list, scene, time: float) -> list:
 
 def parse_sky(text: str) -> "str | Path | np.ndarray":
     """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
-    from ..scene.environment import SUFFIXES
+    from ..scene.sky import ENVIRONMENT_SUFFIXES
 
     if text.strip().lower() == "none":
         return "none"
-    if text.lower().endswith(SUFFIXES):
+    if text.lower().endswith(ENVIRONMENT_SUFFIXES):
         return Path(text)
     with _named(f"--sky {text}"):
-        return srgb_to_linear(parse_colour(text, f"a {' or '.join(SUFFIXES)} file, or none"))
+        return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, or none"))
 
 
 def parse_background(text: str) -> "str | np.ndarray":

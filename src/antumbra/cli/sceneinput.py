@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..scene.notes import by_kind
+from ..scene.scene_data import group_notes
 from .arguments import SceneSpec
 from .failures import say
 
@@ -32,7 +32,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
     with quietly():  # the notes are printed below
         scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, crs=crs)
     if not quiet:
-        notes = by_kind(scene.notes, "antumbra info shows all")
+        notes = group_notes(scene.notes, "antumbra info shows all")
         for note in notes[:_MOST_NOTES]:
             say(f"note: {note}")
         if len(notes) > _MOST_NOTES:

@@ -25,7 +25,7 @@ from ..methods import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
 from ..plan import Plan, parse_plan
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..scene.memory import MemoryData
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of

@@ -26,12 +26,10 @@ from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.hit import Hit, HitFaces
-from ..scene.light_list import in_full
+from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, QuadLight, check_lights
-from ..scene.memory import MemoryData
-from ..scene.triangles import Triangles
+from ..scene.scene_data import MemoryData, SceneData
+from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
 from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
 from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
@@ -362,7 +360,7 @@ class Engine:
         `antumbra.visibility` documents the parameters. Receivers are made by `Receivers.on_surface` and `in_space`.
         """
         instance(receivers, Receivers, "receivers")
-        lights = [in_full(light) for light in check_lights(lights, self.data.up)]
+        lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:

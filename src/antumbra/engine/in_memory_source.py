@@ -17,9 +17,8 @@ from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
 from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
-from ..scene.memory import MemoryData
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
@@ -218,9 +217,9 @@ class InMemory:
         return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None
     ) -> Surfaces:
-        if isinstance(view, ListedRays):
+        if isinstance(view, ExplicitRays):
             assert whole is not None
             rays, shape = subpixel_rays(view, edge, self.threads)
             return next(self.nearest_in(whole)([rays], shape))

@@ -29,9 +29,8 @@ from ..query.query_bounds import morton_codes
 from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
-from ..scene.triangles import Triangles, joined
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.triangles import Triangles, concatenate
 from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
 from ..store.store_file import StoreData
 from ..store.store_format import Chunk
@@ -398,7 +397,7 @@ class Paged:
             found.append(batch.triangles)
             n += len(batch.triangles.vertices)
         self.release()  # such questions are rare
-        return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
+        return concatenate(found or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
@@ -408,7 +407,7 @@ class Paged:
         return batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None = None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None = None
     ) -> Surfaces:
         """`triangles` and `whole` are not used: rays find the surfaces."""
         rays, shape = subpixel_rays(view, edge, self.threads)

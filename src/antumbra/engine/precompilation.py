@@ -20,13 +20,11 @@ from ..kernels.crew import Wanted, compile_all
 from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
+from ..scene.light_lists import PointLights
 from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
 from ..scene.materials import MASK, Material, Texture
-from ..scene.memory import MemoryData
-from ..scene.mesh import make_mesh
-from ..scene.painted import painted
-from ..scene.point_lights import PointLights
-from ..scene.source import StaticMeshes
+from ..scene.mesh import StaticMeshes, make_mesh, textured_mesh
+from ..scene.scene_data import MemoryData
 
 
 class Job(NamedTuple):
@@ -111,6 +109,6 @@ def small_scene_with_cutouts() -> MemoryData:
     pixels[..., 3] = 255 * np.eye(8)
     material = Material(texture=Texture("paper", pixels, has_alpha=True), alpha_mode=MASK)
     sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
-    paper = painted(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
+    paper = textured_mesh(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
     hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
     return MemoryData(StaticMeshes([hills, paper], "small"))

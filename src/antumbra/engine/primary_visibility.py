@@ -23,8 +23,8 @@ from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
-from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
+from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree

@@ -7,12 +7,11 @@ import numpy as np
 
 from ..checks import path_of, text
 from ..errors import InputError
+from ..files import checked_file
 from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
-from ..scene.data import SceneData
-from ..scene.files import checked_file
-from ..scene.memory import MemoryData, checked_up
-from ..scene.sampled import looks_z_up, sampled_faces
-from ..scene.source import Source
+from ..scene.mesh import Source
+from ..scene.scene_bounds import guess_z_up, sampled_faces
+from ..scene.scene_data import MemoryData, SceneData, check_up_axis
 from ..store.store_format import STORE_SUFFIX
 
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -29,7 +28,7 @@ def data_of(value) -> SceneData:
 def read_scene_data(value, up: str | None = None, lod: str | None = None) -> SceneData:
     """What is in the scene of a path or of a mesh of another library."""
     if up is not None:
-        checked_up(up)
+        check_up_axis(up)
     if lod is not None:
         text(lod, "lod")
     if is_mesh(value):
@@ -95,6 +94,6 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Memory
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
     scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
-    if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
+    if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
         scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
     return scene

@@ -10,7 +10,7 @@ from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
 from ..kernels.progress import Progress, followed, shown
 from ..output import checked_output
-from ..scene.data import SceneData
+from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
 from ..temporary import temporary_folder

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..errors import InputError
-from ..scene.files import checked_file
-from ..scene.mesh import MeshInfo, ObjectInfo, check_finite, face_colours, used_faces
-from ..scene.source import Piece
+from ..files import checked_file
+from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces
 
 # --- Arrays of numbers from .npy and .npz files of any origin: sizes are checked before data are read -----------------
 
@@ -109,7 +108,7 @@ _SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
 
 
 class VertexFrames:
-    """Vertices at several times, interpolated linearly in between (see `antumbra.scene.source.Source`).
+    """Vertices at several times, interpolated linearly in between (see `antumbra.scene.mesh.Source`).
 
     The frames stay on disk, memory-mapped. A frame is read and checked when a time needs it.
     """

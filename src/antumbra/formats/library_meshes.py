@@ -10,12 +10,9 @@ import numpy as np
 from ..checks import as_array, text
 from ..errors import InputError
 from ..scene.crs import checked_crs
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
-from ..scene.memory import MemoryData
-from ..scene.mesh import Mesh, linear_colours, make_mesh
-from ..scene.painted import painted, picture_texture, upright
-from ..scene.picture import rgba_of
-from ..scene.source import StaticMeshes
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgba_of
+from ..scene.mesh import Mesh, StaticMeshes, flip_v, linear_colours, make_mesh, picture_texture, textured_mesh
+from ..scene.scene_data import MemoryData
 
 # --- Meshes of trimesh, pyvista, meshio and Open3D as meshes of a scene. None of these packages is imported -----------
 #
@@ -78,7 +75,7 @@ def _mesh(given: ForeignMesh, where: str) -> Mesh:
     made = make_mesh(given.name, vertices.astype(precision), faces, colours, where)
     if given.colours is not None:
         return made
-    return painted(made, faces, len(vertices), given.material, where, given.uv, given.vertex_colours)
+    return textured_mesh(made, faces, len(vertices), given.material, where, given.uv, given.vertex_colours)
 
 
 def _reader(obj):
@@ -126,7 +123,7 @@ def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     elif kind == "face":
         yield made._replace(colours=visual.face_colors)
     else:
-        uv = upright(getattr(visual, "uv", None), len(mesh.vertices))
+        uv = flip_v(getattr(visual, "uv", None), len(mesh.vertices))
         yield made._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
 
 
@@ -243,7 +240,7 @@ def data_of_arrays(
                 f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
             )
         material = PLAIN if texture is None else Material(texture=picture_texture(texture, name))
-        mesh = painted(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
+        mesh = textured_mesh(mesh, indices, len(positions), material, name, uv, vertex_colours, normals)
     return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
 
 

@@ -10,12 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..scene.files import checked_file, sibling
-from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture
-from ..scene.mesh import Mesh, make_mesh
-from ..scene.painted import painted, upright
-from ..scene.picture import decoded
-from ..scene.source import StaticMeshes
+from ..files import checked_file, sibling
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image
+from ..scene.mesh import Mesh, StaticMeshes, flip_v, make_mesh, textured_mesh
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
 
@@ -104,7 +101,7 @@ class FolderResolver(Mapping):
             return None
         try:
             data = self.get(name)
-            decoded(data, 1)
+            decode_image(data, 1)
         except ValueError as error:
             if not isinstance(error, InputError):
                 self.notes.append(f"{self.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
@@ -124,10 +121,10 @@ def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
     if colours is not None:
         return mesh
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
-    uv = upright(getattr(part.visual, "uv", None), len(positions))
+    uv = flip_v(getattr(part.visual, "uv", None), len(positions))
     normals = part.vertex_normals if "vertex_normals" in part._cache else None  # those of the file
     material = _material(getattr(part.visual, "material", None), textures)
-    return painted(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
+    return textured_mesh(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
 
 
 def _material(given, textures: FolderResolver) -> Material:

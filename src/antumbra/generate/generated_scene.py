@@ -6,9 +6,8 @@ import numpy as np
 
 from ..scene.camera import Camera
 from ..scene.lights import QuadLight
-from ..scene.memory import MemoryData
-from ..scene.mesh import MeshInfo, ObjectInfo, make_mesh
-from ..scene.source import Piece, StaticMeshes
+from ..scene.mesh import MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
+from ..scene.scene_data import MemoryData
 
 
 class _ProceduralMeshes(StaticMeshes):

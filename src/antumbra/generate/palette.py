@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 
 from ..checks import whole_number
-from ..scene.colour import srgb_to_linear
+from ..scene.materials import srgb_to_linear
 
 # --- The 32 materials of all procedural scenes, each in 8 slightly different shades -----------------------------------
 

@@ -12,8 +12,7 @@ from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
 from ..query.shadow_query import three_at
 from ..scene.appearance import Appearance
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.materials import Texture
 from .corners import Places, along, frame_of, minus, weights
 from .texels import Pictures, looked_up, pictures_of
@@ -45,7 +44,7 @@ class Eye(NamedTuple):
     least: float  # and at depth 0
 
 
-def eye_of(rays: CameraRays | ListedRays, parts: int) -> Eye:
+def eye_of(rays: CameraRays | ExplicitRays, parts: int) -> Eye:
     """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
     if isinstance(rays, CameraRays):
         return _eye(rays.origin, float(np.linalg.norm(rays.dy)) / parts, 0.0)

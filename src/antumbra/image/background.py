@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.sky import Sky
 
 BACKDROP = 0.75
 """Share of white that a backdrop shows where the soft daylight has a radiance of 1."""
 
 
-def backdrop(rays: CameraRays | ListedRays, coverage: np.ndarray, up: str) -> np.ndarray:
+def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> np.ndarray:
     """(H, W, 3) float32, linear shares of white: a soft daylight behind a scene that no sky lights.
 
     It sheds no light, and no exposure changes it. It is 0 where surfaces cover the whole pixel.
@@ -27,7 +26,7 @@ def skies_of(lights) -> list[Sky]:
     return [light for light in lights if isinstance(light, Sky)]
 
 
-def sky_behind(skies: list[Sky], rays: CameraRays | ListedRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def sky_behind(skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """(m, 3) float32: the radiance of skies through the centres of pixels (rows[i], columns[i]), or 0."""
     out = np.zeros((len(rows), 3), np.float32)
     if skies and len(rows):

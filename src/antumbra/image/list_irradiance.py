@@ -5,7 +5,7 @@ import numpy as np
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..query.receivers import NOTHING
-from ..scene.point_lights import PointLights
+from ..scene.light_lists import PointLights
 from .terminator import facing_of, softened
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..checks import choice, number, quoted, vector
 from ..errors import InputError
 from ..output import checked_output, replacing
-from ..scene.colour import BYTE_TO_LINEAR, srgb_to_linear
+from ..scene.materials import BYTE_TO_LINEAR, srgb_to_linear
 from .tonemap import automatic_exposure, linear_to_srgb, to_srgb8
 
 SUFFIXES = (".png", ".exr")

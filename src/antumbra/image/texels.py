@@ -6,8 +6,7 @@ import numpy as np
 
 from ..kernels.jit import inlined
 from ..kernels.simd import get, i32_at, ptr
-from ..scene.materials import CLAMP, MIRROR, REPEAT, Texture
-from ..scene.picture import LINEAR
+from ..scene.materials import CLAMP, LINEAR, MIRROR, REPEAT, Texture
 
 MOST_TAPS = 8
 """Look-ups along the longer side of a pixel's footprint, at most. A footprint that is longer still is blurred."""

@@ -11,9 +11,9 @@ import numpy as np
 from ..checks import flag, number, path_of
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
+from ..files import checked_file
 from ..kernels.parallel import thread_count
-from ..scene.crs import checked_crs, moved
-from ..scene.files import checked_file
+from ..scene.crs import checked_crs, reproject
 from .inside import below_roofs, covered_by_solids
 from .raster import Raster
 from .sensors import Sensors, Zone, ground_at, raster_of
@@ -139,7 +139,7 @@ def _of_json(root: Any, crs: str | None, where: str, own: str | None) -> Iterato
     if source is not None and crs is None and _is_world(source):
         raise InputError(f"{where}: is in degrees, and the scene's CRS is unknown; give it, such as --crs EPSG:7415")
     if source is not None and crs is not None:
-        found = [area._replace(rings=[moved(ring, source, crs) for ring in area.rings]) for area in found]
+        found = [area._replace(rings=[reproject(ring, source, crs) for ring in area.rings]) for area in found]
     yield from found
 
 

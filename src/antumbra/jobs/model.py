@@ -14,8 +14,8 @@ from ..formats.gltf.gltf_file import (
     glb_bytes,
     up_axis_transform,
 )
-from ..scene.colour import srgb_to_linear
-from ..scene.framing import axes
+from ..scene.camera import axes
+from ..scene.materials import srgb_to_linear
 from .picture import shown_scale, shown_values
 from .sensors import corners_of
 

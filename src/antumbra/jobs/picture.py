@@ -5,7 +5,7 @@ import numpy as np
 from ..image.heatmap import Scale, linear_scale, scale_of
 from ..image.panels import Panel, sheet
 from ..rendering.renderer import render
-from ..scene.framing import fitted_camera
+from ..scene.camera import fitted_camera
 from ..scene.lights import AmbientOcclusion
 from .sensors import corners_of
 from .view import projected

@@ -10,7 +10,7 @@ from ..checks import as_array, instance, number, points, text, whole_number
 from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..extras import needed
-from ..scene.files import checked_file
+from ..files import checked_file
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
 """Suffixes of raster files whose cells `raster_of_file` takes."""

@@ -14,10 +14,10 @@ from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..extras import needed
+from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_plan, checked_crs
-from ..scene.files import checked_file
 from .areas import area_sensors
 from .raster import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors

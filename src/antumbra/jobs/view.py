@@ -2,15 +2,14 @@
 
 import numpy as np
 
-from ..scene.camera import Camera
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import Camera, ExplicitRays
 
 
 def projected(camera: Camera, points: np.ndarray) -> np.ndarray:
     """(k, 2) float64: pixels to the right and down, of world points; NaN behind the camera."""
     rays = camera.view(camera.position)
     away = points - camera.position
-    if isinstance(rays, ListedRays):
+    if isinstance(rays, ExplicitRays):
         return rays.places(away)
     right, down, view = camera.axes
     depth = away @ view

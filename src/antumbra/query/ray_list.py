@@ -8,7 +8,7 @@ import numpy as np
 from ..checks import as_array, choice
 from ..errors import InputError
 from ..kernels.arguments import Form, Packed, address_of
-from ..scene.recentre import settled
+from ..scene.scene_bounds import flush_to_zero
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
 
@@ -233,9 +233,9 @@ class RayArrays(NamedTuple):
         """The origins in the scene's frame, and the directions or the targets in it: (m, 3) float32 each."""
         ways = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
         with np.errstate(over="ignore", invalid="ignore"):  # `check` names them
-            origins = settled((self.origins.astype(np.float64) - self.frame).astype(np.float32))
+            origins = flush_to_zero((self.origins.astype(np.float64) - self.frame).astype(np.float32))
             ways = np.ascontiguousarray(ways, np.float32)
-        return origins, settled(ways) if self.segments else ways
+        return origins, flush_to_zero(ways) if self.segments else ways
 
     def rays(self) -> RayPass:
         """The rays in the scene's frame. Directions of segments are rounded differences of their ends."""

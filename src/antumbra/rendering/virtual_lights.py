@@ -6,6 +6,7 @@ from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..query.receivers import surface_receivers
+from ..scene.light_lists import PointLights
 from ..scene.lights import (
     DirectionalLight,
     DiskLight,
@@ -16,7 +17,6 @@ from ..scene.lights import (
     check_lights,
     tangents,
 )
-from ..scene.point_lights import PointLights
 from ..scene.sky import Sky
 
 

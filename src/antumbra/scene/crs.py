@@ -35,7 +35,7 @@ def check_plan(name: str, crs: str | None, scene: str | None) -> None:
         raise InputError(f"{name}: its CRS is {crs}, and the scene's is {scene}; reproject one of them")
 
 
-def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:
+def reproject(plan: np.ndarray, source: str, target: str) -> np.ndarray:
     """(n, 2) float64: places in the horizontal coordinates of another checked CRS, to the east and to the north.
 
     Raises

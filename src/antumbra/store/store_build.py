@@ -11,9 +11,9 @@ import numpy as np
 from ..errors import InputError
 from ..generate.generated_scene import StreamedCity
 from ..output import replacing
-from ..scene.memory import MemoryData
-from ..scene.recentre import frame_origin
-from ..scene.source import Source
+from ..scene.mesh import Source
+from ..scene.scene_bounds import frame_origin
+from ..scene.scene_data import MemoryData
 from .chunk_sorting import Sorting, chunks_of, grid_over, groups
 from .staging_files import MOST, StagingFile, gather_triangles
 from .store_file import StoreData, Writer, top_tree

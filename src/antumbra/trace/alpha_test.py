@@ -27,8 +27,8 @@ from ..kernels.vec import scalars
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
-from ..scene.areas import with_area
 from ..scene.materials import CLAMP, MIRROR
+from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import Triangles
 from .frusta.multi_frusta import trace_shadow
 from .rays.ray_hits import intersections
@@ -38,7 +38,7 @@ from .rays.ray_traversal import CLOSEST, LEFT_FIRST, passed, triangle_hit, walk
 
 
 class AlphaTexels(NamedTuple):
-    """What the slots of a tree of cut-outs need to find texels: see `scene.cutouts.Cutouts`."""
+    """What the slots of a tree of cut-outs need to find texels: see `scene.alpha_masks.Cutouts`."""
 
     uv: np.ndarray  # (m, 6) float32, slot -> texture coordinates of the three corners
     mask: np.ndarray  # (m,) int32, slot -> mask
@@ -131,7 +131,7 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     if own is None or not len(own.faces):
         return None
     vertices = triangles.vertices[own.faces]
-    areas = with_area(vertices, thread_count(threads))
+    areas = rows_with_area(vertices, thread_count(threads))
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
     bvh = bvh._replace(prim_ids=own.faces[at])

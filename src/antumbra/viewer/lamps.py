@@ -7,7 +7,7 @@ import numpy as np
 
 from ..jobs.dataset.blockers import has_centre, towards_centre
 from ..jobs.sun.positions import directions_of
-from ..scene.framing import axes
+from ..scene.camera import axes
 from ..scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight, tangents
 from .stage import RADIUS, Stage
 

@@ -11,7 +11,7 @@ from ..image.tonemap import to_srgb8
 from ..rendering.frame import Frame
 from ..rendering.options import RenderOptions
 from ..scene.camera import Camera
-from ..scene.light_list import N_SETS
+from ..scene.light_lists import N_SETS
 from ..scene.lights import Light
 from ..scene.sky import Sky
 from .heat import work_picture

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..scene.camera import Camera
-from ..scene.framing import axes, bounding_sphere
+from ..scene.camera import Camera, axes, bounding_sphere
 
 RADIUS = 10.0
 """Radius of a scene's bounding sphere in the page."""

@@ -7,7 +7,7 @@ import antumbra as at
 from antumbra.engine.primary_visibility import primary_visibility
 from antumbra.jobs.dataset import drawn
 from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
-from antumbra.scene.framing import bounding_sphere
+from antumbra.scene.camera import bounding_sphere
 from engine.test_wrapping import BOXES, MAP
 
 ATRIUM = place_of(at.procedural("atrium", triangles=2000), 0.0, None)

@@ -9,9 +9,9 @@ import numpy as np
 from ...checks import path_of, quoted
 from ...checks import text as checked_text
 from ...errors import InputError
+from ...files import checked_file
 from ...output import checked_output, replacing
-from ...scene.cityjson.model import CityModel, Surface
-from ...scene.files import checked_file
+from ...scene.scene_data import CityModel, SemanticSurface
 from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
 
@@ -119,7 +119,7 @@ def _heights(city: CityModel, vectors: np.ndarray) -> np.ndarray:
     return total[:, 2] / np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)
 
 
-def _geometry(things: dict, city: CityModel, surface: Surface) -> dict:
+def _geometry(things: dict, city: CityModel, surface: SemanticSurface) -> dict:
     return things[city.objects[surface.object]]["geometry"][surface.geometry]
 
 
@@ -136,7 +136,9 @@ def _fill_semantics(geometry: dict) -> None:
     geometry["semantics"] = {**semantics, "surfaces": _of_kind(list, semantics.get("surfaces")), "values": values}
 
 
-def _write_surface(things: dict, city: CityModel, surface: Surface, values: dict[str, float], height: float) -> None:
+def _write_surface(
+    things: dict, city: CityModel, surface: SemanticSurface, values: dict[str, float], height: float
+) -> None:
     geometry = _geometry(things, city, surface)
     if geometry["type"] == INSTANCE:
         return

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...extras import needed
-from ...scene.cityjson.model import Surface
+from ...scene.scene_data import SemanticSurface
 from ..json_fields import Fields
 from .cityjson_file import DEPTHS, ChosenGeometry, CityDocument, CityPart
 
@@ -170,7 +170,7 @@ class Polygons(NamedTuple):
     rings: Rings
     surface: np.ndarray  # (p,) int32, index into `surfaces`
     mirrored: np.ndarray  # (p,) bool: an instance's matrix turns the polygon inside out
-    surfaces: list[Surface]
+    surfaces: list[SemanticSurface]
     objects: list[str]  # ids
     types: list[str]
     parents: list[str]  # ids of the outermost objects; "": none
@@ -226,7 +226,7 @@ class _Collector:
         self._objects: dict[tuple[str, str], int] = {}
         self._types: list[str] = []
         self._parents: list[str] = []
-        self._surfaces: list[Surface] = []
+        self._surfaces: list[SemanticSurface] = []
         self._spans: dict[int, tuple[int, int]] = {}  # id of a template -> range of its vertices
 
     def add(self, choice: ChosenGeometry) -> None:
@@ -259,7 +259,7 @@ class _Collector:
             if value is None or value not in surface_of:
                 kind = None if value is None else str(kinds[value])
                 surface_of[value] = len(self._surfaces)
-                self._surfaces.append(Surface(owner, kind, choice.place, value, path))
+                self._surfaces.append(SemanticSurface(owner, kind, choice.place, value, path))
             self._rings_in.append(len(rings))
             self._rings += rings
             self._surface.append(surface_of[value])

@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...scene.cityjson.model import CityModel, Surface
-from ...scene.colour import srgb_to_linear
-from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, make_mesh
-from ...scene.source import Piece, StaticMeshes
+from ...scene.materials import srgb_to_linear
+from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
+from ...scene.scene_data import CityModel, SemanticSurface
 from .city_polygons import Polygons, polygons_of, triangulate
 from .cityjson_file import chosen_geometries, many_lists, open_cityjson
 
@@ -134,7 +133,7 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
 
 class _Kept(NamedTuple):
     objects: list[int]  # those with faces, as numbers of `Polygons.objects`
-    surfaces: list[Surface]  # those with faces
+    surfaces: list[SemanticSurface]  # those with faces
 
 
 def _used(polygons: Polygons, surface: np.ndarray) -> tuple[_Kept, np.ndarray, np.ndarray]:

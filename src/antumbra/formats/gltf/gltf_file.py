@@ -12,7 +12,7 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 
 from ...errors import InputError
-from ...scene.files import checked_file, sibling
+from ...files import checked_file, sibling
 from ..json_fields import Fields, parse
 
 # --- A glTF file and its buffers, with sizes checked before anything is read ------------------------------------------

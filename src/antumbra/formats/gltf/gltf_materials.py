@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...scene.files import checked_file, sibling
+from ...files import checked_file, sibling
 from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
 from ..json_fields import Fields
 from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...scene.materials import Look, look_of
-from ...scene.meancolour import mean_colours
+from ...scene.materials import Look, look_of, mean_colours
 from ...scene.mesh import Mesh, check_finite, n_faces, used_faces
 from ..json_fields import Fields
 from .accessors import Accessors, decompress

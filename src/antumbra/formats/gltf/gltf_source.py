@@ -8,8 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...scene.mesh import MeshInfo, ObjectInfo
-from ...scene.source import Piece
+from ...scene.mesh import MeshInfo, ObjectInfo, Piece
 from ..json_fields import Fields
 from .accessors import Accessors
 from .gltf_file import GltfDocument, open_gltf
@@ -76,7 +75,7 @@ class PlacedPrimitive(NamedTuple):
 
 
 class GltfSource:
-    """Geometry, cameras and lights of a glTF file (see `antumbra.scene.source.Source`).
+    """Geometry, cameras and lights of a glTF file (see `antumbra.scene.mesh.Source`).
 
     Faces are in the order of nodes in the file, then of primitives, then of instances.
     """

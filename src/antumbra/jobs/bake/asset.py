@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
+from ...files import sibling
 from ...formats.gltf.accessors import COMPONENTS, WIDTHS, Accessors, decompress
 from ...formats.gltf.accessors import DRACO_EXTENSION as DRACO
 from ...formats.gltf.gltf_file import (
@@ -22,7 +23,6 @@ from ...formats.gltf.gltf_file import (
     is_data_uri,
     open_gltf,
 )
-from ...scene.files import sibling
 from .prune import LISTS, pruned, used_in
 
 _CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}

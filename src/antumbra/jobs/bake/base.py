@@ -7,7 +7,7 @@ import numpy as np
 
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_file import data_uri_bytes, is_data_uri
-from ...scene.colour import BYTE_TO_LINEAR
+from ...scene.materials import BYTE_TO_LINEAR
 from .asset import Asset
 from .charts import Sheet, corners_of
 from .textures import looked_up

@@ -15,9 +15,9 @@ from ...kernels.parallel import thread_count
 from ...output import checked_output
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.light_samples import sample_sets
-from ...scene.light_list import in_full
+from ...scene.default_picture import sun
+from ...scene.light_lists import without_interleave
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
-from ...scene.view import sun
 from .measure import QUANTITIES, Asked
 
 MAX_TEXTURE = 16384
@@ -42,7 +42,7 @@ class Options(NamedTuple):
 
 def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
     """The default lights of a scene; of what a sun lights, its first sun, or that of default pictures."""
-    lights = [in_full(light) for light in scene.default_lights(time)]
+    lights = [without_interleave(light) for light in scene.default_lights(time)]
     if what != "sun":
         return lights
     return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]

@@ -8,11 +8,10 @@ import numpy as np
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene
 from ...errors import InputError
-from ...scene.camera import Camera
-from ...scene.framing import AZIMUTH, axes, bounding_sphere, default_camera
-from ...scene.hit import Hit
+from ...scene.camera import AZIMUTH, Camera, axes, bounding_sphere, default_camera
+from ...scene.default_picture import Room
 from ...scene.lights import DirectionalLight, Light, SphereLight
-from ...scene.room import Room
+from ...scene.triangles import Hit
 
 TRIES = 512
 """Places that are tried for a camera or a light."""

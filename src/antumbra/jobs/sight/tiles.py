@@ -9,8 +9,8 @@ import numpy as np
 from ...engine.scene import AnyScene
 from ...query.receivers import Receivers
 from ...query.shadow_query import below_horizon
+from ...scene.light_lists import PointLights
 from ...scene.lights import MAX_SPP
-from ...scene.point_lights import PointLights
 from .bitrows import ones, transposed, words_of
 
 STRIP = 4096

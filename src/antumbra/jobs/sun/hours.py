@@ -9,7 +9,7 @@ from ...engine.precompilation import Job, fixed_job, precompile
 from ...engine.scene import AnyScene
 from ...plan import Plan
 from ...query.receivers import Receivers
-from ...scene.directional_lights import DirectionalLights
+from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents
 from ..engines import Whole
 from ..parts import Parts, about_parts, inexact

@@ -8,7 +8,7 @@ import numpy as np
 from ...checks import path_of
 from ...errors import InputError
 from ...extras import needed
-from ...scene.files import checked_file
+from ...files import checked_file
 from .place import Place, checked_place
 from .times import Times, intervals, month_days, zone_of
 

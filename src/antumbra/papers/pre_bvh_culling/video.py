@@ -9,7 +9,7 @@ import numpy as np
 
 from ...engine.scene import Scene, procedural
 from ...scene.camera import Camera
-from ...scene.source import Piece
+from ...scene.mesh import Piece
 from .views import CullingView
 
 FIGURE = "video"
@@ -19,7 +19,7 @@ _FLIGHT = 0.6  # of the way from the first camera to its target, at the end
 
 
 class Swaying:
-    """The geometry of a still scene, moved sideways in proportion to its height (see `scene.source.Source`)."""
+    """The geometry of a still scene, moved sideways in proportion to its height (see `scene.mesh.Source`)."""
 
     duration = SECONDS
 

@@ -16,7 +16,7 @@ from ...query.light_samples import light_samples
 from ...query.query_bounds import reach
 from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery
-from ...scene.point_lights import PointLights
+from ...scene.light_lists import PointLights
 from ...scene.triangles import Triangles
 from ...trace.rays.ray_traversal import RANDOM, Ordered
 from ...trace.rays.single_rays import count_steps

@@ -26,7 +26,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from ...query.query_bounds import bounds
-from ...scene.areas import solid_vertices
+from ...scene.triangle_setup import solid_vertices
 from ...scene.triangles import Triangles
 from .culling_grid import (
     FINEST,

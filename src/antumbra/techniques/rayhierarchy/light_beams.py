@@ -43,7 +43,7 @@ from ...query.shadow_query import (
     set_of,
     three_at,
 )
-from ...scene.light_list import N_SETS
+from ...scene.light_lists import N_SETS
 from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 

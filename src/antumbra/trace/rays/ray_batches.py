@@ -38,7 +38,7 @@ from ...kernels.simd import (
     to_f64,
 )
 from ...query.ray_list import HitArrays, RayArguments
-from ...scene.recentre import NEAREST
+from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .ray_packet import runs_along, walk_packet
 from .single_rays import walk_interleaved
@@ -217,7 +217,7 @@ def _point_at_targets(block):
 
 @inlined
 def _settle(rows, at):
-    """`scene.recentre.settled` for the points of a block, in three rows from word `at`."""
+    """`scene.scene_bounds.flush_to_zero` for the points of a block, in three rows from word `at`."""
     for k in range(3):
         x = load16(rows, at + LANES * k)
         store(rows, at + LANES * k, select(absolute(x) < _NEAREST, _ZERO, x))

@@ -1,15 +1,42 @@
-"""What the default picture of a scene shows, and the light in it."""
+"""The default picture of a scene: the geometry that it frames, the room that encloses the camera, and its lights."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .camera import Camera
-from .framing import AZIMUTH, axes, fitted_camera, orthographic_camera
+from .camera import AZIMUTH, Camera, axes, fitted_camera, orthographic_camera
 from .lights import DirectionalLight, Light, SphereLight
-from .room import Room
-from .sampled import corners_of
+from .scene_bounds import corners_of
 from .sky import Sky
+
+# --- The room that a scene encloses, if it is one: halls, streets below a painted sky, patios -------------------------
+
+
+class Room(NamedTuple):
+    """A room, and the camera that shows it from inside."""
+
+    middle: np.ndarray  # (3,) float64, world: a point in the air
+    eye: np.ndarray  # (3,) float64, world
+    target: np.ndarray  # (3,) float64, world
+    vfov: float  # degrees; with `points`, across a picture that is higher than wide
+    open: bool  # whether much of the sky is seen from the middle
+    height: float  # from the middle up to the ceiling; 0.0 without one
+    points: np.ndarray | None = None  # (k, 3) float64, world: what it shows from inside a closed box; None: its walls
+    planes: np.ndarray | None = None  # (m, 4) float64, world, see `way_out`: of the closed box that it is in
+
+    def way(self, start: np.ndarray, along: np.ndarray) -> float:
+        """How many times `along` leads from a point in a closed box to this box; inf without one."""
+        return np.inf if self.planes is None else way_out(self.planes, start, along)
+
+
+def way_out(planes: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
+    """How many times `along` ((3,) float64) leads from a point inside planes ((m, 4): n x + d <= 0 inside) to them."""
+    left, rate = -(planes[:, :3] @ start + planes[:, 3]), planes[:, :3] @ along
+    return float((left[rate > 0.0] / rate[rate > 0.0]).min())
+
+
+# --- What the default picture of a scene shows, and the light in it ---------------------------------------------------
+
 
 KINDS = "perspective", "orthographic", "top", "panoramic"
 
@@ -25,7 +52,7 @@ _LAMP_BACK = 0.5  # share of the way from the middle to the eye
 _LAMP_RADIUS = 0.15  # share of the lamp's height over the middle
 
 
-class View(NamedTuple):
+class DefaultView(NamedTuple):
     """The geometry that a default picture shows."""
 
     points: np.ndarray  # (k, 3) float64, world
@@ -68,9 +95,9 @@ class View(NamedTuple):
         return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2), Sky(up=self.up)]
 
 
-def view_of_box(bounds: np.ndarray, up: str) -> View:
+def view_of_box(bounds: np.ndarray, up: str) -> DefaultView:
     """The view of a scene of which only the bounds are known."""
-    return View(corners_of(bounds), up, None)
+    return DefaultView(corners_of(bounds), up, None)
 
 
 def skies_with(lights: list[Light], up: str) -> list[Light]:

@@ -1,4 +1,4 @@
-"""Checks of paths: files that may be read, and references from a file to others."""
+"""Path checks: files that may be read, and references from one file to another."""
 
 import ctypes
 import io
@@ -10,7 +10,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from pathlib import Path
 from urllib.parse import unquote
 
-from ..errors import InputError
+from .errors import InputError
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 

@@ -1,4 +1,4 @@
-"""Cut-outs: faces with holes, which a texture's alpha cuts. Light passes through the holes.
+"""Alpha masks: cut-out faces, whose holes come from the alpha channel of a texture. Light passes through the holes.
 
 A mask says of each texel whether it is solid. A ray that meets a cut-out is stopped if the texel there is solid
 (docs/design/cutouts.md). Most faces of a textured leaf or fence are found to be solid, or clear, as a whole: only the
@@ -23,7 +23,7 @@ _FAR = 1e6  # texture coordinates beyond this are clamped to it: their texels fi
 _MARGIN = 1  # texels around a face's own that count as its own: covers the rounding of texture coordinates
 
 
-class Mask(NamedTuple):
+class AlphaMask(NamedTuple):
     """The texels of a texture that are solid."""
 
     solid: np.ndarray  # (h, w) bool, the first row is at v = 0
@@ -42,7 +42,7 @@ class Cutouts(NamedTuple):
     texels: np.ndarray  # (b,) uint8: a bit a texel, 1: solid; rows begin at whole bytes, the lowest bit comes first
 
 
-def cutouts_of(appearance: Appearance) -> Cutouts | None:
+def find_cutouts(appearance: Appearance) -> Cutouts | None:
     """The cut-outs of a scene with alpha; None if no face has a hole.
 
     A texel is solid if its alpha is at least the cutoff of a MASK material, or a half with BLEND. The alpha of a
@@ -54,7 +54,7 @@ def cutouts_of(appearance: Appearance) -> Cutouts | None:
         If a texture cannot be decoded.
     """
     mask = np.full(len(appearance.material_of_face), -1, np.int32)
-    masks, numbers = list[Mask](), dict[tuple[Texture | None, int], int]()
+    masks, numbers = list[AlphaMask](), dict[tuple[Texture | None, int], int]()
     for index, material in enumerate(appearance.materials):
         if material.alpha_mode not in (MASK, BLEND):
             continue
@@ -86,19 +86,19 @@ def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -
     return np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
 
 
-def _mask_of(texture: Texture | None, least: int) -> Mask:
+def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
     if texture is None:
-        return Mask(np.full((1, 1), least <= 255), (CLAMP, CLAMP))
+        return AlphaMask(np.full((1, 1), least <= 255), (CLAMP, CLAMP))
     try:
         alpha = texture.pixels[..., 3]
     except ValueError as error:
         raise InputError(
             f"{texture.name}: its alpha cannot be read ({error}); load the scene with cutouts=False"
         ) from None
-    return Mask(alpha >= least, (texture.wrap_s, texture.wrap_t))
+    return AlphaMask(alpha >= least, (texture.wrap_s, texture.wrap_t))
 
 
-def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[Mask]) -> Cutouts | None:
+def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[AlphaMask]) -> Cutouts | None:
     """The `Cutouts` of faces with known masks; None if no face has a hole.
 
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
@@ -123,7 +123,7 @@ def finite(uv: np.ndarray) -> np.ndarray:
     return np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
 
 
-def _kinds(uv: np.ndarray, mask: Mask) -> np.ndarray:
+def _kinds(uv: np.ndarray, mask: AlphaMask) -> np.ndarray:
     """(f,) int8: whether the texels around each face are all solid, all clear, or both."""
     h, w = mask.solid.shape
     sums = np.zeros((h + 1, w + 1), np.int64)  # of all texels above and to the left

@@ -1,19 +1,25 @@
-"""Turn pieces of a scene into triangles: interpolate in time, recentre, round, and copy by face, on all cores.
-
-Kernels take addresses, not arrays. So read-only, memory-mapped, float32 and float64 arrays all use the same kernels,
-and none is compiled while a frame is timed.
-"""
-# mypy: disable-error-code="call-arg, var-annotated"
-# (mypy counts the typing context among the arguments of intrinsics)
+"""Triangle setup: interpolate, recentre and gather the pieces of a scene in parallel; find triangles without area."""
 
 import numpy as np
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
-from ..kernels.parallel import new_ticket, run, shares
-from ..kernels.simd import f32_at, f64_at, get, i32_at, put
-from .recentre import MAX_EXTENT, NEAREST
-from .source import Piece
+from ..kernels.parallel import items, new_ticket, run, shares, thread_count
+from ..kernels.predicate.filters import has_area
+from ..kernels.simd import f32_at, f64_at, get, i32_at, load8, ptr, put, store
+from .mesh import Piece
+from .scene_bounds import MAX_EXTENT, NEAREST
+from .triangles import Triangles
+
+# --- Turn pieces of a scene into triangles: interpolate in time, recentre, round, and copy by face, on all cores ------
+#
+# Kernels take addresses, not arrays. So read-only, memory-mapped, float32 and float64 arrays all use the same kernels,
+# and none is compiled while a frame is timed.
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
 
 _AT_A_TIME = 8192  # vertices, or faces
 _LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0)
@@ -101,3 +107,62 @@ def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) 
         raise InputError(
             f"{piece.where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down"
         )
+
+
+# --- Triangles without area. No ray meets them, so no tree holds them (docs/design/exactness.md) ----------------------
+
+
+@kernel
+def _find_areas(ticket, corners, found, faults):
+    """Worker: whether each triangle has an area."""
+    # Out: found, (n,) bool; faults, (1,) bool, set if a triangle has none
+    v = ptr(corners)
+    for first, last in shares(ticket):
+        all_have = True
+        for i in range(first, last):
+            has = has_area(v, i)
+            found[i] = has
+            all_have &= has
+        if not all_have:
+            faults[0] = True
+
+
+def rows_with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
+    """(k,) int32, ascending: the triangles that have an area, by exact arithmetic; None: all have.
+
+    vertices : (n, 3, 3) float32
+    """
+    found, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
+    run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), found, faults)
+    return np.flatnonzero(found).astype(np.int32) if faults[0] else None
+
+
+@kernel
+def _copy_rows(ticket, corners, rows, out):
+    """Worker: copy the corners of some triangles to the front of `out`."""
+    source, target = ptr(corners), ptr(out)
+    for i in items(ticket):
+        row = np.int64(rows[i]) * 9
+        store(target, i * 9, load8(source, row))
+        put(target, i * 9 + 8, get(source, row + 8))
+
+
+def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
+    """(k, 3, 3) float32: the triangles with an area and without a hole; without a copy if that is all of them."""
+    if triangles.solid is None:
+        return triangles.vertices
+    out = np.empty((len(triangles.solid), 9), np.float32)
+    ticket = new_ticket(len(out), _AT_A_TIME)
+    run(_copy_rows, thread_count(threads), ticket, triangles.vertices.reshape(-1, 9), triangles.solid, out)
+    return out.reshape(-1, 3, 3)
+
+
+def solid_faces(vertices: np.ndarray, own: np.ndarray | None, threads: int) -> np.ndarray | None:
+    """(k,) int32, ascending: the faces that have an area, among those without a hole; None: all faces.
+
+    own : (m,) int32, ascending: the faces without a hole; None: all
+    """
+    found = rows_with_area(vertices, threads)
+    if found is None or own is None:
+        return own if found is None else found
+    return np.intersect1d(found, own, assume_unique=True)
