@@ -34,7 +34,7 @@ assert 0 < blocked.sum() < 1000
 print(time.perf_counter() - start)
 """
 EDITS = {
-    "image/shade.py": (
+    "picture/shading.py": (
         "tests/image/test_shade.py",
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",

@@ -11,7 +11,7 @@ from antumbra.cli import frames
 from antumbra.cli import picturespec as asked
 from antumbra.cli.arguments import Sequence, parse_frames
 from antumbra.cli.progress import ProgressDisplay
-from antumbra.image.save import note_of
+from antumbra.picture.image_files import note_of
 from antumbra.rendering.renderer import Renderer
 from gltf_files import Gltf
 
@@ -138,7 +138,7 @@ def test_files_that_are_no_frames_of_ours_are_replaced(film, content):
 
 def test_all_frames_have_the_exposure_of_the_first(film, monkeypatch):
     chosen = iter((2.0, 7.0, 9.0))
-    monkeypatch.setattr("antumbra.image.save.frame_exposure", lambda frame: next(chosen))
+    monkeypatch.setattr("antumbra.picture.image_files.frame_exposure", lambda frame: next(chosen))
     assert [line["exposure"] for line in lines(film("--json", numbers="1:3"))] == [2.0] * 4
     # Frame 0 now comes before finished frames, as after a failure. It gets their exposure.
     done = film("--json")
@@ -163,7 +163,7 @@ def test_a_frame_that_fails_is_named_and_the_others_go_on(film, moving):
 
 
 def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
-    from antumbra.image import save
+    from antumbra.picture import image_files as save
 
     write_png, calls = save._write_png, []
 

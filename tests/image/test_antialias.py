@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.antialias import mixture
+from antumbra.picture.morphological_antialiasing import mixture
 from antumbra.query.gbuffer import PictureSurfaces
 
 SIZE = 48

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.heatmap import heat_colours
 from antumbra.jobs.model import LINES, Part, glb
 from antumbra.jobs.table import Column, Table
+from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.materials import srgb_to_linear
 from result_tables import table
 

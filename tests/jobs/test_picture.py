@@ -5,11 +5,11 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.image.heatmap import heat_colours
 from antumbra.jobs import picture as picture_module
 from antumbra.jobs.picture import shown_scale, shown_values
 from antumbra.jobs.table import Column
 from antumbra.jobs.view import projected
+from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.camera import fitted_camera
 from result_tables import hill, table
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.shares import shares
-from antumbra.image.terminator import Facing
 from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
 from antumbra.jobs.bake.options import own_lights
+from antumbra.picture.irradiance import Facing
+from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
 from antumbra.scene.light_lists import LightList
@@ -109,7 +109,7 @@ def test_shares_are_weighted_means():
         normal = (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)
         bits = rng.integers(0, 1 << 16, (*query.sides.shape, 1)).astype(np.uint64)
         bits[0, 0], bits[0, 1] = 0, (1 << 16) - 1
-        found = shares(Facing(normal, normal, frame.gbuffer.depth, False), query, bits)
+        found = irradiance_shares(Facing(normal, normal, frame.gbuffer.depth, False), query, bits)
         ways = segments(query)[0].astype(float) - query.origins[:, :, None]
         r = np.linalg.norm(ways, axis=-1)
         weight = np.maximum((ways * normal[:, :, None]).sum(-1) / r, 0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.irradiance import irradiance
+from antumbra.picture.irradiance import irradiance
 from antumbra.query.gbuffer import GBuffer
 from antumbra.rendering.virtual_lights import _emitted, _sobol
 

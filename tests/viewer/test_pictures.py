@@ -26,7 +26,7 @@ def brightness(picture, row, column):
 
 
 def test_the_picture_is_the_one_that_render_makes(model, camera):
-    from antumbra.image.tonemap import to_srgb8
+    from antumbra.picture.image_files import to_srgb8
 
     picture = traced(model, camera, FINE)
     frame = at.render(model.scene, camera, SUN, spp=4, filter=True)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.tonemap import linear_to_srgb
+from antumbra.picture.image_files import linear_to_srgb
 from antumbra.viewer.glb import before_aces, glb_of
 from antumbra.viewer.model import Model
 from antumbra.viewer.pictures import Step, traced

@@ -9,7 +9,7 @@ from . import page
 from .comparesummary import Panels, Told, about, bits, counters, extent, milliseconds, phases, ratio, speed
 
 if TYPE_CHECKING:
-    from ..image.panels import Panel
+    from ..picture.heat_maps import Panel
 
 _NARROWEST = 300  # least width of a panel, in pixels
 
@@ -37,7 +37,7 @@ def save(told: Told, panels: Panels, path: Path) -> None:
 
 def _pictures(panels: Panels) -> str:
     """All panels as figures, and the colour bar below them."""
-    from ..image.panels import draw_bar
+    from ..picture.heat_maps import draw_bar
 
     bar = f'<img class=bar alt="{escape(panels.bar.caption)}" src="{page.embedded(draw_bar(panels.bar, 1400, 18))}">'
     return "\n".join(["<div class=panels>", *map(_figure, panels.panels), "</div>", bar])

@@ -10,7 +10,7 @@ from . import report, summary
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..image.panels import Bar
+    from ..picture.heat_maps import ColourBar
     from ..rendering.comparison import Comparison, Measured
     from .comparearguments import CompareArguments
     from .picturespec import PictureSpec, Shot
@@ -40,8 +40,7 @@ class Panels:
     """
 
     def __init__(self, told: Told):
-        from ..image.heatmap import log_scale_of
-        from ..image.panels import Panel, blank
+        from ..picture.heat_maps import Panel, blank, log_scale_of
         from ..rendering.comparison import over_pixels
 
         found = told.found
@@ -55,18 +54,18 @@ class Panels:
 
         self.panels: list[Panel] = [Panel(_rendered(told), (told.scene.name, f"{found.frame.rays:,} shadow rays"))]
         self.panels += [Panel(drawn(one), (str(one.plan), _label(found, one))) for one in found.plans]
-        self.bar: Bar = scale.bar(_CAPTION)
+        self.bar: ColourBar = scale.bar(_CAPTION)
 
     def save(self, path: Path) -> None:
         """Write all panels as one picture."""
-        from ..image.panels import sheet
-        from ..image.save import save_png
+        from ..picture.heat_maps import sheet
+        from ..picture.image_files import save_png
 
         save_png(sheet(self.panels, self.bar), path)
 
 
 def _rendered(told: Told) -> np.ndarray:
-    from ..image.save import frame_exposure, screen_picture
+    from ..picture.image_files import frame_exposure, screen_picture
 
     frame, exposure = told.found.frame, told.asked.exposure
     return screen_picture(frame, frame_exposure(frame) if exposure is None else exposure)

@@ -53,10 +53,9 @@ def culling(
     asked_lights = [arguments.parse_light(text) for text in light or []]
 
     from ..checks import near
-    from ..image.save import save_png
-    from ..image.tonemap import to_srgb8
     from ..methods import CULLERS, find_method
     from ..output import checked_output
+    from ..picture.image_files import save_png, to_srgb8
     from ..rendering.culling_picture import culling_picture
 
     path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output

@@ -145,8 +145,8 @@ def dataset(given: DatasetArguments) -> int:
             say("frames that are finished stay; the same command goes on from there")
             raise
         if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
-            from ..image.save import save_png
             from ..jobs.dataset.sheet import contact_sheet
+            from ..picture.image_files import save_png
 
             save_png(contact_sheet(made.folder), given.sheet)
     if given.json:

@@ -103,8 +103,8 @@ def explain(
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
-    from ..image.save import save_png
     from ..output import checked_output
+    from ..picture.image_files import save_png
     from ..plan import with_sample
     from ..rendering.explanation import explain as explained
     from ..rendering.explanation import explained_plans
@@ -150,7 +150,7 @@ def explain(
 
 def _picture(explanation: "Explanation"):
     """(H, W, 3) uint8: the panels of all plans."""
-    from ..image.heatmap import heat_map
+    from ..picture.heat_maps import heat_map
 
     labels = [(str(one.plan), _label(explanation, one)) for one in explanation.plans]
     return heat_map([one.boxes for one in explanation.plans], explanation.asks, labels, _CAPTION)

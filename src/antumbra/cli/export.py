@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ..formats.gltf.gltf_file import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, buffer_views, glb_bytes
-from ..image.tonemap import linear_to_srgb
 from ..output import checked_output, replacing
+from ..picture.image_files import linear_to_srgb
 
 SUFFIXES = (".glb", ".obj", ".ply")
 

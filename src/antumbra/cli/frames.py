@@ -44,9 +44,9 @@ class AnimationJob(NamedTuple):
 
 def film_path(output: Path | None, sequence: Sequence | None, asked: PictureSpec) -> Path | None:
     """The film that `output` names, checked; None if it names pictures."""
-    from ..image.film import SUFFIXES, check_film
+    from ..picture.image_files import FILM_SUFFIXES, check_film
 
-    if output is None or output.suffix.lower() not in SUFFIXES:
+    if output is None or output.suffix.lower() not in FILM_SUFFIXES:
         return None
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
@@ -71,7 +71,7 @@ def _make_folder(folder: Path) -> None:
 
 def output_path(output: Path | None, stem: str, sequence: Sequence | None) -> Path:
     """The path of the picture. For a sequence, it has ``#`` in place of the frame's number."""
-    from ..image.save import check_output
+    from ..picture.image_files import check_output
 
     if sequence is None:
         if output is not None and "#" in output.name:
@@ -216,7 +216,7 @@ class Animation:
 
         Other processes save the frames before k. A run of all frames comes here with none that it has not tried.
         """
-        from ..image.save import frame_exposure
+        from ..picture.image_files import frame_exposure
 
         for number in self.sequence.numbers[:k]:
             if number not in self.numbers["failed"]:
@@ -228,7 +228,7 @@ class Animation:
         return self.job.asked.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
 
     def _picture(self, number: int, progress) -> dict:
-        from ..image.save import frame_exposure
+        from ..picture.image_files import frame_exposure
 
         path = self._path(number)
         settings = self._settings(path, self.sequence.time(number))
@@ -273,7 +273,7 @@ class Animation:
 
     def write_film(self, film: Path, display: ProgressDisplay) -> None:
         """Write the film, and remove its pictures."""
-        from ..image.film import write_film
+        from ..picture.image_files import write_film
 
         numbers = self.sequence.numbers
         pictures = [numbered(self.job.pattern, number) for number in numbers]
@@ -337,7 +337,7 @@ class Animation:
 
 def _noted(path: Path) -> dict:
     """The settings that a picture stores; {} if there are none."""
-    from ..image.save import note_of
+    from ..picture.image_files import note_of
 
     try:
         found = json.loads(note_of(path) or "{}")

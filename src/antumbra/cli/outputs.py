@@ -59,16 +59,15 @@ def writes_folder() -> Callable:
 
 def pictures() -> list[str]:
     """Suffixes of pictures."""
-    from ..image.save import SUFFIXES
 
-    return list(SUFFIXES)
+    return list(FILM_SUFFIXES)
 
 
 def films() -> list[str]:
     """Suffixes of films."""
-    from ..image.film import SUFFIXES
+    from ..picture.image_files import FILM_SUFFIXES
 
-    return list(SUFFIXES)
+    return list(FILM_SUFFIXES)
 
 
 def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callable:

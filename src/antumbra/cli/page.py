@@ -40,7 +40,7 @@ def save(title: str, parts: Iterable[str], path: Path) -> None:
 
 def embedded(rgb) -> str:
     """A picture, (H, W, 3) uint8 sRGB, as the address of an image."""
-    from ..image.save import png_bytes
+    from ..picture.image_files import png_bytes
 
     return "data:image/png;base64," + b64encode(png_bytes(rgb)).decode("ascii")
 

@@ -52,7 +52,7 @@ class PictureSpec(NamedTuple):
 
         plans : plans that are compared, instead of the one among the options
         """
-        from ..image.save import checked_exposure
+        from ..picture.image_files import checked_exposure
         from ..plan import DEFAULT_PLAN, parse_plan, with_sample
 
         if self.exposure is not None:
@@ -100,7 +100,7 @@ class PictureSpec(NamedTuple):
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
         """The lights at a time, with the virtual point lights made from photons."""
         from .. import virtual_point_lights
-        from ..image.background import skies_of
+        from ..picture.shading import skies_of
 
         lights = self.direct_lights(scene, time)
         if self.vpl is not None:

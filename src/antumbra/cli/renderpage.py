@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def save(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: summary.Saved, path: Path) -> None:
     """Write the page whole or not at all."""
-    from ..image.save import frame_exposure, screen_picture
+    from ..picture.image_files import frame_exposure, screen_picture
     from .about import about
 
     frame = shot.frame

@@ -24,7 +24,7 @@ class Saved(NamedTuple):
 
 def save(frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None) -> Saved:
     """Write the picture. Exposure None: automatic."""
-    from ..image.save import frame_exposure, save_frame
+    from ..picture.image_files import frame_exposure, save_frame
 
     start = perf_counter()
     if path.suffix.lower() == ".exr":

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ..image.heatmap import Scale, linear_scale, scale_of
-from ..image.panels import Panel, sheet
+from ..picture.heat_maps import Panel, Scale, linear_scale, scale_of, sheet
 from ..rendering.renderer import render
 from ..scene.camera import fitted_camera
 from ..scene.lights import AmbientOcclusion

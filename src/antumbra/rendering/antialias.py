@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..image.antialias import mixture
+from ..picture.morphological_antialiasing import mixture
 from ..query.gbuffer import PictureSurfaces
 from ..query.shadow_query import Surfaces
 from .frame import Ground

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..auto.choose import Choice
-from ..image.tonemap import LUMINANCE
+from ..picture.image_files import LUMINANCE
 from ..query.gbuffer import GBuffer
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
@@ -103,13 +103,13 @@ class Frame(NamedTuple):
         InputError
             If the suffix is unknown or the path cannot be written; no partial file is left.
         """
-        from ..image.save import save_frame
+        from ..picture.image_files import save_frame
 
         save_frame(self, path, exposure, background=background)
 
     def _repr_png_(self) -> bytes:
         """The picture as a notebook shows it: as `save` writes it to a ``.png``."""
-        from ..image.save import frame_exposure, png_bytes, screen_picture
+        from ..picture.image_files import frame_exposure, png_bytes, screen_picture
 
         return png_bytes(screen_picture(self, frame_exposure(self)))
 

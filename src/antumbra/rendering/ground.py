@@ -9,11 +9,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..image.filter import smoothed
-from ..image.fraction import finer_query, refined, visible
-from ..image.shade import arriving, shade
-from ..image.shares import shares
-from ..image.terminator import facing_of
+from ..picture.discontinuity_filter import smooth_irradiance
+from ..picture.irradiance import facing_of
+from ..picture.light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
+from ..picture.shading import arriving_irradiance, shade
 from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
 from ..query.pixel_refinement import block_means, subpixel_rays
 from ..query.query_bounds import place, reach_of
@@ -63,11 +62,11 @@ class ShadowCatcher:
         traced = ask_all(state, queries)
         state.clock.lap("trace")
         seen, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
-        light = [visible(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        light = [light_fractions(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
             more = finer_query(seen, query, bits, samples, state.threads)
-            light[i] = refined(light[i], seen, facing, more, ask(state, more), request.smooth, state.threads)
+            light[i] = refine_fractions(light[i], seen, facing, more, ask(state, more), request.smooth, state.threads)
             state.clock.lap("trace")
         visibility = [each.fraction for each in light]
         lit, unshadowed = self._light(gbuffer, traced, [each.share for each in light], seen)
@@ -90,7 +89,7 @@ class ShadowCatcher:
         traced = ask_all(state, queries)
         state.clock.lap("trace")
         facing = facing_of(found.gbuffer, None)
-        arrive = [shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+        arrive = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
         lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, arrive, None))
         kept = block_means(found.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
@@ -124,14 +123,14 @@ class ShadowCatcher:
         return self._sum(gbuffer, arrived, arrive), self._sum(gbuffer, unshadowed, above)
 
     def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
-        """The light of one light source as `image.shade.arriving` gives it, and without shadows."""
+        """The light of one light source as `picture.shading.arriving_irradiance` gives it, and without shadows."""
         threads, own = self._state.threads, seen if smooths(self._state.request, light) else None
         if query.light.kind == DIRECTIONAL and light.domain == "list":
             return self._arriving_far(gbuffer, light, query, bits, own)
-        arrived = arriving(gbuffer, light, query, bits, own, None, threads)
+        arrived = arriving_irradiance(gbuffer, light, query, bits, own, None, threads)
         if light.domain != "list":
             return arrived, arrived
-        return arrived, arriving(gbuffer, light, query, np.zeros_like(bits), own, None, threads)
+        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), own, None, threads)
 
     def _arriving_far(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, own) -> tuple[np.ndarray, np.ndarray]:
         """As `_arriving`, of a list of distant lights. Without shadows, a block of 4 x 4 pixels is like any other.
@@ -145,13 +144,17 @@ class ShadowCatcher:
         block = GBuffer(
             np.zeros_like(normal), normal, one.astype(np.int32), one.astype(np.float32), one, gbuffer.origin
         )
-        each = arriving(block, light, query, np.zeros((4, 4, bits.shape[-1]), np.uint64), None, None, threads)
+        each = arriving_irradiance(
+            block, light, query, np.zeros((4, 4, bits.shape[-1]), np.uint64), None, None, threads
+        )
         free = np.tile(each, (-(-h // 4), -(-w // 4), 1))[:h, :w]
-        raw = arriving(gbuffer, light, query, bits, None, None, threads)
+        raw = arriving_irradiance(gbuffer, light, query, bits, None, None, threads)
         if own is None or not light.interleave:
             return raw, free
         mean = each.mean((0, 1))
-        return mean - smoothed(own, free - raw, threads), np.ascontiguousarray(np.broadcast_to(mean, raw.shape))
+        return mean - smooth_irradiance(own, free - raw, threads), np.ascontiguousarray(
+            np.broadcast_to(mean, raw.shape)
+        )
 
     def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
@@ -164,7 +167,7 @@ class ShadowCatcher:
         if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
             return np.ones(query.sides.shape, np.float32)
         below = below_horizon(query, self._state.threads)
-        return shares(facing_of(gbuffer, None), query, below, self._state.threads)
+        return irradiance_shares(facing_of(gbuffer, None), query, below, self._state.threads)
 
 
 def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..image.shade import shade
+from ..picture.shading import shade
 from ..query.gbuffer import PictureSurfaces
 from ..query.shadow_query import Surfaces
 from .frame import Layers

@@ -6,10 +6,15 @@ import numpy as np
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
-from ..image.background import backdrop, skies_of, sky_behind
-from ..image.filter import smoothed
-from ..image.fraction import Visible, as_needed, finer_query, refined, visible
-from ..image.shade import ambient_light
+from ..picture.discontinuity_filter import smooth_irradiance
+from ..picture.light_visibility import (
+    LightFractions,
+    finer_query,
+    light_fractions,
+    refine_fractions,
+    without_equal_samples,
+)
+from ..picture.shading import ambient_light, backdrop, skies_of, sky_behind
 from ..query.gbuffer import PictureSurfaces, seen_by
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.receivers import NOTHING
@@ -130,16 +135,16 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
     return traced
 
 
-def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[Visible]]:
+def lit(state: FrameState, surfaces: Surfaces, traced: TracedLights) -> tuple[PictureSurfaces, list[LightFractions]]:
     """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
     seen, facing = seen_by(surfaces.gbuffer, state.tracer.view), facing_at(surfaces)
-    found = [visible(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+    found = [light_fractions(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
     return seen, found
 
 
 def refine(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, found: list[Visible]
+    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, found: list[LightFractions]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace more rays in penumbrae, and replace what was found there.
 
@@ -152,7 +157,9 @@ def refine(
     for i, (query, bits, samples) in enumerate(zip(*traced, more.penumbra)):
         finer = finer_query(seen, query, bits, samples, state.threads)
         better = ask(state, finer) if kept is None else _known(state, kept.finer[i], finer)
-        found[i] = refined(found[i], seen, facing_at(surfaces), finer, better, state.request.smooth, state.threads)
+        found[i] = refine_fractions(
+            found[i], seen, facing_at(surfaces), finer, better, state.request.smooth, state.threads
+        )
         chosen |= finer.sides != NOTHING
     state.clock.lap("trace")
     return edge, chosen
@@ -172,7 +179,7 @@ def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced:
         assert state.kept.indirect is not None
         indirect = state.kept.indirect
     if state.request.smooth:
-        indirect = smoothed(seen, indirect, state.threads)
+        indirect = smooth_irradiance(seen, indirect, state.threads)
         state.clock.lap("filter")
     return indirect
 
@@ -242,7 +249,7 @@ def _divide(state: FrameState, edge: np.ndarray, first: int, shown: Shown, ambie
     assert finer is not None
     pixels = state.tracer.subpixels(edge)
     state.clock.lap("gbuffer")
-    queries = [as_needed(query) for query in queries_of(state, pixels, finer.edges)]
+    queries = [without_equal_samples(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")
     if state.kept is None:
         state.tracer.prepare_again(queries, state.clock.lap)

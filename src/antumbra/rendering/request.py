@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.background import skies_of
+from ..picture.shading import skies_of
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import FinerSamples, finer_samples
 from ..query.ray_passes import Passes, diffuse_passes

@@ -7,7 +7,7 @@ existed. docs/design/shards.md compares this with bands that hold finished pixel
 import numpy as np
 
 from ..engine.engine import Engine
-from ..image.fraction import as_needed, finer_query
+from ..picture.light_visibility import finer_query, without_equal_samples
 from ..query.gbuffer import seen_by
 from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
@@ -95,7 +95,7 @@ class Rows:
         assert finer is not None
         pixels, blocks = self._subpixels(surfaces, near, own)
         if not len(blocks):
-            needed = [as_needed(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
+            needed = [without_equal_samples(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
             words = [-(-query.samples.shape[1] // 64) for query in needed]
             return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
         g = pixels.gbuffer
@@ -104,7 +104,7 @@ class Rows:
             **{name: row(getattr(g, name)) for name in ("position", "normal", "face", "depth", "side")}
         )
         queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
-        queries = [as_needed(query) for query in queries]
+        queries = [without_equal_samples(query) for query in queries]
         state.tracer.prepare_again(queries, state.clock.lap)
         return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(ask_all(state, queries).bits)}
 

@@ -5,12 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.engine import Engine
-from ..image.albedo import albedo, eye_of
-from ..image.corners import places_of
-from ..image.normals import shading_normals
-from ..image.shade import arriving, shade
-from ..image.shares import shares
-from ..image.terminator import Facing, facing_of
+from ..picture.irradiance import Facing, facing_of
+from ..picture.light_visibility import irradiance_shares
+from ..picture.pixel_appearance import albedo, eye_of, places_of, shading_normals
+from ..picture.shading import arriving_irradiance, shade
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..scene.lights import Light
@@ -81,13 +79,13 @@ def traced_before(state: FrameState, queries: list[ShadowQuery], bits: list[np.n
 
 
 def arriving_at(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
-    """The light that each light source sends to each pixel's surface; see `image.shade.arriving`.
+    """The light that each light source sends to each pixel's surface; see `picture.shading.arriving_irradiance`.
 
     seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
     """
     request = state.request
     return [
-        arriving(
+        arriving_irradiance(
             surfaces.gbuffer, light, query, b, seen if smooths(request, light) else None, surfaces.shading,
             state.threads,
         )
@@ -146,7 +144,7 @@ def dressed(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
 def picture(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
     """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
     facing = facing_at(surfaces)
-    shown = [shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    shown = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
     return shaded(state, surfaces, arriving_at(state, surfaces, traced), shown, ambient, indirect)
 
 

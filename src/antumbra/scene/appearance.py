@@ -111,7 +111,7 @@ def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_ver
     """(f, 3) float64: sine of the widest angle between the normal of a corner and the faces around its vertex.
 
     A light that is less than this angle above the horizon of the normal is below that of some of these faces.
-    `image.irradiance` ends the light there, on all of them alike, at most at `SHARPEST`.
+    `picture.irradiance` ends the light there, on all of them alike, at most at `SHARPEST`.
     """
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sine = np.linalg.norm(np.cross(normals, across[:, None]), axis=-1)
@@ -128,7 +128,7 @@ def normals_in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
     A normal n of a triangle with edges e1, e2 and unit normal g is kept as (n . e1, n . e2, n . g |e1 x e2|^(1/2)). A
     rotation, a translation or a scale of the triangle does not change these numbers. In its own plane, any affine
-    map transforms them as the inverse transpose transforms normals. So `image.normals` finds n again in the moved
+    map transforms them as the inverse transpose transforms normals. So `picture.pixel_appearance` finds n again in the moved
     triangle, and animations, skins and morph targets move normals with their triangles.
     """
     length = np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.heatmap import linear_scale
-from ..image.panels import draw_bar
+from ..picture.heat_maps import draw_bar, linear_scale
 from ..rendering.explanation import explain
 from ..rendering.moments import Moment
 from ..scene.camera import Camera

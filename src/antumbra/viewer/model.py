@@ -10,10 +10,10 @@ import numpy as np
 from ..checks import instance, number
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
-from ..image.save import frame_exposure
 from ..jobs.sun.place import Place, checked_place
 from ..jobs.sun.positions import solar_angles
 from ..jobs.sun.times import zone_of
+from ..picture.image_files import frame_exposure
 from ..rendering.frame import Frame
 from ..rendering.renderer import Renderer
 from ..scene.camera import Camera

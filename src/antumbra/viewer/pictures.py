@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.tonemap import to_srgb8
+from ..picture.image_files import to_srgb8
 from ..rendering.frame import Frame
 from ..rendering.options import RenderOptions
 from ..scene.camera import Camera

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..image.shade import SIDEWAYS
-from ..image.tonemap import roll_off
 from ..jobs.bake.measure import Asked, Meter, SurfacePoints
+from ..picture.image_files import roll_off
+from ..picture.shading import SIDEWAYS
 from ..query.query_bounds import morton_codes
 from ..scene.triangles import Triangles
 from .model import Model

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...image.save import write_exr
-from ...image.tonemap import linear_to_srgb
+from ...picture.image_files import linear_to_srgb, write_exr
 
 _COLOUR_TYPES = {1: 0, 3: 2, 4: 6}  # of PNG: grey, RGB, RGBA
 

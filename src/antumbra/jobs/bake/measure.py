@@ -10,10 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...engine.scene import Scene
-from ...image.open_directions import open_directions
-from ...image.shade import arriving
-from ...image.shares import shares
-from ...image.terminator import facing_of
+from ...picture.irradiance import facing_of
+from ...picture.light_visibility import irradiance_shares, open_directions
+from ...picture.shading import arriving_irradiance
 from ...query.gbuffer import GBuffer
 from ...query.light_samples import light_samples
 from ...query.query_bounds import morton_codes
@@ -138,10 +137,10 @@ class Meter:
         """(h, w, 1 or 3) float32: the irradiance from a light with its shadows; ambient light is a uniform sky."""
         threads, surfaces = self.asked.threads, _surfaces(query, self.scene.origin)
         if light.domain == "list":  # it has intensities and colours of its own
-            return arriving(surfaces, light, query, bits, threads=threads)
-        share = shares(facing_of(surfaces, None), query, bits, threads)
+            return arriving_irradiance(surfaces, light, query, bits, threads=threads)
+        share = irradiance_shares(facing_of(surfaces, None), query, bits, threads)
         if light.domain != "hemisphere":
-            share = share * arriving(surfaces, light, query, bits, threads=threads)
+            share = share * arriving_irradiance(surfaces, light, query, bits, threads=threads)
         return share[..., None] * tint
 
     def _shares(self, answered) -> np.ndarray:

@@ -9,10 +9,9 @@ from ...checks import choice, flag, is_number, number, quoted, text, whole_numbe
 from ...engine.scene import Scene
 from ...errors import InputError
 from ...extras import needed
-from ...image.save import checked_exposure
-from ...image.tonemap import automatic_exposure
 from ...kernels.parallel import thread_count
 from ...output import checked_output
+from ...picture.image_files import automatic_exposure, checked_exposure
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.light_samples import sample_sets
 from ...scene.default_picture import sun

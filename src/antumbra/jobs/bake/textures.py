@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...image.filter import filtered
 from ...kernels.progress import reported
+from ...picture.discontinuity_filter import filter_fractions
 from ...query.gbuffer import PictureSurfaces
 from ...query.receivers import NOTHING
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
@@ -207,7 +207,7 @@ def _smoothed(sheet: Sheet, surface: Surface, receivers: SurfacePoints, counts: 
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
         np.float32(1.0),  # type: ignore[arg-type]
     )
-    smooth = filtered(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
+    smooth = filter_fractions(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
     return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...image.save import save_exr, save_png
 from ...output import replacing
+from ...picture.image_files import save_exr, save_png
 from .layers import light_layer
 
 MANIFEST = "manifest.json"

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...image.panels import Bar, Panel, sheet
-from ...image.tonemap import automatic_exposure, to_srgb8
+from ...picture.heat_maps import ColourBar, Panel, sheet
+from ...picture.image_files import automatic_exposure, to_srgb8
 from .files import MANIFEST, read_json
 from .layers import VIEW
 
@@ -42,7 +42,7 @@ def contact_sheet(folder: Path, frame: int = 0) -> np.ndarray:
         pictures[f"{light}.Visibility"] = _grey(layers[f"{light}.Visibility.X"])
         if f"{light}.Blocker.X" in layers:
             pictures[f"{light}.Blocker"] = _coloured(layers[f"{light}.Blocker.X"])
-    bar = Bar(_grey(np.linspace(0.0, 1.0, 256)), [(0.0, "0"), (0.5, "0.5"), (1.0, "1")], "visibility; nearness")
+    bar = ColourBar(_grey(np.linspace(0.0, 1.0, 256)), [(0.0, "0"), (0.5, "0.5"), (1.0, "1")], "visibility; nearness")
     return sheet([Panel(picture, [name]) for name, picture in pictures.items()], bar)
 
 

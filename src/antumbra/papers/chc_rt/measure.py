@@ -13,7 +13,7 @@ import numpy as np
 
 from ...bvh.blocks import block_tree
 from ...errors import InputError
-from ...image.tonemap import to_srgb8
+from ...picture.image_files import to_srgb8
 from ...plan import parse_plan
 from ...query.light_samples import ROTATIONS
 from ...query.shadow_query import Surfaces, surfaces_of

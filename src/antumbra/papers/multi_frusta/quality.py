@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...image.tonemap import automatic_exposure, to_srgb8
+from ...picture.image_files import automatic_exposure, to_srgb8
 from ...query.gbuffer import seen_by
 from ...query.pixel_refinement import edges
 from ...rendering.frame import Frame

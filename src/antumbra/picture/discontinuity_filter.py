@@ -97,7 +97,7 @@ def _filter_rows(ticket, seen, counts, shares, limit, spp, out, out_shares):
                 out_shares[y, x] = np.float32(share / np.float64(weight))
 
 
-def filtered(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def filter_fractions(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(H, W) float32: the fraction of samples that are not occluded, filtered over 4 x 4 pixels.
 
     Parameters
@@ -118,10 +118,10 @@ def filtered(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) 
     return _filtered(seen, counts, np.empty((0, 0), np.float32), spp, threads)[0]
 
 
-def filtered_shares(
+def filter_shares(
     seen: PictureSurfaces, counts: np.ndarray, shares: np.ndarray, spp: int, threads=None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`filtered`, and the mean of `shares` ((H, W) float32, of `image.shares`) over the same pixels."""
+    """`filtered`, and the mean of `shares` ((H, W) float32, of `picture.light_visibility`) over the same pixels."""
     return _filtered(seen, counts, np.ascontiguousarray(shares), spp, threads)
 
 
@@ -150,7 +150,7 @@ def _smooth_rows(ticket, seen, irradiance, out):
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
 
 
-def smoothed(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
+def smooth_irradiance(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
     """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filtered`.
 
     The average includes every pixel of the window that sees the same surface. Neighbours ask different lights. So their

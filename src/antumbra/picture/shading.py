@@ -1,9 +1,4 @@
-"""Simple shading: diffuse surfaces, the share of each light's irradiance that arrives, and a little ambient light.
-
-Ambient occlusion scales the ambient light. `image.list_irradiance` shades lists of lights.
-"""
-# mypy: disable-error-code="call-arg, var-annotated"
-# (mypy counts the typing context among the arguments of intrinsics)
+"""Diffuse shading with ambient light, and the background of pixels without a surface."""
 
 from typing import NamedTuple
 
@@ -14,10 +9,21 @@ from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, put
 from ..query.receivers import NOTHING
+from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.lights import is_bounced
-from .filter import smoothed
-from .irradiance import irradiance
-from .list_irradiance import list_irradiance
+from ..scene.sky import Sky
+from .discontinuity_filter import smooth_irradiance
+from .irradiance import irradiance, list_irradiance
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Simple shading: diffuse surfaces, the share of each light's irradiance that arrives, and a little ambient light.
+#
+# Ambient occlusion scales the ambient light. `picture.irradiance` shades lists of lights.
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
 
 AMBIENT = 0.12
 """Ambient irradiance as a share of the mean unoccluded direct irradiance of the visible surfaces."""
@@ -26,7 +32,7 @@ _ONE, SIDEWAYS = np.float32(1.0), np.float32(0.65)
 """Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
 
 
-def arriving(gbuffer, light, query, bits, seen=None, shading=None, threads=None) -> np.ndarray:
+def arriving_irradiance(gbuffer, light, query, bits, seen=None, shading=None, threads=None) -> np.ndarray:
     """Irradiance of each pixel's surface from a light, as `shade` takes it; `shading`: ShadingNormals or None.
 
     - Lists of lights: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
@@ -36,7 +42,7 @@ def arriving(gbuffer, light, query, bits, seen=None, shading=None, threads=None)
     """
     if light.domain == "list":
         arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
-        return arrived if seen is None or not light.interleave else smoothed(seen, arrived, threads)
+        return arrived if seen is None or not light.interleave else smooth_irradiance(seen, arrived, threads)
     if light.domain == "hemisphere":
         return np.zeros(gbuffer.face.shape, np.float32)
     return irradiance(gbuffer, query.light, light.domain, shading, threads)
@@ -102,7 +108,7 @@ def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=No
     """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 where no surface is seen.
 
     colour : (n, 3) float32, the colour of each face
-    lights : list of lights; arrived : the result of `arriving` for each; shares : (H, W) float32 of `image.shares`
+    lights : list of lights; arrived : the result of `arriving` for each; shares : (H, W) float32 of `picture.light_visibility`
     ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", the axis from which most of the ambient light comes
     indirect : (H, W, 3) float32, additional irradiance; None: none
@@ -157,3 +163,38 @@ def _stack(images, shape) -> np.ndarray:
     if len(images) == 1:
         return images[0][None]
     return np.stack(images) if images else np.empty((0, *shape), np.float32)
+
+
+# --- What pixels show that see no surface: the light of skies, or a backdrop ------------------------------------------
+
+
+BACKDROP = 0.75
+"""Share of white that a backdrop shows where the soft daylight has a radiance of 1."""
+
+
+def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> np.ndarray:
+    """(H, W, 3) float32, linear shares of white: a soft daylight behind a scene that no sky lights.
+
+    It sheds no light, and no exposure changes it. It is 0 where surfaces cover the whole pixel.
+
+    coverage : (H, W) float32, the share of each pixel that shows surfaces
+    """
+    out, (rows, columns) = np.zeros((*coverage.shape, 3), np.float32), np.nonzero(coverage < 1.0)
+    out[rows, columns] = sky_behind([Sky(up=up, intensity=BACKDROP)], rays, rows, columns)
+    return out
+
+
+def skies_of(lights) -> list[Sky]:
+    """The skies among some lights."""
+    return [light for light in lights if isinstance(light, Sky)]
+
+
+def sky_behind(skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(m, 3) float32: the radiance of skies through the centres of pixels (rows[i], columns[i]), or 0."""
+    out = np.zeros((len(rows), 3), np.float32)
+    if skies and len(rows):
+        half = np.float32(0.5)
+        directions = rays.directions(columns.astype(np.float32) + half, rows.astype(np.float32) + half)
+        for sky in skies:
+            out += sky.radiance(directions)
+    return out
