@@ -24,8 +24,8 @@ from time import monotonic
 
 import numpy as np
 
-from antumbra.cli import render
-from antumbra.cli.sharing import begin
+from antumbra.cli import render_command as render
+from antumbra.cli.shards import begin
 from antumbra.cluster import Cluster, connected
 from antumbra.jobs.engines import Asked, numbered
 from common import arguments, machine
@@ -67,7 +67,7 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
 
 def asked_of(words: list[str]):
     """The home and the arguments of ``antumbra render`` with these words."""
-    from antumbra.cli.renderarguments import RenderArguments
+    from antumbra.cli.picture_spec import RenderArguments
 
     names = dict(zip(words[1::2], words[2::2]))
     values = {"scene": words[0], "size": names["--size"], "spp": int(names["--spp"]), "output": Path("a.exr")}

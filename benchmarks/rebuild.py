@@ -23,7 +23,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from antumbra.cli import report
+from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError

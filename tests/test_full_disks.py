@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.export import SUFFIXES, write_scene
+from antumbra.cli.scene_export import SUFFIXES, write_scene
 from antumbra.generate.procedural_scenes import generate
 from antumbra.jobs.formats import WRITERS
 from antumbra.picture.image_files import save_png, write_film

@@ -7,10 +7,10 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli import frames
-from antumbra.cli import picturespec as asked
-from antumbra.cli.arguments import Sequence, parse_frames
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli import picture_spec as asked
+from antumbra.cli import render_command as frames
+from antumbra.cli.arguments import FrameSequence, parse_frames
+from antumbra.cli.console import ProgressDisplay
 from antumbra.picture.image_files import note_of
 from antumbra.rendering.renderer import Renderer
 from gltf_files import Gltf
@@ -82,7 +82,7 @@ def test_every_frame_is_the_picture_of_its_moment(film, cli, moving):
 def test_numbers_and_moments():
     assert list(parse_frames("0:4").numbers) == [0, 1, 2, 3, 4] and parse_frames("0:4").fps == 24
     assert list(parse_frames("3:8:2").numbers) == [3, 5, 7] and list(parse_frames("7:7").numbers) == [7]
-    assert Sequence(range(1), 24.0).time(12) == 0.5
+    assert FrameSequence(range(1), 24.0).time(12) == 0.5
     assert str(frames.numbered(Path("a#/f.###.v##.png"), 7)) == os.path.join("a#", "f.###.v07.png")
     assert frames.numbered(Path("f#.exr"), 123).name == "f123.exr"
 

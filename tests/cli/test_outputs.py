@@ -11,7 +11,8 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.cli import bench, outputs
+from antumbra.cli import bench_command as bench
+from antumbra.cli import options as outputs
 from antumbra.cli.app import app
 from antumbra.jobs import formats
 from antumbra.plugins import announced

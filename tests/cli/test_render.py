@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli.console import ProgressDisplay
 from gltf_files import png
 
 
@@ -337,7 +337,7 @@ def test_bad_scenes(cli, render, tmp_path):
 
 
 def test_what_is_wrong_is_said_before_the_scene_is_read(render, monkeypatch):
-    from antumbra.cli import render as command
+    from antumbra.cli import render_command as command
 
     monkeypatch.setattr(command, "open_scene", lambda *_: pytest.fail("the scene was read"))
     for bad in (

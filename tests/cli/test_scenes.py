@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import antumbra as at
-from antumbra.cli import export
+from antumbra.cli import scene_export as export
 from antumbra.generate.procedural_scenes import PROCEDURAL, generate
 
 

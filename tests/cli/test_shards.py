@@ -159,7 +159,7 @@ def test_bad_input(cli, words, told):
 
 def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):
     """Shard 1 has the second frame only: it finds the exposure of the first, although nobody has rendered it yet."""
-    from antumbra.cli.frames import _noted
+    from antumbra.cli.render_command import _noted
 
     words = JOBS["frames"]
     run("a", *words, "--shard", "1/4", "-q")

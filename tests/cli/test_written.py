@@ -8,12 +8,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from antumbra.cli.app import app
-from antumbra.cli.comparearguments import CompareArguments
-from antumbra.cli.options import takes
-from antumbra.cli.panels import Grouped
-from antumbra.cli.renderarguments import RenderArguments
-from antumbra.cli.written import all_written, arguments_of, literal
+from antumbra.cli.app import Grouped, app
+from antumbra.cli.compare_command import CompareArguments
+from antumbra.cli.options import arguments_of, derived_options, literal, takes
+from antumbra.cli.picture_spec import RenderArguments
 from antumbra.rendering.keywords import Option, Whole, Words, deciding, option_of, values, with_keywords
 from antumbra.rendering.options import EngineOptions, RenderKeywords, RenderOptions
 
@@ -29,7 +27,7 @@ APART = {
 @pytest.mark.parametrize("name", ["render", "compare"])
 def test_a_command_has_the_options_that_name_it(name):
     own = {param.name: param for param in COMMANDS.commands[name].params}
-    found = [each for each in all_written() if name in each.words.commands]
+    found = [each for each in derived_options() if name in each.words.commands]
     for each in found:
         param = own[each.name]
         assert each.words.help in param.help and param.rich_help_panel == each.words.panel
@@ -40,7 +38,7 @@ def test_a_command_has_the_options_that_name_it(name):
 
 def test_help_shows_every_option(cli):
     shown = " ".join(cli("render", "--help").out.split())
-    for each in all_written():
+    for each in derived_options():
         assert f"--{each.name.replace('_', '-')} " in shown
         assert " ".join(each.words.help.split()) in shown and (not each.words.note or each.words.note in shown)
 

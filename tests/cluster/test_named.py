@@ -11,10 +11,10 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.cli import sharing
+from antumbra.cli import shards as sharing
 from antumbra.cli.app import app
-from antumbra.cli.matrix import MatrixArguments
-from antumbra.cli.sunarguments import SunArguments
+from antumbra.cli.sight_commands import MatrixArguments
+from antumbra.cli.sun_command import SunArguments
 from antumbra.cluster import calls, inputs, node
 from antumbra.cluster.named import INPUTS, files_in, with_files
 
@@ -83,7 +83,7 @@ MATRIX = MatrixArguments(CITY, "raster:dem.tif+1.6", output=Path("a.npy"), plan=
 
 
 @pytest.mark.parametrize(
-    "given, home", [(SUN, ("antumbra.cli.sun", "sun")), (MATRIX, ("antumbra.cli.matrix", "matrix"))]
+    "given, home", [(SUN, ("antumbra.cli.sun_command", "sun")), (MATRIX, ("antumbra.cli.sight_commands", "matrix"))]
 )
 def test_rasters_of_sensors_are_fetched(tmp_path, monkeypatch, told, given, home):
     (tmp_path / "here").mkdir()

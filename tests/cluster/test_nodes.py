@@ -137,7 +137,7 @@ class Disturbing:
 
 
 def on_a_disturbed_cluster(same, monkeypatch, disturb) -> Disturbing:
-    from antumbra.cli import progress
+    from antumbra.cli import console as progress
 
     heard = Disturbing(disturb)
     monkeypatch.setattr(progress.ProgressDisplay, "say", lambda self, *said: heard(*said, *[0] * (3 - len(said))))

@@ -18,9 +18,9 @@ import city_files
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.formats.gltf.gltf_file import split_glb
-from gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from formats.test_frames import FRAMES
 from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
+from gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from scenes import scene_path
 
 SECONDS = 20  # for a file of a few kilobytes; only a hang takes so long

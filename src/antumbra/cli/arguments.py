@@ -1,10 +1,15 @@
-"""Parses command-line arguments. All of them are checked before a scene is loaded."""
+"""Parses command-line arguments, and opens the scene that they name.
+
+All arguments are checked before a scene is loaded.
+"""
 
 import math
 import re
+import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -12,6 +17,11 @@ import numpy as np
 from ..errors import InputError
 from ..extras import needed
 from ..scene.materials import srgb_to_linear
+from ..scene.scene_data import group_notes
+from .console import say
+
+# --- Parses command-line arguments. All of them are checked before a scene is loaded ----------------------------------
+
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -71,7 +81,7 @@ class CameraSpec(NamedTuple):
     extent: float | None = None  # height of the picture of an orthographic camera at a place
 
 
-class Sequence(NamedTuple):
+class FrameSequence(NamedTuple):
     """Frames of an animation. Frame k shows the time k / fps."""
 
     numbers: range
@@ -137,7 +147,7 @@ def check_plot(path: Path, option: str = "--plot") -> None:
     needed("matplotlib", option, "plot")
 
 
-def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
+def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> FrameSequence:
     """Parse ``FIRST:LAST[:STEP]``, LAST included, together with ``--time`` and ``--fps``."""
     match = _FRAMES.fullmatch(text.strip())
     first, last, step = (int(n or 1) for n in match.groups()) if match else (0, -1, 0)
@@ -150,7 +160,7 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
     fps = 24.0 if fps is None else fps
     if not 1e-6 <= fps <= 1e6:
         raise InputError(f"--fps is {fps:g}; it must be a number of frames a second above 0, such as 24")
-    return Sequence(range(first, last + 1, step), fps)
+    return FrameSequence(range(first, last + 1, step), fps)
 
 
 def parse_srdh_rays(text: str):
@@ -371,3 +381,63 @@ def _numbers(text: str, n: int, name: str, wanted: str) -> list[float]:
     if len(values) != n or not all(map(math.isfinite, values)):
         raise InputError(f"{name} is {text!r}; it must be {wanted}")
     return values
+
+
+# --- Opens the scene of a command, and shows the loader's notes -------------------------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+
+_MOST_NOTES = 5
+
+
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs: str | None = None) -> "AnyScene":
+    """The scene that a `SceneSpec` names, with a CRS. The loader's notes appear on standard error."""
+    if spec.path is None:
+        from .. import procedural
+
+        if up is not None or crs is not None:
+            raise InputError("--up and --crs belong to files; procedural scenes have +Y up and no CRS, leave them out")
+        return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
+    from .. import load
+    from ..store.store_format import STORE_SUFFIX
+
+    if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
+        raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
+    with quietly():  # the notes are printed below
+        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, crs=crs)
+    if not quiet:
+        notes = group_notes(scene.notes, "antumbra info shows all")
+        for note in notes[:_MOST_NOTES]:
+            say(f"note: {note}")
+        if len(notes) > _MOST_NOTES:
+            say(f"note: and {len(notes) - _MOST_NOTES} other kinds; antumbra info shows all of them")
+    return scene
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Hide the loader's notes, which are warnings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
+def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
+    """Limit the memory of all questions to a scene in a store; InputError if the scene is in memory."""
+    from ..engine.paged_scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        scene.max_memory = max_memory
+    elif max_memory is not None:
+        raise InputError(f"--max-memory is for scenes in a store, and {scene.name} is in memory; leave it out")
+
+
+def in_memory(scene: "AnyScene") -> "AnyScene":
+    """The scene; InputError if it is in a store."""
+    from ..engine.paged_scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    return scene

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..cli.arguments import PROCEDURAL as PREFIX
-from ..cli.arguments import parse_scene
-from ..cli.sceneinput import open_scene
+from ..cli.arguments import open_scene, parse_scene
 from ..engine.scene import AnyScene, procedural
 from ..engine.scene_loading import load
 from ..errors import InputError

@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from ...cli import arguments, report
-from ...cli.options import Json, MaxMemoryOption, Quiet, Threads
-from ...cli.outputs import writes, writes_folder
-from ...cli.progress import ProgressDisplay
-from ...cli.results import Results, benchmark
+from ...cli import arguments
+from ...cli import console as report
+from ...cli.bench_command import Results, benchmark
+from ...cli.console import ProgressDisplay
+from ...cli.options import Json, MaxMemoryOption, Quiet, Threads, writes, writes_folder
 from ...errors import InputError
 from ..views import open_view
 from .kinds import IN_CORE, PAGED, WALKED, Table

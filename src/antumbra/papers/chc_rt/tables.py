@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 
-from ...cli import report
+from ...cli import console as report
 from . import measure as bench
 from . import published as paper
 from .ablation import AS_IT_IS

@@ -1,6 +1,6 @@
 """Prints the tables of the pre-BVH culling paper for people, with the paper's figures in brackets."""
 
-from ...cli import report
+from ...cli import console as report
 from . import published as paper
 from .measure import BUILDERS, CONVEX, HULLS, LINES, SAMPLES, GridRow, TimeToImage, break_even
 

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ...cli import arguments, report
-from ...cli.options import Json, Quiet, Threads
-from ...cli.outputs import writes
-from ...cli.progress import ProgressDisplay
-from ...cli.results import Results, benchmark
+from ...cli import arguments
+from ...cli import console as report
+from ...cli.bench_command import Results, benchmark
+from ...cli.console import ProgressDisplay
+from ...cli.options import Json, Quiet, Threads, writes
 from ..views import open_view
 
 if TYPE_CHECKING:

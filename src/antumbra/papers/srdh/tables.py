@@ -1,6 +1,6 @@
 """Prints the tables of the SRDH paper for people, with the paper's figures."""
 
-from ...cli import report
+from ...cli import console as report
 from . import measure as bench
 from . import published as paper
 from .measure import Counted

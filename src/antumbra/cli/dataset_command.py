@@ -1,4 +1,4 @@
-"""``antumbra dataset``: renders a scene by many cameras and lights, with ids, to a folder."""
+"""``antumbra dataset``: renders a scene with many cameras and lights, with ids, to a folder."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from . import arguments, report
-from .arguments import CameraSpec, SceneSpec
-from .failures import say
+from . import arguments
+from . import console as report
+from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
+from .console import ProgressDisplay, say
 from .options import (
     SCENE_HELP,
+    AoOption,
     Json,
     MaxMemoryOption,
+    PictureLightOption,
     Quiet,
     SamplerOption,
     SppOption,
@@ -21,12 +24,10 @@ from .options import (
     TimeOption,
     UpOption,
     takes,
+    writes,
+    writes_folder,
 )
-from .outputs import writes, writes_folder
-from .pictureoptions import AoOption, PictureLightOption
-from .progress import ProgressDisplay
-from .sceneinput import limit_memory, open_scene
-from .sharing import MergeOption, RayOption, ShardOption, engine_for, parse_shard
+from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene

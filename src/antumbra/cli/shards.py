@@ -1,4 +1,4 @@
-"""``--shard``, ``--ray`` and ``merge``: the engine that a command asks for, and the folder where it keeps shards."""
+"""Work split among processes: the options --shard, --ray and --merge, the folder of shards, and ``antumbra merge``."""
 
 import re
 from contextvars import ContextVar
@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import report
+from . import console as report
+from .options import Json, Quiet
+
+# ---------------------------------------------------------------------------------------------------------------------
+# ``--shard``, ``--ray`` and ``merge``: the engine that a command asks for, and the folder where it keeps shards.
+
 
 if TYPE_CHECKING:
     from ..jobs.engines import Asked, Engine, Share
@@ -36,12 +41,12 @@ RayOption = Annotated[
 ]
 MergeOption = Annotated[list[Path] | None, typer.Option("--merge", hidden=True)]  # from ``antumbra merge``
 
-words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
+command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 """The words of the command line."""
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # that of a frame, at the end of a name
-asked: ContextVar["Asked | None"] = ContextVar("asked", default=None)
+node_engine: ContextVar["Asked | None"] = ContextVar("asked", default=None)
 """The engine of a command that begins on a node of a cluster."""
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
@@ -71,7 +76,7 @@ def shards_folder(output: Path) -> Path:
 
 def command_words() -> list[str]:
     """The words of the command that decide its results."""
-    found, rest = [], iter(words.get())
+    found, rest = [], iter(command_line.get())
     for word in rest:
         name = word.partition("=")[0]
         if name in _VALUED:
@@ -92,7 +97,7 @@ def engine_for(given: Any, output: Path) -> "Engine | None":
     from ..jobs.merging import Merge
 
     share, folder = parse_shard(given.shard), shards_folder(output)
-    if (own := asked.get()) is not None:
+    if (own := node_engine.get()) is not None:
         return own
     if given.merge:
         return Merge(folder, given.merge)
@@ -123,15 +128,15 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
         if value is not None:
             changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
     changed |= with_files(vars(given), paths)
-    token = asked.set(engine)
+    token = node_engine.set(engine)
     try:
         command = getattr(import_module(home[0]), home[1]).command
         command(replace(given, threads=given.threads or threads, **changed))
     finally:
-        asked.reset(token)
+        node_engine.reset(token)
 
 
-def tell_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
+def report_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
     """Say what a shard did, which wrote no results; return the exit code."""
     from ..jobs.engines import Shard
 
@@ -145,3 +150,32 @@ def tell_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
         rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", report.duration(seconds))]
         report.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
+
+
+# --- ``antumbra merge``: the results of a command from the shards of several processes --------------------------------
+
+
+def merge(
+    context: typer.Context,
+    folders: Annotated[list[Path], typer.Argument(help="Folders NAME.shards that --shard made.", metavar="FOLDER...")],
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Join the shards of a command: write the files that it writes without --shard, byte by byte.
+
+    Each FOLDER says which command made it. The same command runs once more, in the current folder, and takes what the
+    shards found instead of tracing rays. A shard that is missing, doubled, stale, or of another command is an error
+    that names it, and no file is written then.
+
+    \b
+    Examples
+      antumbra merge city.shards
+      antumbra merge node1/city.shards node2/city.shards
+    """
+    from ..jobs.engines import read_job
+
+    command = read_job(folders[0]).command
+    more = [word for folder in folders for word in ("--merge", str(folder))]
+    words = [*command, *more, *(["--json"] * json), *(["--quiet"] * quiet)]
+    code = context.find_root().command.main(words, prog_name="antumbra", standalone_mode=False)
+    return code if isinstance(code, int) else 0

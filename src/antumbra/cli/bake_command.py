@@ -1,4 +1,4 @@
-"""``antumbra bake``: ambient occlusion, shadows or light of a scene, into a glTF file."""
+"""``antumbra bake``: bakes ambient occlusion, shadows or light of a scene into a glTF file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,19 +10,29 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import arguments, report
-from .options import SCENE_HELP, Json, Quiet, SamplerOption, Threads, TimeOption, UpOption, takes
-from .outputs import writes
-from .pictureoptions import PictureLightOption
-from .progress import ProgressDisplay
-from .sceneinput import open_scene, quietly
-from .sharing import MergeOption, RayOption, ShardOption, engine_for, tell_shard
+from . import arguments
+from . import console as report
+from .arguments import open_scene, quietly
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    Json,
+    PictureLightOption,
+    Quiet,
+    SamplerOption,
+    Threads,
+    TimeOption,
+    UpOption,
+    takes,
+    writes,
+)
+from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
 
 if TYPE_CHECKING:
     from ..jobs.bake import Baked
 
 
-class What(StrEnum):
+class BakedQuantity(StrEnum):
     ao = "ao"
     shadow = "shadow"
     sun = "sun"
@@ -38,7 +48,7 @@ class BakeArguments:
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
-    what: Annotated[What, typer.Option(help="What surfaces receive.")] = What.ao
+    what: Annotated[BakedQuantity, typer.Option(help="What surfaces receive.")] = BakedQuantity.ao
     vertex: Annotated[bool, typer.Option("--vertex", help="Values at vertices; this is the default.")] = False
     attribute: Annotated[
         str | None,
@@ -146,7 +156,7 @@ def bake(given: BakeArguments) -> int:
     """
     if given.vertex and given.texture is not None:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
-    if given.sky is not None and given.what is not What.light:
+    if given.sky is not None and given.what is not BakedQuantity.light:
         raise InputError("--sky belongs to --what light; leave it out")
     spec = arguments.parse_scene(given.scene)
     asked = [arguments.parse_light(text) for text in given.light or []]
@@ -164,7 +174,7 @@ def bake(given: BakeArguments) -> int:
         with quietly():
             made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
         if made is None:
-            return tell_shard(engine, given, perf_counter() - start)
+            return report_shard(engine, given, perf_counter() - start)
     if given.json:
         report.print_json(made._asdict())
     elif not given.quiet:

@@ -1,7 +1,7 @@
-"""Procedural scenes as files for other programs: GLB, OBJ and PLY with base colours.
+"""Exports procedural scenes for other programs: GLB, OBJ and PLY with base colours.
 
-They are not written by `trimesh`: its GLB has no lights (KHR_lights_punctual), and its colours have 8 bits. The GLB
-files here have lights and linear float colours.
+`trimesh` does not write them: its GLB has no lights (KHR_lights_punctual), and its colours have 8 bits. The GLB files
+written here have lights and linear float colours.
 """
 
 import math

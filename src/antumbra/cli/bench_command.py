@@ -1,5 +1,11 @@
-"""Commands of ``antumbra bench``: their options --quick and --output, and the files of their results."""
+"""``antumbra bench``: repeats the measurements of the papers, with the papers' figures beside ours.
 
+Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. Other packages can
+announce more. They are looked up when the command is used. `benchmark` gives a command the options --quick and
+--output, and `Results` writes its tables and plots. ``all`` passes the options on to the commands that have them.
+"""
+
+import gc
 import inspect
 import json
 import shlex
@@ -9,17 +15,22 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
+from time import monotonic
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from ..errors import InputError
 from ..output import checked_output, replacing
-from . import report
+from ..plugins import announced
+from . import console as report
 from .arguments import check_plot
-from .failures import say
-from .outputs import writes_folder
-from .record import Record
+from .console import UNFORESEEN, Record, explained, say
+from .options import Quiet, writes_folder
+
+# --- Commands of ``antumbra bench``: their options --quick and --output, and the files of their results ---------------
+
 
 OutputOption = Annotated[
     Path | None,
@@ -70,7 +81,7 @@ class Results:
             report.print_json(answer)
 
     def _write(self, folder: Path, record: Record, answer: dict) -> None:
-        from .about import about
+        from .installation_commands import about
 
         header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}
         text = json.dumps(report.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
@@ -95,7 +106,7 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., Non
             if quick:
                 given |= {name: value for name, value in found.quick.items() if not _is_given(context, name)}
             name = context.command.name or ""
-            with made_folder(output):
+            with results_folder(output):
                 command(Results(name, _command_line(context), output, given["json"], given["quiet"]), **given)
 
         found: Any = run
@@ -109,7 +120,7 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., Non
 
 
 @contextmanager
-def made_folder(folder: Path | None) -> Iterator[None]:
+def results_folder(folder: Path | None) -> Iterator[None]:
     """Make a folder, and remove it if it is empty at the end. None: there is no folder.
 
     Raises
@@ -173,3 +184,90 @@ def _command_line(context: typer.Context) -> str:
             for each in value if isinstance(value, (list, tuple)) else (value,):
                 words += [parameter.opts[0], str(each)]
     return shlex.join(words)
+
+
+# --- ``antumbra bench``: repeats the measurements of the papers, and prints the papers' figures beside ours -----------
+#
+# Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. `antumbra.papers`
+# announces some; other packages can do the same. The program looks for them when the command is used.
+# `results.benchmark` gives a command its options --quick and --output. ``all`` passes them on to the commands that
+# have them.
+
+
+_GROUP = "antumbra.bench"
+
+
+class _Announced(TyperGroup):
+    """A group that finds its commands when it is asked for them."""
+
+    def list_commands(self, ctx) -> list[str]:
+        return [*super().list_commands(ctx), *announced(_GROUP)]
+
+    def get_command(self, ctx, cmd_name: str):
+        return _loaded(cmd_name) if cmd_name in announced(_GROUP) else super().get_command(ctx, cmd_name)
+
+
+def _loaded(name: str) -> Any:
+    """The announced command of this name."""
+    alone = typer.Typer(rich_markup_mode=None, add_completion=False)
+    alone.command(name)(announced(_GROUP)[name].load())
+    return typer.main.get_command(alone)
+
+
+app = typer.Typer(cls=_Announced, help="Measure what the papers measured.", rich_markup_mode=None)
+
+
+@app.callback()
+def _bench() -> None:
+    """Measure the tables and plots of the papers on this machine, with the papers' figures beside ours."""
+
+
+@app.command("all")
+def all_(
+    quick: Annotated[bool, typer.Option("--quick", help="Measure less: all in ten minutes on two cores.")] = False,
+    output: OutputOption = None,
+    quiet: Quiet = False,
+) -> int:
+    """All other benches, one after the other.
+
+    If one fails, a line on standard error says why, the others follow, and the exit code is 1. After Ctrl-C, files of
+    finished benches remain.
+
+    \b
+    Examples
+      antumbra bench all --quick --output results
+    """
+    took: dict[str, str] = {}
+    names = list(announced(_GROUP))
+    with results_folder(output):
+        try:
+            for k, name in enumerate(names, 1):
+                if not quiet:
+                    print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
+                start, failed = monotonic(), _run(name, quick, output, quiet)
+                took[name] = "failed after " * failed + report.duration(monotonic() - start)
+                gc.collect()  # scenes of one bench do not stay in memory beside those of the next
+        finally:
+            if not quiet:
+                report.print_fields(took.items())
+    return UNFORESEEN if any(text.startswith("failed") for text in took.values()) else 0
+
+
+def _run(name: str, quick: bool, output: Path | None, quiet: bool) -> bool:
+    """Run a bench. If it fails, say why and return True."""
+    try:
+        command = _loaded(name)
+        options = {
+            "quick": ["--quick"] * quick,
+            "output": ["--output", str(output)] if output else [],
+            "quiet": ["--quiet"] * quiet,
+        }
+        words = [word for parameter in command.params for word in options.get(parameter.name or "", [])]
+        with command.make_context(f"antumbra bench {name}", words) as context:
+            command.invoke(context)
+    except (BrokenPipeError, typer.Abort):
+        raise
+    except Exception as error:
+        say(f"antumbra bench {name} failed: {explained(error)[0]}")
+        return True
+    return False

@@ -9,21 +9,25 @@ import typer
 
 from ..errors import InputError
 from . import arguments
-from .failures import say
-from .joboptions import CrsOption, DegreesOption, NorthOption, PlanOption, TimezoneOption
+from .arguments import limit_memory, open_scene
+from .console import ProgressDisplay, say
 from .options import (
     SCENE_HELP,
     CameraOption,
+    CrsOption,
+    DegreesOption,
     MaxMemoryOption,
+    NorthOption,
+    PictureLightOption,
+    PlanOption,
     Quiet,
+    SkyOption,
     Threads,
     TimeOption,
+    TimezoneOption,
     UpOption,
     takes,
 )
-from .pictureoptions import PictureLightOption, SkyOption
-from .progress import ProgressDisplay
-from .sceneinput import limit_memory, open_scene
 
 _SIZE = 1024, 1024  # of the camera before the browser says its own
 
