@@ -35,8 +35,8 @@ from antumbra.engine.in_memory_source import PLANS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
-from antumbra.papers.peers.embree_rays import occluded_of, trace, write
-from antumbra.papers.peers.ray_sets import ray_set
+from antumbra.papers.peers.embree import occluded_of, trace, write
+from antumbra.papers.peers.ray_contest import ray_set
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.receivers import NOTHING, surface_receivers

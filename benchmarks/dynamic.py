@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from antumbra.papers.peers import embree
-from antumbra.papers.peers.contest import CLOCKS, OURS
+from antumbra.papers.peers.ray_contest import CLOCKS, OURS
 from antumbra.picture.irradiance import irradiance
 from antumbra.picture.shading import ambient_light, shade
 from antumbra.plan import DEFAULT_PLAN

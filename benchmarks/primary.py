@@ -19,9 +19,8 @@ import argparse
 
 from antumbra.bvh.blocks import block_tree
 from antumbra.methods import BUILDERS
-from antumbra.papers.peers.contenders import embree_contenders
-from antumbra.papers.peers.contest import OURS, Contender, contest, rows
-from antumbra.papers.peers.ray_sets import primary_rays
+from antumbra.papers.peers.peer_measurements import embree_contenders
+from antumbra.papers.peers.ray_contest import OURS, Contender, contest, primary_rays, rows
 from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise

@@ -25,8 +25,8 @@ from antumbra.jobs.sun.hours import answer, ask
 from antumbra.jobs.sun.times import parse_days, zone_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
-from antumbra.papers.peers.embree_rays import occluded_of, trace, write
-from antumbra.papers.peers.ray_sets import ray_set
+from antumbra.papers.peers.embree import occluded_of, trace, write
+from antumbra.papers.peers.ray_contest import ray_set
 from antumbra.query.receivers import Receivers
 from common import SCENES, arguments, has_embree, machine
 

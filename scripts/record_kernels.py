@@ -17,7 +17,7 @@ from pathlib import Path
 
 from antumbra.jobs.warm import jobs
 from antumbra.kernels.needs import FILE, recorded
-from antumbra.papers.methods import NEEDS as PAPERS
+from antumbra.papers.published_methods import NEEDS as PAPERS
 
 JOB = """
 import json, sys

@@ -4,7 +4,7 @@ import pytest
 
 from antumbra.errors import InputError
 from antumbra.methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, own_methods, register
-from antumbra.papers.srdh.variants import ORDERS
+from antumbra.papers.published_methods import ORDERS
 from antumbra.plan import DEFAULT_PLAN, TREE, Plan, all_plans, covering_plans, parse_plan
 
 

@@ -20,7 +20,11 @@ from antumbra.generate.procedural_scenes import (
     generate,
 )
 from antumbra.generate.shapes import PaletteMesh, assemble, count, fitted, place_copies
-from antumbra.papers.scenes import bedding, furniture, sculptures, toys, window
+from antumbra.papers.scenes import bedroom as window
+from antumbra.papers.scenes import furnishings as bedding
+from antumbra.papers.scenes import furnishings as furniture
+from antumbra.papers.scenes import furnishings as toys
+from antumbra.papers.scenes import museum_halls as sculptures
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import QuadLight
 

@@ -15,7 +15,7 @@ TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "
 @pytest.fixture
 def culling(cli, monkeypatch):
     """Runs the benchmark of pre-BVH culling with small scenes."""
-    from antumbra.papers.pre_bvh_culling import views as culling_views
+    from antumbra.papers.pre_bvh_culling import culling_measurements as culling_views
 
     monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
     whole = culling_views.procedural

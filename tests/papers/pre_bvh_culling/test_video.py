@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.papers.pre_bvh_culling.measure import CONVEX, HULLS, LINES, USUAL, GridRow, grid_rows, mean_rows
-from antumbra.papers.pre_bvh_culling.video import video_views
+from antumbra.papers.pre_bvh_culling.culling_measurements import (
+    CONVEX,
+    HULLS,
+    LINES,
+    USUAL,
+    GridRow,
+    grid_rows,
+    mean_rows,
+    video_views,
+)
 from antumbra.rendering.renderer import Renderer
 
 

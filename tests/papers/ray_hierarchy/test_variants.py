@@ -6,8 +6,7 @@ import pytest
 
 from antumbra.errors import InputError
 from antumbra.methods import find_method
-from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.papers.ray_hierarchy.variants import CONES, TABLE_1, combination
+from antumbra.papers.ray_hierarchy.cone_hierarchy import CONES, TABLE_1, Cones, combination
 from antumbra.plan import parse_plan
 from antumbra.techniques.tracer_options import RayHierarchyOptions
 

@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, reject, settings
 
 import antumbra as at
-from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.papers.ray_hierarchy.variants import combination
+from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones, combination
 from antumbra.plan import parse_plan
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
