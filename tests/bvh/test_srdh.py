@@ -9,11 +9,11 @@ import oracle
 from antumbra.bvh import binned_sah, srdh, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
 from antumbra.bvh.quality import statistics, validate
-from antumbra.bvh.rayset import Intersections
 from antumbra.bvh.refit import refit
 from antumbra.bvh.srdh import KERNELS
 from antumbra.errors import InputError
 from antumbra.methods import BUILDERS
+from antumbra.trace.rays.ray_hits import Intersections
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain

@@ -34,10 +34,11 @@ from ..kernels.simd import (
     store,
     swap_halves,
 )
+from ..trace.rays.ray_hits import Intersections
 from .links import LINK, ORDER, bvh_leaf, line_at
 from .nodes import EMPTY, LEFT_FIRST, MAX_DEPTH, Bvh, aligned_empty, parents_first
 from .order import swap_children
-from .rayset import GROW, Intersections, bounded_rays, check_intersections, ray_at
+from .rayset import GROW, bounded_rays, check_intersections, ray_at
 
 _CHUNK = 64  # rays
 _LEVELS = MAX_DEPTH + 2

@@ -23,6 +23,7 @@ from ..errors import InputError
 from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import thread_count
 from ..kernels.simd import as_i32, get, load4, load8, ptr_at, put, stack_array, stack_f32, stack_i32, store
+from ..trace.rays.ray_hits import Intersections
 from . import binned_sah
 from .assemble import assemble
 from .bins import BIN_WORDS, binned, clear_bins, fill_bins, make_mapping, partition
@@ -31,7 +32,7 @@ from .links import link_at, order_at
 from .nodes import MAX_DEPTH, Bvh
 from .prepare import PAIR, checked, make_records, power_of_two_for
 from .rayorder import order_by_rays
-from .rayset import HIT, RAY, Intersections, ShownRaysPointers, Side, check_intersections, divide_rays, shown_rays
+from .rayset import HIT, RAY, ShownRaysPointers, Side, check_intersections, divide_rays, shown_rays
 from .splits import must_halve
 from .srdh_cost import CONSTANT, DISTANCE, HeuristicSettings, no_ray_split, ray_split
 from .srdh_top import RayLevels

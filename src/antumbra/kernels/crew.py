@@ -23,7 +23,7 @@ _POLL_SECONDS = 0.1
 _START = """
 import json, sys
 sys.path[:] = json.loads(sys.stdin.readline())
-from antumbra.kernels.worker import main
+from antumbra.kernels.toolchain.compile_pool import serve
 main()
 """
 

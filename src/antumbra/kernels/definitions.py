@@ -13,8 +13,8 @@ from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
 SIMD = "antumbra.kernels.simd"
-_IMPLIED = f"{SIMD}.operators", f"{SIMD}.vectors"
-"""Numba learns from these modules the meaning of ``a + b`` for vectors. No kernel names them."""
+_IMPLIED = (f"{SIMD}.vectors",)
+"""Numba learns from this module the meaning of ``a + b`` for vectors. No kernel names them."""
 
 
 class _Module:

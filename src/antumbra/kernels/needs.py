@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from .crew import Wanted
 
-FILE = Path(__file__).with_name("needs.json")
+FILE = Path(__file__).parents[1] / "needs.json"
 
 
 class Needs(NamedTuple):

@@ -39,7 +39,7 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m antumbra.kernels.pack", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m antumbra.kernels.toolchain.kernel_manifest", description="Compile packs of all recorded kernels.")
     parser.add_argument("--level", action="append", choices=LEVELS, help="may be repeated; default: all")
     parser.add_argument("--out", type=Path, default=PACKS, help="folder; default: the package's own")
     options = parser.parse_args(arguments)

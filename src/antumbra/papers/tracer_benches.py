@@ -22,6 +22,7 @@ from .benchmark_views import open_view
 
 if TYPE_CHECKING:
     from .multi_frusta.frusta_measurements import Case, SoftShadowQuality
+    from .ray_hierarchy.ray_hierarchy_measurements import RelativeCost
 
 
 @benchmark(size="160x160", rounds=1)

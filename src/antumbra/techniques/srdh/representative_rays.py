@@ -11,12 +11,11 @@ import numpy as np
 
 from ...bvh import lbvh
 from ...bvh.nodes import Bvh
-from ...bvh.rayset import Intersections
 from ...bvh.srdh_rays import SrdhRays
 from ...errors import InputError
 from ...query.gbuffer import GBuffer
 from ...query.shadow_query import ShadowQuery, segments, shadow_queries
-from ...trace.rays.ray_hits import bounced, intersections
+from ...trace.rays.ray_hits import Intersections, bounced, intersections
 from ..culling.pre_bvh_culling import solid_tree
 
 _FEW_TRIANGLES = 1000  # among fewer, all rays are shown
