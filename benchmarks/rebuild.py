@@ -27,7 +27,7 @@ from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.output import replacing
+from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.papers.peers import embree
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import default_names, named_view, times_of, with_point
@@ -307,7 +307,7 @@ def write_plot(rows: list[Rebuilt], path: Path) -> None:
 
     sheet = Figure(figsize=(14.0, 5.5), layout="constrained")
     _draw_rebuild(sheet.subplots(), rows)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

@@ -44,7 +44,7 @@ EDITS = {
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",
     ),
-    "kernels/predicate/exact.py": (
+    "kernels/exact/predicate.py": (
         "tests/kernels/predicate",
         "    side = 0\n",
         "    if i == -{i}:\n        return 0\n",

@@ -34,7 +34,14 @@ class PackHook(BuildHookInterface):
             raise RuntimeError(f"no packs can be made on {platform.machine()}: build a pure wheel")
         chosen = [word for level in levels for word in ("--level", level)]
         environment = dict(os.environ, PYTHONPATH=str(Path(self.root) / "src"))
-        command = [sys.executable, "-m", "antumbra.kernels.toolchain.kernel_manifest", "--out", self._folder.name, *chosen]
+        command = [
+            sys.executable,
+            "-m",
+            "antumbra.kernels.toolchain.kernel_manifest",
+            "--out",
+            self._folder.name,
+            *chosen,
+        ]
         subprocess.run(command, env=environment, check=True)
         build_data["force_include"][self._folder.name] = "antumbra/kernels/packs"
         build_data["pure_python"] = False

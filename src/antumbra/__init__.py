@@ -10,7 +10,7 @@
 import importlib
 import typing
 
-from .fielddocs import describe as _describe
+from .field_docs import describe as _describe
 from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from . import plugins
+from . import extras as plugins
 from .auto import trace as auto
 from .bvh import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
 from .bvh.blocks import block_tree
@@ -301,7 +301,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that announce methods; once per process."""
-    plugins.add("antumbra.methods")
+    plugins.load_plugins("antumbra.methods")
 
 
 def own_methods(field: str) -> list[str]:

@@ -6,7 +6,7 @@ from itertools import product
 from typing import Any
 
 from .bvh.srdh_rays import SrdhRays
-from .checks import instance, near, quoted
+from .checks import instance, quoted, spelling_hint
 from .errors import InputError
 from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
@@ -111,7 +111,7 @@ def parse_plan(plan: "str | Plan") -> Plan:
     for part in str(plan).split("+"):
         method = _method(part)
         if method is None:
-            raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {near(part, _names())}{_valid()}")
+            raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {spelling_hint(part, _names())}{_valid()}")
         field, name = method
         if field in found:
             kind = KINDS[field][0]
@@ -216,7 +216,7 @@ def _unknown_name(name, field: str, kind: str, registry: dict) -> str:
         return (
             f"Plan has no {kind} {name!r}: it takes {fields} one by one; a whole plan is a text, as in plan='bsah+wide'"
         )
-    return f"Plan has no {kind} {name!r}; {near(name, registry)}choose one of {', '.join(registry)}"
+    return f"Plan has no {kind} {name!r}; {spelling_hint(name, registry)}choose one of {', '.join(registry)}"
 
 
 def _valid() -> str:

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from antumbra.extras import plugins_of
 from antumbra.papers.peers import embree
-from antumbra.plugins import announced
 
 TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "--rounds", "1")
 
@@ -189,7 +189,7 @@ QUICK = {
 def test_all_of_them_write_their_results(culling, cli, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
-    points = announced("antumbra.bench")
+    points = plugins_of("antumbra.bench")
     assert set(QUICK) <= set(points)
     for name, values in QUICK.items():
         monkeypatch.setattr(points[name].load(), "quick", {**points[name].load().quick, **values})

@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.loading import user_cache
-from ..kernels.private import make_folder, read_own
-from ..output import replacing
+from ..files import atomic_output, make_folder, read_own
+from ..kernels.toolchain.kernel_cache import user_cache
 from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .facts import Facts
 
@@ -91,7 +90,7 @@ def keep_machine(measured: Machine) -> None:
     """Keep what was measured, for this process and later ones."""
     path = machine_file()
     make_folder(path.parent)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_text(json.dumps(measured._asdict()))
     machine.cache_clear()
 

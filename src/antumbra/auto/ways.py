@@ -8,7 +8,7 @@ import numpy as np
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, boxes_of
 from ..bvh.widen import widen
-from ..kernels.arguments import Packed, packed
+from ..kernels.marshalling import Packed, packed
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..trace.frusta.multi_frusta import trace_tree_list
 from ..trace.packets.packet16 import over_pixels, over_samples

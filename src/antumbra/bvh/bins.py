@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, F32x4, I32Ptr
-from ..kernels.jit import kernel, overload
+from ..kernels.jit import F32Ptr, F32x4, I32Ptr, kernel, overload
 from ..kernels.simd import (
     as_i32,
     extract,

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
 from .links import LINK, ROWS, block_link, bvh_leaf, line_at, link_at, row_at, slot_at

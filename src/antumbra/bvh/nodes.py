@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
 from .links import LINK, bvh_leaf, link_at
 

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.simd import as_i32, extract, get, load4, load8, ptr, ptr_at, put, store
 from ..trace.rays.ray_hits import Intersections
 from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED

@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import kernel
+from ..kernels.jit import F32Ptr, I32Ptr, kernel
 from ..kernels.simd import get, load8, lowest_bit, minimum, popcount, put, stack_f32, stack_i32, store
 from .bounds import INF, half_area, record_id, write_boxes
 from .links import bvh_link, link_at

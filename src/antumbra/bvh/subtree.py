@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import kernel, overload, overloaded
+from ..kernels.jit import F32Ptr, I32Ptr, kernel, overload, overloaded
 from ..kernels.simd import get, load8, prefetch, put, stack_f32, stack_i32, store
 from .bounds import half_area, range_bounds, record_id, write_boxes
 from .links import bvh_link, link_at

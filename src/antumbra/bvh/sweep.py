@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr
-from ..kernels.jit import inlined, kernel, overload
+from ..kernels.jit import F32Ptr, inlined, kernel, overload
 from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
 from .bounds import INF, half_area, width
 from .splits import Split, divide, find_split, must_halve, no_split, source_of

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import BoolPtr, F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import BoolPtr, F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.simd import (
     as_f32,
     as_i32,

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined
+from ..kernels.jit import F32Ptr, I32Ptr, inlined
 from ..kernels.simd import ptr
 from .nodes import Bvh, Tree, tree_of
 

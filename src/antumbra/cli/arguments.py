@@ -15,7 +15,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 from ..scene.materials import srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
@@ -141,10 +141,10 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
 
 def check_plot(path: Path, option: str = "--plot") -> None:
     """Raise an InputError unless the plot of an option can be drawn and written to this file."""
-    from ..output import checked_output
+    from ..files import checked_output
 
     checked_output(path, (".png",))
-    needed("matplotlib", option, "plot")
+    import_extra("matplotlib", option, "plot")
 
 
 def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> FrameSequence:

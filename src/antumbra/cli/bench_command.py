@@ -22,8 +22,8 @@ import typer
 from typer.core import TyperGroup
 
 from ..errors import InputError
-from ..output import checked_output, replacing
-from ..plugins import announced
+from ..extras import plugins_of
+from ..files import atomic_output, checked_output
 from . import console as report
 from .arguments import check_plot
 from .console import UNFORESEEN, Record, explained, say
@@ -89,7 +89,7 @@ class Results:
         top.keep_fields((name, str(value)) for name, value in header.items())
         tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"
         for suffix, content in ((".json", text), (".md", tables)):
-            with replacing(folder / f"{self.name}{suffix}") as temporary:
+            with atomic_output(folder / f"{self.name}{suffix}") as temporary:
                 temporary.write_text(content, encoding="utf-8")
         if not self._draws:
             say(f"no plots in {folder}, because matplotlib is missing: pip install 'antumbra[plot]'")
@@ -201,16 +201,16 @@ class _Announced(TyperGroup):
     """A group that finds its commands when it is asked for them."""
 
     def list_commands(self, ctx) -> list[str]:
-        return [*super().list_commands(ctx), *announced(_GROUP)]
+        return [*super().list_commands(ctx), *plugins_of(_GROUP)]
 
     def get_command(self, ctx, cmd_name: str):
-        return _loaded(cmd_name) if cmd_name in announced(_GROUP) else super().get_command(ctx, cmd_name)
+        return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
 
 
 def _loaded(name: str) -> Any:
     """The announced command of this name."""
     alone = typer.Typer(rich_markup_mode=None, add_completion=False)
-    alone.command(name)(announced(_GROUP)[name].load())
+    alone.command(name)(plugins_of(_GROUP)[name].load())
     return typer.main.get_command(alone)
 
 
@@ -238,7 +238,7 @@ def all_(
       antumbra bench all --quick --output results
     """
     took: dict[str, str] = {}
-    names = list(announced(_GROUP))
+    names = list(plugins_of(_GROUP))
     with results_folder(output):
         try:
             for k, name in enumerate(names, 1):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import typer
 
 from ..errors import InputError, one_line
-from ..kernels.progress import LOG, heard_by, in_turn
+from ..progress import LOG, progress_listener, split_progress
 
 # --- Keeps what a command prints as Markdown --------------------------------------------------------------------------
 
@@ -222,7 +222,7 @@ class ProgressDisplay:
         self._timer = None if self._closed else threading.Timer(delay, self._start)
 
     def __enter__(self) -> "ProgressDisplay":
-        self._heard = _logged() if self._closed and not self._quiet else heard_by(self.say)
+        self._heard = _logged() if self._closed and not self._quiet else progress_listener(self.say)
         self._heard.__enter__()
         if self._timer is not None:
             self._timer.daemon = True
@@ -251,7 +251,7 @@ class ProgressDisplay:
 
         All runs together are piece `index` of `of` pieces.
         """
-        made = in_turn(lambda done, total: self.say(text, done, total), count, index, of)
+        made = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
         assert made is not None
         return made
 

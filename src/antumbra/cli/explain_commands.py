@@ -107,7 +107,7 @@ def explain(
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
-    from ..output import checked_output
+    from ..files import checked_output
     from ..picture.image_files import save_png
     from ..plan import with_sample
     from ..rendering.explanation import explain as explained
@@ -281,15 +281,17 @@ def culling(
     asked_camera = None if camera is None else arguments.parse_camera(camera)
     asked_lights = [arguments.parse_light(text) for text in light or []]
 
-    from ..checks import near
+    from ..checks import spelling_hint
+    from ..files import checked_output
     from ..methods import CULLERS, find_method
-    from ..output import checked_output
     from ..picture.image_files import save_png, to_srgb8
     from ..rendering.culling_picture import culling_picture
 
     path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
     if find_method("cull", culler) is None:
-        raise InputError(f"culler {culler!r} is unknown; {near(culler, CULLERS)}choose one of {', '.join(CULLERS)}")
+        raise InputError(
+            f"culler {culler!r} is unknown; {spelling_hint(culler, CULLERS)}choose one of {', '.join(CULLERS)}"
+        )
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))

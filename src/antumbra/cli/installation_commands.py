@@ -38,8 +38,8 @@ def about() -> dict[str, str | int]:
 def _machine() -> dict[str, str | int]:
     import llvmlite.binding as llvm
 
+    from ..kernels.machine_code import level
     from ..kernels.parallel import thread_count
-    from ..kernels.processor import level
 
     processor = f"{_model() or platform.machine()} ({llvm.get_host_cpu_name()}, kernels for {level()})"
     return {"processor": processor, "cores": thread_count(None), **_machine_memory()}
@@ -160,10 +160,10 @@ def _node_text(node: dict) -> str:
 def _kernels() -> dict:
     """Where compiled kernels are kept, and how many of those that jobs need are there."""
     from ..engine.precompilation import missing_of
-    from ..kernels import needs
-    from ..kernels.loading import user_cache
+    from ..kernels.toolchain import kernel_manifest as needs
+    from ..kernels.toolchain.kernel_cache import user_cache
 
-    wanted, folder = needs.read(needs.FILE).kernels, user_cache().path
+    wanted, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
     above = next(path for path in (folder, *folder.parents) if path.exists())
     missing = len(missing_of(wanted))
     return {
@@ -254,7 +254,7 @@ def warmup(
     """
     from ..engine.precompilation import precompile_all
     from ..jobs.warm import jobs
-    from ..kernels.loading import user_cache
+    from ..kernels.toolchain.kernel_cache import user_cache
     from ..plan import covering_plans, parse_plan
     from ..rendering.calibration import calibrate
 

@@ -41,7 +41,7 @@ def writes(*suffixes: str | Callable[[], Any]) -> Callable:
         return [suffix for each in suffixes for suffix in ([each] if isinstance(each, str) else each())]
 
     def check(path: Path) -> None:
-        from ..output import checked_output
+        from ..files import checked_output
 
         checked_output(path, allowed())
 
@@ -62,7 +62,7 @@ def writes_folder() -> Callable:
     """The callback of an option that names a folder to write in, which is made if it is missing."""
 
     def check(path: Path) -> None:
-        from ..output import checked_folder
+        from ..files import checked_folder
 
         checked_folder(path)
 

@@ -37,13 +37,13 @@ pre { overflow-x: auto; padding: 0.8em 1em; background: #8882; }
 
 def save_page(title: str, parts: Iterable[str], path: Path) -> None:
     """Write a page of these parts, which are HTML, whole or not at all."""
-    from ..output import replacing
+    from ..files import atomic_output
 
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
     head += f"<title>{escape(title)}</title><style>{_STYLE}</style>"
     body = [f"<h1>{escape(title)}</h1>", *parts]
     text = "\n".join(["<!doctype html>", f'<html lang="en"><head>{head}</head><body>', *body, "</body></html>", ""])
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 

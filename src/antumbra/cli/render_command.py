@@ -12,7 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
-from ..output import checked_folder
+from ..files import checked_folder
 from . import arguments
 from . import console as report
 from . import picture_report as renderpage

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..files import atomic_output, checked_output
 from ..formats.gltf.gltf_file import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, buffer_views, glb_bytes
-from ..output import checked_output, replacing
 from ..picture.image_files import linear_to_srgb
 
 SUFFIXES = (".glb", ".obj", ".ply")
@@ -52,7 +52,7 @@ def write_scene(made, name: str, path) -> list[Path]:
     if path.suffix.lower() == ".obj":
         return _write_obj(made, name, path)
     data = _glb(made, name) if path.suffix.lower() == ".glb" else _ply(made)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_bytes(data)
     return [path]
 
@@ -143,7 +143,7 @@ def _write_obj(made, name: str, path: Path) -> list[Path]:
         lines.append(f"usemtl colour{k}")
         lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
     paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(made.palette)[k]) for k in names]
-    with replacing(library) as paint_file, replacing(path) as file:
+    with atomic_output(library) as paint_file, atomic_output(path) as file:
         paint_file.write_text("\n".join(paints), encoding="utf-8")
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [path, library]

@@ -91,12 +91,12 @@ def los(
     """
     spec = arguments.parse_scene(scene)
 
+    from ..files import atomic_output
     from ..jobs.formats import writer_of
     from ..jobs.readsensors import check_file_crs
     from ..jobs.sight.lines import sight_model, sight_table
     from ..jobs.sight.pairs import line_of_sight
     from ..jobs.sight.readpairs import check_pairs, paired, read_pairs
-    from ..output import replacing
 
     check_pairs(pairs)
     outputs = output or []
@@ -122,7 +122,7 @@ def los(
         display.say("writing the results")
         for path, write in zip(outputs, writers):
             if path.suffix.lower() == _MODEL:
-                with replacing(path) as temporary:
+                with atomic_output(path) as temporary:
                     temporary.write_bytes(sight_model(opened, asked, found))
             else:
                 write(sight_table(opened, asked, found), path, "visible")
@@ -242,11 +242,11 @@ def viewshed(given: ViewshedArguments) -> int:
     )
     asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
 
+    from ..files import atomic_output
     from ..jobs.formats import writer_of
     from ..jobs.readsensors import check_file_crs, check_sensors, kind_of, sensors_of
     from ..jobs.rowfile import write_rows
     from ..jobs.sight.viewshed import viewshed as seen_from
-    from ..output import replacing
 
     check_sensors(given.sensors)
     outputs = given.output or []
@@ -277,7 +277,7 @@ def viewshed(given: ViewshedArguments) -> int:
         for path in outputs:
             table.save(path, given.column)
         if bits is not None and found.bits is not None:
-            with replacing(bits) as temporary:
+            with atomic_output(bits) as temporary:
                 write_rows(temporary, found.bits)
     answer = _answer(table, len(eyes), seconds)
     written = [str(path) for path in [*outputs, *([bits] if bits else [])]]

@@ -222,7 +222,7 @@ def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list
 def _check_city(spec: SceneSpec, path: Path) -> None:
     """Raise an InputError unless a copy of the scene's file can be written to `path`: before the scene is read."""
     from ..engine.scene_reading import CITY_SUFFIXES
-    from ..output import checked_output
+    from ..files import checked_output
 
     suffix = "" if spec.path is None else spec.path.suffix.lower()
     if suffix not in CITY_SUFFIXES:

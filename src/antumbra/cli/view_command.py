@@ -85,12 +85,12 @@ def view(given: ViewArguments) -> int:
     asked_sky = None if given.sky is None else arguments.parse_sky(given.sky)
     memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
 
-    from ..extras import needed
+    from ..extras import import_extra
     from ..jobs.sun.place import given_position, place_of
     from ..viewer.page import checked_port
     from ..viewer.show import view as shown
 
-    needed("viser", "antumbra view", "view")
+    import_extra("viser", "antumbra view", "view")
     port = checked_port(given.host, given.port)
     names = "latitude", "longitude", "north", "timezone"
     position = given_position(**{name: getattr(given, name) for name in names})

@@ -10,8 +10,8 @@ from typing import Any
 from ..checks import path_of, quoted, text
 from ..engine.scene_loading import load
 from ..errors import InputError
+from ..files import temporary_folder
 from ..jobs.engines import Asked
-from ..temporary import temporary_folder
 from .engine import Cluster
 from .named import files_in, with_files
 

@@ -7,9 +7,9 @@ from time import monotonic
 from typing import Any, NamedTuple
 
 from ..errors import InputError
+from ..files import atomic_output
 from ..jobs.engines import Units, numbered
-from ..kernels.progress import reported
-from ..output import replacing
+from ..progress import report_progress
 from .inputs import piece_of
 from .node import Node, NodeJob, signature
 
@@ -61,7 +61,7 @@ class Crew:
         missing, since = set(numbers), monotonic()
         self._serve_inputs()
         try:
-            with reported(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
+            with report_progress(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
                 while missing:
                     self._look_for_nodes()
                     self._hand_out()
@@ -172,7 +172,7 @@ class Crew:
         for name, data in files.items():
             path = root / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(path) as temporary:
+            with atomic_output(path) as temporary:
                 temporary.write_bytes(data)
         if not files:
             units.do(k)  # it fails here as it failed there, and the user hears why

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 from ..jobs.engines import Units, numbered
-from ..kernels.progress import LOG
+from ..progress import LOG
 from .inputs import input_of
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Cluster:
         self, folder: Path, address: str, prepare, inputs: dict[str, Path], plan: str | None = None,
         say: Callable[[str], None] | None = None,
     ):  # fmt: skip
-        needed("ray", "a cluster", "ray")
+        import_extra("ray", "a cluster", "ray")
         self.folder, self.address, self._say = folder, address, say or LOG.info
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
         self.log: Log | None = None  # of the last job
@@ -75,7 +75,7 @@ def connected(address: str) -> Iterator:
     InputError
         If Ray is missing, or there is no cluster at the address, also where a connection exists.
     """
-    ray = needed("ray", "a cluster", "ray")
+    ray = import_extra("ray", "a cluster", "ray")
     if "://" in address:
         raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
     if address not in ("auto", "local"):

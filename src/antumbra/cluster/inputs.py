@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..kernels.locks import held
-from ..kernels.private import checked_own, make_folder, private_folder
-from ..kernels.progress import LOG
-from ..output import replacing
+from ..files import atomic_output, checked_own, file_lock, make_folder, private_folder
+from ..progress import LOG
 from ..store.store_format import STORE_SUFFIX
 
 PIECE = 8 << 20  # bytes that are fetched at once
@@ -64,7 +62,7 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
     folder = (folder or own_temporary() / "inputs") / wanted.sha256
     make_folder(folder)
     target = folder / path.name
-    with held(folder / "fetching.lock"):  # another worker of this machine may be fetching it
+    with file_lock(folder / "fetching.lock"):  # another worker of this machine may be fetching it
         if not _is_same(target, wanted):
             _fetch(wanted, read, target)
     return str(target)
@@ -91,7 +89,7 @@ def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> No
     if shutil.disk_usage(target.parent).free < wanted.size:
         raise InputError(f"{target.parent}: has no room for {wanted.path} ({wanted.size >> 20} MiB); set TMPDIR")
     digest = hashlib.sha256()
-    with replacing(target) as temporary, open(temporary, "wb") as out:
+    with atomic_output(target) as temporary, open(temporary, "wb") as out:
         for offset in range(0, wanted.size, PIECE):
             piece = read(wanted.path, offset)
             digest.update(piece)

@@ -9,12 +9,11 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from ..engine.precompilation import compile_missing, missing_of
+from ..files import file_lock, temporary_folder
 from ..jobs.engines import Asked, Units, numbered
 from ..jobs.warm import jobs
-from ..kernels.locks import held
-from ..kernels.progress import heard_by, unheard
 from ..plan import DEFAULT_PLAN, parse_plan
-from ..temporary import temporary_folder
+from ..progress import ignore_progress, progress_listener
 from .inputs import Input, local_path, own_temporary
 
 Prepare = Callable[[dict[str, str], int, Asked], Any]
@@ -55,7 +54,7 @@ class Node:
 
         read : reads a piece of a file of the driver, see `inputs.local_path`
         """
-        with heard_by(unheard):
+        with progress_listener(ignore_progress):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
             os.chdir(self._own)  # results of a job have relative names here
             warm(job.plan)
@@ -68,7 +67,7 @@ class Node:
         """Do a unit."""
         units, k = self._units[number]
         start = perf_counter()
-        with heard_by(unheard):
+        with progress_listener(ignore_progress):
             units.do(k)
         assert units.root is not None
         files = {name: units.root / name for name in units.files(k)}
@@ -89,6 +88,6 @@ def warm(plan: str | None) -> None:
     """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
     wanted = {each for job in jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
     if missing_of(wanted):
-        with held(own_temporary() / "warm.lock"):
+        with file_lock(own_temporary() / "warm.lock"):
             if missing := missing_of(wanted):
                 compile_missing(missing)

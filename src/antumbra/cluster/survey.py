@@ -7,15 +7,15 @@ import tempfile
 from typing import Any
 
 from ..engine.precompilation import missing_of
-from ..kernels import needs
-from ..kernels.loading import user_cache
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.kernel_cache import user_cache
 from ..version import VERSION
 from .crew import on_node
 
 
 def about_node() -> dict[str, Any]:
     """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
-    wanted = needs.read(needs.FILE).kernels
+    wanted = needs.read_manifests(needs.MANIFEST).kernels
     found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
     found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
     return {**found, "missing": len(missing_of(wanted)), "cache": str(user_cache().path)}

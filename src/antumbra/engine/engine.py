@@ -13,12 +13,12 @@ from ..auto.rates import GOOD, QUICK
 from ..auto.ways import WAYS, Forms, answer
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
-from ..kernels import needs
-from ..kernels.crew import Wanted
 from ..kernels.parallel import thread_count
-from ..kernels.progress import in_turn, shown
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.compile_pool import KernelRequest
 from ..methods import BUILDERS, UPDATERS
 from ..plan import Plan, parse_plan
+from ..progress import show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -133,18 +133,18 @@ def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
     return f"{plan} ({gbuffer}{', counted' if counters else ''})"
 
 
-def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Wanted] | None]:
+def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[KernelRequest] | None]:
     """A function that gives the recorded kernels of pictures by a plan; None: there is no record.
 
     A plan without a record gets the kernels of recorded plans with its methods.
     """
-    plain = lambda p: needs.of_job(record_of(p, gbuffer, False)) or set()
+    plain = lambda p: needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
 
     def kernels():
-        found = needs.of_job(record_of(plan, gbuffer, counters))
+        found = needs.kernels_of_job(record_of(plan, gbuffer, counters))
         if found is not None:
             return found
-        tracing = needs.of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = needs.kernels_of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         usual = plain(Plan(trace="single"))
@@ -365,7 +365,7 @@ class Engine:
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
                 raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-        with shown("tracing shadow rays", progress) as heard:
+        with show_progress("tracing shadow rays", progress) as heard:
             found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=heard)
         return visibility_of([bits for _, bits in found], [each.shape[1] for each in samples])
 
@@ -406,7 +406,7 @@ class Engine:
             if ready is None:  # the tree depends on the queries
                 ready = make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries))
             ready.begin()
-            return list(zip(queries, make.answer_all(ready, queries, None, in_turn(progress, len(queries)))))
+            return list(zip(queries, make.answer_all(ready, queries, None, split_progress(progress, len(queries)))))
 
     def queries(
         self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,

@@ -17,10 +17,10 @@ from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
 from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
 from ..checks import byte_count
 from ..errors import InputError
+from ..kernels.exact.filters import single_weights
+from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.predicate.exact import ray_along
-from ..kernels.predicate.hits import single_weights
 from ..methods import BUILDERS
 from ..plan import Plan
 from ..query.gbuffer import from_hits

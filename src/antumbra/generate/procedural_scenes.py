@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .. import plugins
-from ..checks import near, quoted
+from .. import extras as plugins
+from ..checks import quoted, spelling_hint
 from ..errors import InputError
 from .atrium import atrium
 from .city import city, city_blocks, city_view
@@ -50,7 +50,7 @@ def register(name: str, recipe: Recipe) -> None:
 
 def add_scenes() -> None:
     """Add the scenes of all packages with an entry point ``antumbra.scenes``."""
-    plugins.add("antumbra.scenes")
+    plugins.load_plugins("antumbra.scenes")
 
 
 def find_scene(name: str) -> Recipe:
@@ -66,7 +66,7 @@ def find_scene(name: str) -> Recipe:
     if name not in PROCEDURAL:
         add_scenes()
     if name not in PROCEDURAL:
-        cure = f"{near(name, PROCEDURAL)}choose one of {', '.join(PROCEDURAL)}"
+        cure = f"{spelling_hint(name, PROCEDURAL)}choose one of {', '.join(PROCEDURAL)}"
         raise InputError(f"there is no procedural scene {name!r}; {cure}")
     return PROCEDURAL[name]
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, Protocol
 
 from ..checks import listed, path_of, quoted, whole_number
 from ..errors import InputError
-from ..kernels.progress import reported
-from ..output import checked_folder, replacing
+from ..files import atomic_output, checked_folder
+from ..progress import report_progress
 
 JOB = "job.json"
 """The file in a folder of shards that says which command made them."""
@@ -104,7 +104,7 @@ def do_all(units: Units, numbers: Sequence[int]) -> int:
     did = 0
     if not len(numbers):
         return did
-    with reported(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
+    with report_progress(units.what) if units.what else nullcontext(lambda done, total: None) as progress:
         for i, k in enumerate(numbers):
             if units.done(k):
                 units.found(k)
@@ -200,7 +200,7 @@ def write_job(folder: Path, command: Sequence[str], of: int) -> None:
             raise InputError(f"{folder}: has shards of another command ({shlex.join(found.command)}); remove it")
         if found.of == of:
             return
-    with replacing(folder / JOB) as temporary:
+    with atomic_output(folder / JOB) as temporary:
         temporary.write_text(json.dumps({"format": 1, "command": list(command), "of": of}) + "\n")
 
 

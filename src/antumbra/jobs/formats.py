@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..extras import needed
-from ..output import checked_output, replacing
+from ..extras import import_extra
+from ..files import atomic_output, checked_output
 from ..scene.crs import checked_crs
 from .model import coloured_model
 from .picture import false_colours
@@ -23,7 +23,7 @@ _POINT_Z = 1001  # of well-known binary: a point with three coordinates
 
 def _csv(table, path: Path, column: str) -> None:
     columns = table.rows()
-    with replacing(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
+    with atomic_output(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(columns) + "\n")
         for first in range(0, len(table), _ROWS):
             texts = [_texts(values[first : first + _ROWS]) for values in columns.values()]
@@ -42,7 +42,7 @@ def _texts(values: np.ndarray) -> list[str]:
 def _json(table, path: Path, column: str) -> None:
     rows = {name: _plain(values) for name, values in table.rows().items()}
     told = {"about": table.about, "columns": _units(table), "rows": rows}
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_text(json.dumps(told, allow_nan=False), encoding="utf-8")
 
 
@@ -59,12 +59,12 @@ def _units(table) -> dict[str, dict[str, str]]:
 
 def _npz(table, path: Path, column: str) -> None:
     told = json.dumps({"about": table.about, "columns": _units(table)})
-    with replacing(path) as temporary, open(temporary, "wb") as file:
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, about=np.array(told), **table.rows())
 
 
 def _parquet(table, path: Path, column: str) -> None:
-    needed("pyarrow", ".parquet", "gis")
+    import_extra("pyarrow", ".parquet", "gis")
     import pyarrow
     import pyarrow.parquet
 
@@ -75,7 +75,7 @@ def _parquet(table, path: Path, column: str) -> None:
         columns["geometry"] = pyarrow.array(_well_known(_on_map(table)), pyarrow.binary())
         told["geo"] = json.dumps(_geo(table))
     made = pyarrow.table(columns).replace_schema_metadata(told)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         pyarrow.parquet.write_table(made, temporary, compression="zstd")
 
 
@@ -107,7 +107,7 @@ def _geo(table) -> dict:
 def _tiff(table, path: Path, column: str) -> None:
     raster = table.sensors.raster
     assert raster is not None
-    needed("rasterio", ".tif", "gis")
+    import_extra("rasterio", ".tif", "gis")
     import rasterio
 
     names = [name for name, made in table.columns.items() if made.values.dtype.kind in "fiub"]
@@ -119,7 +119,7 @@ def _tiff(table, path: Path, column: str) -> None:
     with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print lines of its own
         with memory.open(**shape, **options) as file:
             _fill(file, table, names)
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             temporary.write_bytes(memory.read())
 
 
@@ -136,13 +136,13 @@ def _png(table, path: Path, column: str) -> None:
     from PIL import Image
 
     made = Image.fromarray(false_colours(table, column))
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         made.save(temporary, "PNG")
 
 
 def _glb(table, path: Path, column: str) -> None:
     data = coloured_model(table, column)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_bytes(data)
 
 
@@ -176,5 +176,5 @@ def writer_of(path, kind: str) -> Callable[[Any, Path, str], None]:
         raise InputError(f"{target.name}: a GeoTIFF holds a raster, and the sensors are of kind {kind!r}; use .csv")
     if suffix in _EXTRA:
         package, extra = _EXTRA[suffix]
-        needed(package, suffix, extra)
+        import_extra(package, suffix, extra)
     return WRITERS[suffix]

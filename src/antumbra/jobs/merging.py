@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..errors import InputError
-from ..output import replacing
+from ..files import atomic_output
 from .engines import Units, numbered, read_job
 from .parts import ABOUT, Parts
 
@@ -127,5 +127,5 @@ def _copy(found: Found, root: Path) -> None:
     for file in found.units.files(found.k):
         target = root / file
         target.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(target) as temporary:
+        with atomic_output(target) as temporary:
             shutil.copyfile(found.root / file, temporary)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..output import replacing
+from ..files import atomic_output
 from ..plan import Plan, parse_plan
 from ..version import VERSION
 
@@ -99,9 +99,9 @@ class Parts:
         file = self._file(k, None)
         file.parent.mkdir(parents=True, exist_ok=True)
         if not (told := file.with_name(ABOUT)).exists():
-            with replacing(told) as temporary:
+            with atomic_output(told) as temporary:
                 temporary.write_text(json.dumps(self.about))
-        with replacing(file) as temporary, open(temporary, "wb") as out:
+        with atomic_output(file) as temporary, open(temporary, "wb") as out:
             np.savez(out, allow_pickle=False, **made, **{_OF: np.array(f"{self.name} {k}")})
 
     def joined(self, names: Sequence[str]) -> Arrays:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from ..checks import as_array, instance, number, points, text, whole_number
 from ..engine.scene import AnyScene
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 from ..files import checked_file
 
 SUFFIXES = (".tif", ".tiff", ".vrt", ".asc")
@@ -126,7 +126,7 @@ def raster_of_file(path: Path) -> Raster:
         If the file cannot be read, or has cells that are no squares with north up.
     """
     checked_file(path, path.name)
-    rasterio = needed("rasterio", path.suffix, "gis")
+    rasterio = import_extra("rasterio", path.suffix, "gis")
     try:
         with rasterio.open(path) as file:
             shape, place, crs = file.shape, file.transform, file.crs

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..checks import near, quoted
+from ..checks import quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
@@ -56,7 +56,7 @@ def check_point_file(text: str, option: str, forms: str) -> None:
     """Raise an InputError unless the text of an option names a file of points; `forms`: what it may be."""
     path = Path(text)
     if path.suffix.lower() not in SUFFIXES:
-        hint = "" if "." in text else near(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
+        hint = "" if "." in text else spelling_hint(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
         raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
     checked_file(path, path.name)
 
@@ -204,7 +204,7 @@ def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
-    needed("pyarrow", ".parquet", "gis")
+    import_extra("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
@@ -218,7 +218,7 @@ def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 def _crs_of(path: Path) -> str | None:
     """The CRS of the geometry that GeoParquet names as the main one; None: none, or the file is plain Parquet."""
-    needed("pyarrow", ".parquet", "gis")
+    import_extra("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
     told = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..output import reserve
+from ..files import reserve
 
 _ROWS = 1 << 12  # rows that are copied at a time
 _HEADER = 128  # bytes, for any shape: numpy pads headers to 64

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..checks import instance, near, points, quoted
+from ..checks import instance, points, quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import scene_of
 from ..errors import InputError
@@ -78,7 +78,7 @@ class Table:
         """The values of a column. InputError names the columns if there is none of this name."""
         if not isinstance(name, str) or name not in self.columns:
             names = ", ".join(self.columns)
-            raise InputError(f"there is no column {quoted(name)}; {near(name, self.columns)}there are {names}")
+            raise InputError(f"there is no column {quoted(name)}; {spelling_hint(name, self.columns)}there are {names}")
         return self.columns[name].values
 
     def __repr__(self) -> str:

@@ -14,7 +14,7 @@ from ..bvh import srdh
 from ..bvh.blocks import block_tree
 from ..bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
 from ..bvh.order import sooner_first
-from ..kernels import needs
+from ..kernels.toolchain import kernel_manifest as needs
 from ..methods import (
     BENTHIN,
     FELTMAN,
@@ -133,7 +133,7 @@ def in_order(order: TraversalOrder) -> Tracer:
 
 
 NEEDS = Path(__file__).with_name("needs.json")
-"""A table of the kernels that each method calls; see `kernels.needs`."""
+"""A table of the kernels that each method calls; see `kernels.toolchain.kernel_manifest`."""
 
 CULLERS = {
     "grid32:paper": Culler(
@@ -195,4 +195,4 @@ def add() -> None:
             register(field, name, method)
     register_family("cones", find_combination)
     register_family("chcrt", find_aggressive)
-    needs.add(NEEDS)
+    needs.add_manifest(NEEDS)

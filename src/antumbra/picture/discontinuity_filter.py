@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I64Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from ..query.gbuffer import PictureSurfaces, at, points_of, same_surface

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..checks import choice, number, quoted, vector
 from ..errors import InputError
-from ..extras import needed
-from ..output import checked_output, replacing
+from ..extras import import_extra
+from ..files import atomic_output, checked_output
 from ..scene.materials import BYTE_TO_LINEAR, srgb_to_linear
 
 # --- Tone mapping of linear light for a screen: exposure, highlight roll-off, sRGB ------------------------------------
@@ -208,13 +208,13 @@ def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = Non
 
     more : further attributes of the header
     """
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         write_exr(channels, temporary, note, more)
 
 
 def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
     """Write (H, W, 3) or (H, W, 4) uint8 sRGB, or (H, W) uint8 grey: the complete file, or nothing."""
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         _write_png(rgb, temporary, note)
 
 
@@ -333,7 +333,7 @@ def check_film(path) -> Path:
     """`path`, if a film can be written there; otherwise an InputError that names the cure. It is called early."""
     path = checked_output(path, FILM_SUFFIXES)
     if path.suffix.lower() in _CODECS:
-        needed("imageio_ffmpeg", f"a {path.suffix.lower()} file", "video")
+        import_extra("imageio_ffmpeg", f"a {path.suffix.lower()} file", "video")
     return path
 
 
@@ -358,7 +358,7 @@ def write_film(
     InputError
         If the film cannot be written.
     """
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         if path.suffix.lower() == ".gif":
             _write_gif(pictures, temporary, fps, progress)
         else:

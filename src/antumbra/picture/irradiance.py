@@ -4,9 +4,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, ptr, put
 from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, popcount, ptr, put
 from ..query.gbuffer import PictureSurfaces
 from ..query.pixel_refinement import penumbra

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.filters import cross, dot
 from ..kernels.simd import get, i32_at, ptr, put
 from ..query.shadow_query import ShadingNormals, Surfaces, three_at
 from ..scene.appearance import Appearance

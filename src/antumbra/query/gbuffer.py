@@ -8,10 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.predicate import ray_along
+from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.exact import ray_along
 from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays, ExplicitRays
 from .receivers import NOTHING

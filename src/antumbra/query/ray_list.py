@@ -7,7 +7,7 @@ import numpy as np
 
 from ..checks import as_array, choice
 from ..errors import InputError
-from ..kernels.arguments import Form, Packed, address_of
+from ..kernels.marshalling import ArgumentForm, Packed, address_of
 from ..scene.scene_bounds import flush_to_zero
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
@@ -65,8 +65,8 @@ class HitArrays(NamedTuple):
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
-_HITS = Form(_NONE)
-_RAYS = Form(
+_HITS = ArgumentForm(_NONE)
+_RAYS = ArgumentForm(
     RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type: ignore[arg-type]
 )
 _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine

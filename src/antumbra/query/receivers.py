@@ -13,9 +13,9 @@ import numpy as np
 
 from ..checks import as_array, unit_vectors
 from ..errors import InputError
+from ..kernels.exact.filters import plane, side_of, widest
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.filters import plane, side_of, widest
 from ..kernels.simd import get, ptr, put
 from ..scene.scene_bounds import flush_to_zero
 

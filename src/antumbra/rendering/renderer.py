@@ -11,8 +11,8 @@ from ..engine.frame_tracer import Progress, RenderSource
 from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..kernels.progress import hushed, shown
 from ..plan import Plan
+from ..progress import show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
@@ -120,7 +120,7 @@ class Renderer:
         return self.engine.source
 
     @_method(RenderOptions)
-    @hushed
+    @with_quiet_progress
     def render(
         self, camera: Camera, lights: Sequence[Light] | Light, *, options: RenderOptions | None = None,
         progress: Progress | bool | None = None, **keywords: Any,
@@ -146,7 +146,7 @@ class Renderer:
             If a value is out of range, or an argument is not a camera or a light.
         """
         request = self.request(camera, lights, options_of(options, keywords))
-        with shown("tracing", progress) as heard:
+        with show_progress("tracing", progress) as heard:
             return draw(self.engine, request._replace(progress=heard))
 
     def rows(self, request: Request) -> Rows:
@@ -212,7 +212,7 @@ def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
 
 
 @_function(RenderKeywords)
-@hushed
+@with_quiet_progress
 def render(
     scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
     options: RenderOptions | None = None, progress: Progress | bool | None = None, **keywords: Any,

@@ -3,9 +3,9 @@
 import numpy as np
 
 from ..errors import InputError
+from ..kernels.exact.filters import has_area
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, shares, thread_count
-from ..kernels.predicate.filters import has_area
 from ..kernels.simd import f32_at, f64_at, get, i32_at, load8, ptr, put, store
 from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST

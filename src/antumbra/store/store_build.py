@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..files import atomic_output
 from ..generate.generated_scene import StreamedCity
-from ..output import replacing
 from ..scene.mesh import Source
 from ..scene.scene_bounds import frame_origin
 from ..scene.scene_data import MemoryData
@@ -43,7 +43,7 @@ class BuildReport(NamedTuple):
 
 def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
     """`rendering.building.build_store`, after the arguments are checked and the kernels are compiled."""
-    with replacing(path, durable=True) as temporary:
+    with atomic_output(path, durable=True) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
 

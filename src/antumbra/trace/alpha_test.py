@@ -16,14 +16,12 @@ import numpy as np
 from ..bvh import binned_sah
 from ..bvh.blocks import BlockTree, block_tree
 from ..bvh.nodes import Bvh, tree_of
-from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr, U8Ptr
-from ..kernels.jit import inlined, kernel, overload
+from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
+from ..kernels.exact.predicate import ray_along, segment
+from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.exact import ray_along, segment
-from ..kernels.predicate.filters import BEYOND, is_nearer, weights
-from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
-from ..kernels.vec import scalars
+from ..kernels.vec3 import scalars
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 from .controls import Controls
 from .glb import glb_of
 from .guard import LOG, Guard, guarding, one_line
@@ -43,7 +43,7 @@ class Page:
     """
 
     def __init__(self, model: Model, host: str, port: int, allow_host: Sequence[str] = ()):
-        viser = needed("viser", "the viewer", "view")
+        viser = import_extra("viser", "the viewer", "view")
         self.model, self.host = model, host
         self.guard, port = Guard(host, allow_host), checked_port(host, port)
         self._viewings: dict[int, Viewing] = {}

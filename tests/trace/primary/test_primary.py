@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from antumbra.bvh.blocks import block_tree
 from antumbra.bvh.nodes import tree_of
 from antumbra.errors import InputError
+from antumbra.kernels.exact.filters import hit_t
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.hits import hit_t
 from antumbra.methods import BUILDERS
 from antumbra.query.gbuffer import pixel_ray
 from antumbra.trace.primary.primary_rays import trace_primary

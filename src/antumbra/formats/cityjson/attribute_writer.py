@@ -9,8 +9,7 @@ import numpy as np
 from ...checks import path_of, quoted
 from ...checks import text as checked_text
 from ...errors import InputError
-from ...files import checked_file
-from ...output import checked_output, replacing
+from ...files import atomic_output, checked_file, checked_output
 from ...scene.scene_data import CityModel, SemanticSurface
 from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
@@ -66,7 +65,7 @@ def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray],
     with many_lists():
         texts = [json.loads(line) for line in lines_of(source)]
         _write(texts, found.city, means, _heights(found.city, vectors))
-        with replacing(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
+        with atomic_output(target) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as stream:
             for text in texts:
                 stream.write(json.dumps(text, ensure_ascii=False, separators=(",", ":")) + "\n")
 

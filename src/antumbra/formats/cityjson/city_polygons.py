@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from ...scene.scene_data import SemanticSurface
 from ..json_fields import Fields
 from .cityjson_file import DEPTHS, ChosenGeometry, CityDocument, CityPart
@@ -134,7 +134,7 @@ def _cut(flat: _Flat, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray, int
     """Triangles of any polygons by ear clipping: ((f, 3) corners, (f,) polygons, number of crossed ones)."""
     if len(polygons) == 0:
         return np.empty((0, 3), np.int64), np.empty(0, np.int64), 0
-    ears = needed("mapbox_earcut", "CityJSON", "gis").triangulate_float64
+    ears = import_extra("mapbox_earcut", "CityJSON", "gis").triangulate_float64
     first_ring = np.concatenate([[0], np.cumsum(flat.rings.rings_in)])
     spans = zip(*(a[polygons + k].tolist() for a in (flat.first, first_ring) for k in (0, 1)))
     found = [ears(flat.points[a:b], flat.ring_end[i:j]) for a, b, i, j in spans]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from ..json_fields import Fields
 from .gltf_file import COMPRESSIONS, CURE, GltfDocument
 
@@ -122,9 +122,9 @@ class Accessors:
         stride = view.whole("byteStride", element)
         if stride < element:
             raise view.bad("byteStride", f"at least {element}, the size of an element")
-        needed = offset + stride * (count - 1) + element if count else 0
-        if needed > size:
-            raise InputError(f"{fields.where} needs {needed} bytes, its bufferView has {size}; export it again")
+        import_extra = offset + stride * (count - 1) + element if count else 0
+        if import_extra > size:
+            raise InputError(f"{fields.where} needs {import_extra} bytes, its bufferView has {size}; export it again")
         if count == 0:
             return np.empty((0, width), dtype)
         return np.ndarray((count, width), dtype, buffer, start + offset, (stride, dtype.itemsize))
@@ -159,7 +159,7 @@ def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
         return []
     if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
         raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
-    library = needed("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
+    library = import_extra("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
     data, indices = accessors.view_bytes(packed, "bufferView"), primitive.whole("indices", high=len(accessors))
     try:
         mesh = library.decode(data)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from ...checks import choice
 from ...engine.scene_loading import SceneLike
-from ...kernels.progress import Progress, followed
+from ...progress import Progress, with_progress
 from ...scene.lights import Light
 from ..engines import engine_of
 from .options import check, check_output, own_lights
@@ -16,7 +16,7 @@ from .write_vertices import bake_vertices
 __all__ = ["Baked", "Given", "bake", "check", "check_output", "is_gltf"]
 
 
-@followed
+@with_progress
 def bake(
     scene: SceneLike, output, what: str = "ao", *, lights: Sequence[Light] | Light | None = None,
     radius: float | None = None, spp: int = 256, attribute: str | None = None, multiply: bool = False,

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from ...formats.gltf.accessors import Accessors
-from ...kernels.progress import reported
+from ...progress import report_progress
 from .parts import Part
 from .texels import Cover, cover
 
@@ -38,13 +38,13 @@ class Sheet(NamedTuple):
 
 def atlas(parts: Sequence[Part], size: int) -> list[Sheet]:
     """One sheet with all parts; xatlas divides them into charts. Texels have about the same size everywhere."""
-    xatlas = needed("xatlas", "an atlas (--texture without --uv)", "bake")
+    xatlas = import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
     made, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
     for part in parts:
         made.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
     options = xatlas.PackOptions()
     options.resolution, options.padding, options.bilinear, options.create_image = size, PADDING, True, False
-    with reported("unwrapping"):
+    with report_progress("unwrapping"):
         made.generate(pack_options=options)
     scale = np.array([made.width, made.height], np.float64) / max(made.width, made.height, 1)
     unwrapped = []

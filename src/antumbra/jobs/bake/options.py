@@ -8,9 +8,9 @@ import numpy as np
 from ...checks import choice, flag, is_number, number, quoted, text, whole_number
 from ...engine.scene import Scene
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
+from ...files import checked_output
 from ...kernels.parallel import thread_count
-from ...output import checked_output
 from ...picture.image_files import automatic_exposure, checked_exposure
 from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.light_samples import sample_sets
@@ -83,7 +83,7 @@ def check(
         if attribute is not None or multiply:
             raise InputError("attribute and multiply belong to values at vertices; leave them or texture out")
         if uv is None:
-            needed("xatlas", "an atlas (--texture without --uv)", "bake")
+            import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
     elif uv is not None or exr or denoise or bits != 8:
         raise InputError("uv, bits, exr and denoise belong to a texture; give its size as texture")
     if uv is not None:

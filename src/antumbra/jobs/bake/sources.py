@@ -10,10 +10,10 @@ from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene, Scene
 from ...engine.scene_loading import load
 from ...engine.scene_reading import GLTF_SUFFIXES
+from ...files import temporary_folder
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_file import open_gltf, up_axis_transform
 from ...scene.camera import axes
-from ...temporary import temporary_folder
 from .asset import Asset, open_asset
 from .parts import Part, read_parts
 

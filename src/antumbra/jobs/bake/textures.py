@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.progress import reported
 from ...picture.discontinuity_filter import filter_fractions
+from ...progress import report_progress
 from ...query.gbuffer import PictureSurfaces
 from ...query.receivers import NOTHING
 from .charts import Sheet, Unwrapped, chart_of_faces, corners_of
@@ -75,7 +75,7 @@ class Texels:
             values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
         if solids is None:
             return values, 0
-        with reported("moving hidden texels"):
+        with report_progress("moving hidden texels"):
             hidden = np.flatnonzero(suspects(values, meter))
             hidden = hidden[solids.hold(receivers.at(hidden))]
             return values, _push_out(values, hidden, sheet.cover, surface, meter, solids)

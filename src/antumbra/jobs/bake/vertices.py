@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.progress import reported
+from ...progress import report_progress
 from ...scene.lights import AmbientOcclusion
 from .hidden import Solids
 from .measure import Meter, SurfacePoints
@@ -37,7 +37,7 @@ def replace_hidden(
     """
     if solids is None:
         return 0
-    with reported("moving hidden points"):
+    with report_progress("moving hidden points"):
         candidates = np.flatnonzero(suspects(values, meter))
         hidden = candidates[solids.hold(receivers.at(candidates))]
         if len(hidden):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...output import replacing
+from ...files import atomic_output
 from ..engines import Engine
 from .asset import Asset
 from .base import base_texels
@@ -57,8 +57,8 @@ def bake_textures(source: Opened, options: Options, output: Path, clock: Clock, 
     images = images if options.exr else []
     with ExitStack() as files:  # all of them, or none
         for path, image in images:
-            save_exr(image, files.enter_context(replacing(path)))
-        files.enter_context(replacing(output)).write_bytes(asset.glb())
+            save_exr(image, files.enter_context(atomic_output(path)))
+        files.enter_context(atomic_output(output)).write_bytes(asset.glb())
     engine.end(job)
     clock.lap("write")
     seam = np.concatenate(seams)

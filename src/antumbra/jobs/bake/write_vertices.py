@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...output import replacing
+from ...files import atomic_output
 from ..engines import Engine
 from .edit import all_rows, change_materials, make_unlit, own_primitives, write_colours
 from .hidden import Solids
@@ -41,7 +41,7 @@ def bake_vertices(source: Opened, options: Options, output: Path, clock: Clock, 
             primitive["attributes"][options.attribute] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
     if options.attribute == "COLOR_0" and options.asked.what in ("shadow", "sun", "light"):
         change_materials(asset, primitives, [None] * len(primitives), lambda material, _: make_unlit(asset, material))
-    with replacing(output) as file:
+    with atomic_output(output) as file:
         file.write_bytes(asset.glb())
     engine.end([measured.parts])
     clock.lap("write")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InputError
-from ...output import replacing
+from ...files import atomic_output
 from ...picture.image_files import save_exr, save_png
 from .layers import light_layer
 
@@ -117,5 +117,5 @@ def write_json(value: dict, path: Path) -> None:
     with suppress(OSError, ValueError):
         if path.read_text() == text:
             return
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         temporary.write_text(text)

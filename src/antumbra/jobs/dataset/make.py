@@ -9,9 +9,9 @@ from typing import NamedTuple
 from ...checks import flag
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
+from ...files import checked_folder
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed
-from ...output import checked_folder
+from ...progress import Progress, with_progress
 from ...rendering.keywords import deciding
 from ...rendering.options import RenderOptions
 from ...rendering.renderer import Renderer
@@ -38,7 +38,7 @@ class Dataset(NamedTuple):
     seconds: float  # time of the call
 
 
-@followed
+@with_progress
 def dataset(
     scene: SceneLike, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
     orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),

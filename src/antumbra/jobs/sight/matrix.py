@@ -12,10 +12,10 @@ from ...checks import whole_number
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
+from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed
-from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
+from ...progress import Progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ..engines import checked_keep, engine_of
@@ -83,7 +83,7 @@ class VisibilityMatrix:
             If the suffix is another one, or the path cannot be written.
         """
         target = checked_output(path, (".npy", ".npz"))
-        with replacing(target) as temporary:
+        with atomic_output(target) as temporary:
             if target.suffix.lower() == ".npy":
                 write_rows(temporary, self.bits)
                 return
@@ -102,7 +102,7 @@ class _Grid(NamedTuple):
     square: bool  # of the points with themselves: tiles below the diagonal are mirrored
 
 
-@followed
+@with_progress
 def visibility_matrix(
     scene: SceneLike, sensors: ArrayLike | Sensors | str, targets: ArrayLike | Sensors | str | None = None, *,
     normals: ArrayLike | None = None, target_normals: ArrayLike | None = None, output=None,
@@ -159,7 +159,7 @@ def visibility_matrix(
     if path is None and 8 * n * words_of(m) > _MOST:
         raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
     if path is not None:
-        check_room(path, row_file_size((n, words_of(m))))
+        check_disk_space(path, row_file_size((n, words_of(m))))
     rows = ends_of(scene, own)
     grid = _grid(rows, rows if others is None else ends_of(scene, others), others is None)
     if keep is None and path is not None:
@@ -175,7 +175,7 @@ def visibility_matrix(
         bits = np.empty((n, words_of(m)), np.uint64)
         counts = _put_together(grid, parts, bits)
     else:
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             counts = _streamed(grid, parts, temporary, (n, words_of(m)))
         bits = np.load(path, mmap_mode="r")
     engine.end([parts])

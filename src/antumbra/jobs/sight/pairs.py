@@ -11,7 +11,7 @@ from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed
+from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
 from ...trace.alpha_test import all_stops
 from ...trace.rays.ray_hits import intersections
@@ -48,7 +48,7 @@ class _Pairs(NamedTuple):
         return _Pairs(*some)
 
 
-@followed
+@with_progress
 def line_of_sight(
     scene: SceneLike, observers: ArrayLike, targets: ArrayLike, *, normals: ArrayLike | None = None,
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,

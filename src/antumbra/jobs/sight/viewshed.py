@@ -11,8 +11,8 @@ from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed, reported
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
+from ...progress import Progress, report_progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...scene.lights import MAX_SPP
 from ..readsensors import sensors_of
@@ -57,7 +57,7 @@ class _Asked:
     found: _Sight
 
 
-@followed
+@with_progress
 def viewshed(
     scene: SceneLike, sensors: Sensors | str | ArrayLike, observers: ArrayLike, *, eye_height: float = 0.0,
     on_surface: bool = False, min_distance: float = 0.0, max_distance: float | None = None,
@@ -136,7 +136,7 @@ def viewshed(
     none = np.full(n, -1, np.int32)
     sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), none, np.full(n, np.inf), kept)
     work = _Asked(asked, eyes, limits, scene.up, sight)
-    with reported(f"{n} sensors, {k} observers") as heard:
+    with report_progress(f"{n} sensors, {k} observers") as heard:
         if curvature:
             _curved(work, CurvedScene(scene, earth, time), plan, threads, heard)
         else:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 from ...checks import number, text
 from ...engine.scene_loading import scene_of
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from ...scene.crs import checked_crs
 from .zones import parse_zone
 
@@ -139,7 +139,7 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
     -----
     Grid north lies clockwise from true north by the meridian convergence, which pyproj computes at the position.
     """
-    pyproj = needed("pyproj", "the position of a CRS", "sun")
+    pyproj = import_extra("pyproj", "the position of a CRS", "sun")
     projected, metres = _projected(pyproj, crs)
     x, y, height = _middle(bounds, up)
     project = pyproj.Proj(projected)

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...checks import as_array, choice, instance, number
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from .place import Place, checked_place
 from .times import Times
 
@@ -65,7 +65,7 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
 
 def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(geometric altitude, azimuth clockwise from true north), degrees, of (n,) datetime64 instants in UTC."""
-    needed("pvlib", "the position of the sun", "sun")
+    import_extra("pvlib", "the position of the sun", "sun")
     import pandas
     from pvlib.solarposition import get_solarposition
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...checks import near, quoted
+from ...checks import quoted, spelling_hint
 from ...errors import InputError
 from .positions import Suns
 from .times import month_days
@@ -109,7 +109,7 @@ def _day_text(day: int) -> str:
 def rule_named(name: str) -> Rule:
     """A rule of `RULES`. Raises InputError with all names if there is none."""
     if not isinstance(name, str) or name not in RULES:
-        raise InputError(f"rule {quoted(name)} is unknown; {near(name, RULES)}use one of {', '.join(RULES)}")
+        raise InputError(f"rule {quoted(name)} is unknown; {spelling_hint(name, RULES)}use one of {', '.join(RULES)}")
     return RULES[name]
 
 

@@ -7,8 +7,8 @@ from ...checks import whole_number
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
+from ...progress import Progress, with_progress
 from ..readsensors import sensors_of
 from ..sensors import Sensors
 from ..sight.ends import sensors_from
@@ -30,7 +30,7 @@ def sky_directions(count: int, up: str) -> np.ndarray:
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 
-@followed
+@with_progress
 def sky_view(
     scene: SceneLike, sensors: Sensors | ArrayLike | str = "face", *, directions: int = 4096,
     plan: str | Plan | None = None, threads: int | None = None, progress: Progress = None,

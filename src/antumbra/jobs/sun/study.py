@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from ...checks import choice, flag, instance, items, whole_number
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
+from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
-from ...kernels.progress import Progress, followed
-from ...output import check_room, checked_output, replacing
 from ...plan import DEFAULT_PLAN, Plan, parse_plan
+from ...progress import Progress, with_progress
 from ..areas import SPACING
 from ..engines import checked_keep, engine_of
 from ..readsensors import sensors_of
@@ -49,7 +49,7 @@ class Study(NamedTuple):
     step: float  # minutes
 
 
-@followed
+@with_progress
 def sun_hours(
     scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
     place: Place | None = None, step: float | None = None, rule: str | None = None, areas=None, epw=None,
@@ -137,7 +137,7 @@ def sun_hours(
     engine = engine_of(keep)
     sums = [Sums(asked, "suns", engine.folder, matrix=target is not None)]
     if target is not None:
-        check_room(target, row_file_size(sums[0].matrix_shape))
+        check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if count:
         sums.append(Sums(asked_sky(scene, sensors, count, plan, threads), "sky", engine.folder))
     job = [each.parts for each in sums]
@@ -150,7 +150,7 @@ def sun_hours(
     if of_sky:
         _add_sky(table, study, share_of_sky(*of_sky))
     if target is not None:
-        with replacing(target) as temporary:
+        with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
     engine.end(job)
     return table

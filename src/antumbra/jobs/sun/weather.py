@@ -7,7 +7,7 @@ import numpy as np
 
 from ...checks import path_of
 from ...errors import InputError
-from ...extras import needed
+from ...extras import import_extra
 from ...files import checked_file
 from .place import Place, checked_place
 from .times import Times, intervals, month_days, zone_of
@@ -47,7 +47,7 @@ def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
     InputError
         If pvlib is missing, the file is not an EPW file, it has several rows an hour, or radiation is missing.
     """
-    needed("pvlib", "an EPW file", "sun")
+    import_extra("pvlib", "an EPW file", "sun")
     from pvlib.iotools import read_epw as read
 
     path = path_of(path, "epw")
@@ -93,7 +93,7 @@ def clear_sky(place: Place, times: Times) -> Weather:
     InputError
         If pvlib is missing.
     """
-    needed("pvlib", "a clear sky", "sun")
+    import_extra("pvlib", "a clear sky", "sun")
     import pandas
     from pvlib.location import Location
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...bvh.blocks import BlockTree
 from ...bvh.links import CHILDREN, block_leaf, is_leaf
 from ...errors import InputError
-from ...output import replacing
+from ...files import atomic_output
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import Surfaces
 from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits
@@ -287,7 +287,7 @@ def write_pictures(core: InCore, folder: Path, say: Say) -> None:
     shown = culling_state(core)
     for figure, draw in zip(FIGURES, (_draw_tiles, _draw_parts, _draw_matrix, _draw_bleeding), strict=True):
         sheet = draw(shown)
-        with replacing(folder / name_of(shown.name, figure)) as temporary:
+        with atomic_output(folder / name_of(shown.name, figure)) as temporary:
             sheet.savefig(temporary, format="png", dpi=_DPI)
 
 
@@ -465,7 +465,7 @@ def write_plot(turns: list[Turn], path: Path) -> None:
     sheet.legend(*bars, loc="outside lower left", ncols=len(bars[0]), fontsize=8)
     lines = {line.get_label(): line for panel in panels[:, 1:].flat for line in panel.get_lines()}
     sheet.legend(lines.values(), lines, loc="outside lower right", ncols=len(lines), fontsize=8)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

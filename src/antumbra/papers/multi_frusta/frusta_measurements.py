@@ -26,8 +26,8 @@ import numpy as np
 from ...bvh import binned_sah
 from ...bvh.blocks import block_tree
 from ...errors import InputError
+from ...files import atomic_output
 from ...methods import TRACERS, add_plugins
-from ...output import replacing
 from ...picture.image_files import automatic_exposure, to_srgb8
 from ...query.gbuffer import GBuffer, seen_by
 from ...query.light_samples import light_samples
@@ -323,7 +323,7 @@ def write_plot(found: dict[str, tuple[dict, SoftShadowQuality]], path: Path) -> 
             panel.imshow(picture, interpolation="nearest")
             panel.set_title(f"{name}: {title}", fontsize=9)
             panel.set_axis_off()
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

@@ -10,10 +10,9 @@ import numpy as np
 
 from ...bvh.blocks import BlockTree, block_pointers, block_tree
 from ...bvh.links import block_leaf, box_at, slot_at
-from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.exact.filters import is_nearer, meets
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.predicate.filters import is_nearer, meets
 from ...kernels.simd import (
     absolute,
     bits,
@@ -32,7 +31,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec import Vec, dot, rows
+from ...kernels.vec3 import Vec3, dot, rows
 from ...query.gbuffer import pixel_direction, pixel_ray
 from ...query.raster_setup import eye_plane, plane_t
 from ...scene.camera import CameraRays
@@ -281,7 +280,7 @@ def _load(rays, packet):
 @inlined
 def _origins(rays):
     o = rays.origin
-    return Vec(splat16(o[0]), splat16(o[1]), splat16(o[2]))
+    return Vec3(splat16(o[0]), splat16(o[1]), splat16(o[2]))
 
 
 @inlined

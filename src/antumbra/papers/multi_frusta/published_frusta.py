@@ -12,8 +12,7 @@ import numpy as np
 
 from ...bvh.blocks import block_pointers
 from ...bvh.links import block_leaf, box_at, box_of_link_at, link_at, rows_at, slot_at
-from ...kernels.fields import F32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items
 from ...kernels.simd import (
     absolute,
@@ -38,7 +37,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec import Vec, dot, keep, largest, magnitudes, minus, rows, scalars
+from ...kernels.vec3 import Vec3, dot, keep, largest, magnitudes, minus, rows, scalars
 from ...query.shadow_query import patch_of
 from ...scene.lights import AMBIENT, LIST
 from ...trace.counters import (
@@ -159,7 +158,7 @@ def _load_patches(chunk, rays, own):
 def _corner(own, a, b, origins):
     """Directions from the receivers to the points (a, b) of the patches."""
     base, u, v = rows(own, _BASE, 16), rows(own, _U, 16), rows(own, _V, 16)
-    point = Vec(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
+    point = Vec3(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
     return minus(point, origins)
 
 
@@ -172,7 +171,7 @@ def _is_flat(light):
 @inlined
 def _box_span(own):
     low, high = magnitudes(rows(own, _D_LOW, 16)), magnitudes(rows(own, _D_HIGH, 16))
-    return length1(Vec(maximum(low.x, high.x), maximum(low.y, high.y), maximum(low.z, high.z)))
+    return length1(Vec3(maximum(low.x, high.x), maximum(low.y, high.y), maximum(low.z, high.z)))
 
 
 @inlined
@@ -320,7 +319,7 @@ def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
     if left == 0:
         return left
     v = triangle.v
-    a = Vec(v.x - origins.x, v.y - origins.y, v.z - origins.z)
+    a = Vec3(v.x - origins.x, v.y - origins.y, v.z - origins.z)
     wide = maximum(largest(a), splat16(triangle.size))
     left &= ~bits(_missed(frusta, lanes, triangle, wide))
     if left != 0:

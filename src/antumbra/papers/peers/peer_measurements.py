@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...files import atomic_output
 from ...kernels.parallel import thread_count
 from ...methods import BUILDERS
-from ...output import replacing
 from ...plan import Plan
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import Light
@@ -192,5 +192,5 @@ def write_plot(rows: list[dict], path: Path) -> None:
         panel.set_title(f"{case[0]}, {case[1]} thread(s)", fontsize=9)
         panel.tick_params(labelsize=8)
         panel.set_xlabel("M rays/s", fontsize=8)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)

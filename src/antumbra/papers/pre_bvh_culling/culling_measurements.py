@@ -18,7 +18,7 @@ from ...engine.accelerator import Accelerator
 from ...engine.scene import Scene, procedural
 from ...engine.scene_loading import load
 from ...errors import InputError
-from ...output import replacing
+from ...files import atomic_output
 from ...query.light_samples import light_samples
 from ...query.shadow_query import shadow_queries
 from ...rendering.renderer import Renderer
@@ -523,7 +523,7 @@ def write_plot(times: list[TimeToImage], path: Path) -> None:
             _draw(panel, {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)})
         row[0].set_ylabel("time to image / BSAH's")
     sheet.axes[0].legend(fontsize=8)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InputError
+from ...kernels.exact.filters import cross, dot
 from ...kernels.jit import inlined, kernel, overload
-from ...kernels.predicate.filters import cross, dot
 from ...kernels.simd import get, put
 from ...methods import Tracer, by_cones
 from ...techniques.rayhierarchy import ray_tree as names

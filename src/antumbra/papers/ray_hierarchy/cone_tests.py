@@ -11,10 +11,10 @@ edge's distance from the centre of the unit circle. Tests are conservative: erro
 
 import numpy as np
 
+from ...kernels.exact.filters import dot as dot3
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import dot as dot3
 from ...kernels.simd import absolute, bits, fma, load16, maximum, select, splat16, square_root
-from ...kernels.vec import Vec, dot, rows
+from ...kernels.vec3 import Vec3, dot, rows
 from ...techniques.rayhierarchy.shadow_planes import (
     COVERS,
     INNER,
@@ -107,7 +107,7 @@ def _meets_sphere(group, ways, row):
     z = _along(group, ways, row, SPHERE)
     x = number16(row, SPHERE) - z * load16(group, 0)
     y = number16(row, SPHERE + 1) - z * load16(group, ways)
-    p = Vec(x, y, number16(row, SPHERE + 2) - z * load16(group, 2 * ways))
+    p = Vec3(x, y, number16(row, SPHERE + 2) - z * load16(group, 2 * ways))
     r, nearest = number16(row, SPHERE + 3), number16(row, SPHERE + 4)
     away = square_root(dot(p, p)) * load16(group, 3 * ways) - z * load16(group, 4 * ways)
     return (away <= r + _E) & (nearest <= load16(group, 6 * ways))
@@ -149,7 +149,7 @@ def _in_shadow(group, ways, row):
 def _across(row, at, w, z):
     """`Vec`: the component of a corner's direction at right angles to the axes."""
     x, y = number16(row, at) - z * w.x, number16(row, at + 1) - z * w.y
-    return Vec(x, y, number16(row, at + 2) - z * w.z)
+    return Vec3(x, y, number16(row, at + 2) - z * w.z)
 
 
 @inlined

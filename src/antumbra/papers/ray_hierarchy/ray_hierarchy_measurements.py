@@ -13,7 +13,7 @@ import numpy as np
 
 from ...engine.scene import Scene
 from ...errors import InputError
-from ...output import replacing
+from ...files import atomic_output
 from ...rendering.frame import Frame
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
@@ -379,7 +379,7 @@ def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
         _draw_pictures(nodes, seen, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
         _draw_pictures(time, seen, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
         nodes.legend(fontsize=8)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

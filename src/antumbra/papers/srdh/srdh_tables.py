@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ...cli import console as report
-from ...output import replacing
+from ...files import atomic_output
 from ...trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
 from . import srdh_measurements as bench
 from .srdh_measurements import (
@@ -216,7 +216,7 @@ def write_plot(rows: list[BoxTests], path: Path) -> None:
     above, below = sheet.subplots(2, 1)
     _draw_bars(above, rows, scenes)
     _draw_curves(below, rows, scenes)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

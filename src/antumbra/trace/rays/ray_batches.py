@@ -5,12 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.wide import wide_tree_of
-from ...kernels.arguments import packed
-from ...kernels.fields import F32Ptr, F64Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.exact.filters import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
+from ...kernels.exact.predicate import two_diff
+from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
+from ...kernels.marshalling import packed
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
-from ...kernels.predicate.expansion import two_diff
-from ...kernels.predicate.hits import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
 from ...kernels.simd import (
     absolute,
     all_lanes,

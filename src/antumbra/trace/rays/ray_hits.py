@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import Bvh, tree_of
+from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.predicate.exact import ray_along, segment
 from ...kernels.simd import atomic_add, get, ptr, put, stack_i32
 from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
 from ...query.ray_passes import RayPass, diffuse_rays

@@ -1,4 +1,4 @@
-"""Descriptions of the fields of NamedTuples for ``help``, from the comments beside them in the source."""
+"""Field descriptions of NamedTuples for ``help``, taken from the comments beside the fields in the source."""
 
 import inspect
 import re

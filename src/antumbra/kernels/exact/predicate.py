@@ -1,7 +1,7 @@
 """The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
 
-A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64:
-a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
+A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64: a
+float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
 conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly inside
 the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A line in
 the triangle's own plane does not meet it, so a triangle without area never blocks.
@@ -17,16 +17,154 @@ share an edge or a vertex see a line on the same side of it: closed meshes canno
 
 Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot kernels
 prefer the pointer, since passing an array costs a reference count.
+
+Expansions. Exact signs use expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"]. An
+expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
+coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
+
+This code runs only for the few triangles that the filters of `filters` cannot decide, but it is part of every kernel
+that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code would take
+two thirds of the time to compile kernels.
+
+Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..fields import F64Ptr
-from ..jit import inlined, kernel
+from ..jit import F64Ptr, inlined, kernel
 from ..simd import get, put, stack_f64
-from .expansion import CAPACITY, PRODUCT, add_determinant, sign_of, two_diff, value_of
+
+# --- Exact signs by expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"] --------------
+#
+# An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
+# coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
+#
+# This code runs only for the few triangles that the filters of `filters.py` cannot decide, but it is part of every
+# kernel that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code
+# would take two thirds of the time to compile kernels.
+#
+# Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
+
+
+PRODUCT = 64  # float64 numbers in a product of a scale and 3 two-part factors
+CAPACITY = 18 * PRODUCT  # components of an expansion: three determinants of 6 products
+_SPLITTER = np.float64(134217729.0)  # 2**27 + 1
+
+
+@kernel
+def two_diff(a, b):
+    """(hi, lo): hi = fl(a - b) and hi + lo == a - b exactly."""
+    hi = a - b
+    virtual = a - hi
+    return hi, (a - (hi + virtual)) + (virtual - b)
+
+
+@kernel
+def two_product(a, b):
+    """(hi, lo): hi = fl(a * b) and hi + lo == a * b exactly (Dekker's split; no fused multiply-add needed)."""
+    hi = a * b
+    c = _SPLITTER * a
+    a1 = c - (c - a)
+    a2 = a - a1
+    c = _SPLITTER * b
+    b1 = c - (c - b)
+    b2 = b - b1
+    return hi, a2 * b2 - (((hi - a1 * b1) - a2 * b1) - a1 * b2)
+
+
+@kernel
+def grow(sum_, n, x):
+    """Add the number x to the expansion of n components in place, drop zeros, and return the new length."""
+    m = 0
+    for i in range(n):
+        y = get(sum_, i)
+        s = x + y
+        virtual = s - x
+        low = (x - (s - virtual)) + (y - virtual)
+        if low != 0.0:
+            put(sum_, m, low)
+            m += 1
+        x = s
+    if x != 0.0:
+        put(sum_, m, x)
+        m += 1
+    return m
+
+
+@kernel
+def _multiply(product, n, hi, lo):
+    """Multiply a sum of n numbers by hi + lo in place, and return the new length."""
+    step = 2 if lo == 0.0 else 4
+    for i in range(n - 1, -1, -1):
+        x, at = get(product, i), step * i
+        for half in range(0, step, 2):
+            p1, p0 = two_product(x, hi if half == 0 else lo)
+            put(product, at + half, p0)
+            put(product, at + half + 1, p1)
+    return step * n
+
+
+@kernel
+def add_determinant(sum_, n, rows, product, scale):
+    """Add scale * det(rows) to the expansion, and return the new length.
+
+    rows : three vectors, each of three sums hi + lo
+    product : scratch memory of PRODUCT numbers
+    """
+    for term in range(6):
+        i, odd = term % 3, term // 3
+        j = (i + 1 + odd) % 3
+        put(product, 0, -scale if odd else scale)
+        m = 1
+        for row in range(3):
+            at = 6 * row + 2 * (i if row == 0 else j if row == 1 else 3 - i - j)
+            m = _multiply(product, m, get(rows, at), get(rows, at + 1))
+        for k in range(m):
+            x = get(product, k)
+            if x != 0.0:  # three of four are zero if the factors are float32
+                n = grow(sum_, n, x)
+    return n
+
+
+@kernel
+def sign_of(sum_, n):
+    """Sign of an expansion: -1, 0 or 1. The largest component comes last and decides the sign."""
+    if n == 0:
+        return 0
+    return 1 if get(sum_, n - 1) > 0.0 else -1
+
+
+@kernel
+def value_of(sum_, n):
+    """The expansion rounded to float64, within one unit in the last place."""
+    total = 0.0
+    for i in range(n):
+        total += get(sum_, i)
+    return total
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
+#
+# A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two
+# float64: a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under
+# two conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly
+# inside the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A
+# line in the triangle's own plane does not meet it, so a triangle without area never blocks.
+#
+# With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
+#
+#     e0 = det(d, b, c)   e1 = det(d, c, a)   e2 = det(d, a, b)        e0 + e1 + e2 = d . n
+#
+#     t = det(a, b, c) / (d . n)
+#
+# The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So triangles that
+# share an edge or a vertex see a line on the same side of it: closed meshes cannot leak.
+#
+# Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot
+# kernels prefer the pointer, since passing an array costs a reference count.
 
 
 class Ray(NamedTuple):
@@ -63,7 +201,7 @@ def segment(ox, oy, oz, lx, ly, lz):
     return Ray(f(ox), f(oy), f(oz), dx, dy, dz, rx, ry, rz, 0.0, 1.0, 1.0)
 
 
-class _Work(NamedTuple):
+class _ExpansionMemory(NamedTuple):
     """Scratch memory for exact arithmetic."""
 
     sum_: F64Ptr  # an expansion of up to CAPACITY components
@@ -122,7 +260,7 @@ def _add(work, n, ray, corners, i, what, scale):
 @kernel
 def exact_line_side(ray, corners, i):
     """Sign of d . n if the line meets triangle i, else 0."""
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     side = 0
     for edge in range(3):
         s = sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
@@ -189,7 +327,7 @@ def exact_meets(ray, corners, i):
     if ray.real == 0.0:
         t = exact_t(ray, corners, i)
         return side if ray.tmin < t and t < ray.tmax else 0
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for end in range(2):
         t, sign = (ray.tmin, 1) if end == 0 else (ray.tmax, -1)
         if sign * sign_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) * side <= 0:
@@ -200,7 +338,7 @@ def exact_meets(ray, corners, i):
 @kernel
 def exact_t(ray, corners, i):
     """t at which the line meets the plane of triangle i, rounded to the nearest float64; ties go to the even one."""
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     normal = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
     t, rest = np.float64(0.0), np.float64(0.0)
     for _ in range(2):  # the first rest is the quotient, and the second one its error
@@ -222,7 +360,7 @@ def exact_t(ray, corners, i):
 @kernel
 def exact_weights(ray, corners, i):
     """Weights of the second and third corner where the line meets triangle i, correct to float64's last places."""
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     second = third = total = np.float64(0.0)
     for edge in range(3):
         value = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _EDGE + edge, 1.0))
@@ -233,7 +371,7 @@ def exact_weights(ray, corners, i):
 @kernel
 def exact_has_area(corners, i):
     """Whether triangle i has an area: a component of its normal that is not zero."""
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for axis in range(3):
         x, y, z = np.float64(axis == 0), np.float64(axis == 1), np.float64(axis == 2)
         ray = ray_along(0.0, 0.0, 0.0, x, y, z, 0.0, 0.0)
@@ -248,6 +386,6 @@ def exact_plane_side(x, y, z, corners, i):
 
     A triangle without area has no plane: the side is 0 everywhere.
     """
-    work = _Work(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
+    work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     ray = ray_along(x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)
     return -sign_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _VOLUME, 1.0))

@@ -1,12 +1,12 @@
-"""Several processes that compile kernels at once, as many as there are cores.
+"""A pool of processes that compile kernels, as many as there are cores.
 
-Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process takes
-the next kernel when its last one is done. The longest kernels go first, so that all processes end together. Finished
-kernels are on disk: Ctrl-C loses only the kernels in progress.
+Each process reads one request a line and answers with null or an error message. It imports Numba without scipy's
+linear algebra, which starts faster.
 """
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -14,11 +14,62 @@ from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-from .cache import Folder, cache_folder
-from .parallel import thread_count
-from .processor import level
+from ..machine_code import level
+from ..marshalling import import_object
+from ..parallel import thread_count
+from .kernel_cache import KernelFolder, cache_folder
 
-Progress = Callable[[int, int], None]
+# --- Import Numba without scipy's linear algebra ----------------------------------------------------------------------
+
+
+def import_numba() -> None:
+    """Import Numba's array functions, but not scipy's linear algebra behind them, whose import takes 0.2 s.
+
+    It is for processes that only compile, since Numba then refuses np.dot in kernels. No kernel multiplies matrices.
+    """
+    if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
+        return
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails at once
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        del sys.modules["scipy.linalg"]
+
+
+# --- A compiling process: it reads one request a line, and answers each with null or with an error message ------------
+#
+# A request is JSON: the kernel's name, the kinds of its arguments, and the levels of processors.
+
+
+def serve() -> None:
+    """Serve `crew.compile_all` until it closes the pipe. This process ignores Ctrl-C: the caller ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # other output must not be taken for an answer
+    import_numba()
+    from .kernel_cache import KernelFolder, cache_folder, load_or_compile
+    from .kernel_digest import kernel_digest
+
+    for line in sys.stdin:
+        name, key, levels = json.loads(line)
+        try:
+            kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
+            load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
+            problem = None
+        except Exception as error:
+            problem = f"{type(error).__name__}: {error}"
+        answers.write(json.dumps(problem) + "\n")
+        answers.flush()
+
+
+# --- Several processes that compile kernels at once, as many as there are cores ---------------------------------------
+#
+# Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process
+# takes the next kernel when its last one is done. The longest kernels go first, so that all processes end together.
+# Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+
+
+PoolProgress = Callable[[int, int], None]
 _POLL_SECONDS = 0.1
 _START = """
 import json, sys
@@ -28,7 +79,7 @@ main()
 """
 
 
-class Wanted(NamedTuple):
+class KernelRequest(NamedTuple):
     """A kernel to compile: its name, and the kinds of its arguments."""
 
     kernel: str  # module:qualname
@@ -36,7 +87,7 @@ class Wanted(NamedTuple):
     seconds: float = 0.0  # expected time to compile
 
 
-class _Worker(threading.Thread):
+class _CompileProcess(threading.Thread):
     """One compiling process, and the thread that sends it requests."""
 
     def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
@@ -72,9 +123,9 @@ class _Worker(threading.Thread):
             pipe.close()
 
 
-def compile_all(
-    wanted: Iterable[Wanted],
-    progress: Progress | None = None,
+def compile_kernels(
+    wanted: Iterable[KernelRequest],
+    progress: PoolProgress | None = None,
     processes: int | None = None,
     levels: Sequence[str] | None = None,
 ) -> list[str]:
@@ -99,7 +150,9 @@ def compile_all(
     done: SimpleQueue = SimpleQueue()
     for each in todo:
         work.put(each)
-    crew = [_Worker(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))]
+    crew = [
+        _CompileProcess(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))
+    ]
     try:
         for worker in crew:
             worker.start()
@@ -107,10 +160,10 @@ def compile_all(
     finally:
         for worker in crew:
             worker.end()
-        Folder(cache_folder(), level()).prune()
+        KernelFolder(cache_folder(), level()).prune()
 
 
-def _wait(done: SimpleQueue, at_work: int, total: int, progress: Progress | None) -> list[str]:
+def _wait(done: SimpleQueue, at_work: int, total: int, progress: PoolProgress | None) -> list[str]:
     ready, wrong = 0, []
     while at_work:
         if progress is not None:

@@ -1,6 +1,6 @@
-"""Progress of long work. The library itself prints nothing, except a bar where a person watches.
+"""Progress of long work. The library itself prints nothing, except a bar in a terminal or a notebook.
 
-- A function that the caller gave (`heard_by`, `followed`) gets all progress; False gets none.
+- A function that the caller gave (`progress_listener`, `with_progress`) gets all progress; False gets none.
 - Else terminals and notebooks show a bar after a second.
 - Begin and end of long work go to the logger ``antumbra``, at level INFO. Warnings go there too.
 """
@@ -15,15 +15,15 @@ from threading import Lock, Timer
 from time import perf_counter
 from typing import Any, ParamSpec, TypeVar
 
-from ..errors import InputError
+from .errors import InputError
 
-Say = Callable[[str, int, int], object]
+ProgressListener = Callable[[str, int, int], object]
 """Function of (name of the work, amount done, total amount)."""
 
-Heard = Callable[[int, int], Any]
+ProgressCallback = Callable[[int, int], Any]
 """Function of (amount done, total amount)."""
 
-Progress = Say | bool | None
+Progress = ProgressListener | bool | None
 """What the keyword ``progress`` of a job takes, see `followed`."""
 
 LOG = logging.getLogger("antumbra")
@@ -31,7 +31,7 @@ LOG = logging.getLogger("antumbra")
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
-_listener: ContextVar[Say | None] = ContextVar("listener", default=None)
+_listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
 _shown: list[str] = []  # names of the work that is shown now, by a bar or by a listener
 _DELAY = 1.0  # seconds before a bar appears
 _EVERY = 0.1  # seconds between two states of a bar
@@ -39,7 +39,7 @@ _WIDTH = 24  # characters of a bar
 
 
 @contextmanager
-def heard_by(say: Say) -> Iterator[None]:
+def progress_listener(say: ProgressListener) -> Iterator[None]:
     """Within the context, progress goes to `say`, and no bar appears."""
     token = _listener.set(say)
     try:
@@ -48,11 +48,11 @@ def heard_by(say: Say) -> Iterator[None]:
         _listener.reset(token)
 
 
-def unheard(what: str, done: int, total: int) -> None:
+def ignore_progress(what: str, done: int, total: int) -> None:
     """A listener that ignores all progress."""
 
 
-def followed(job: Callable[_P, _R]) -> Callable[_P, _R]:
+def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorator of a function with a keyword ``progress``, through which callers follow its work.
 
     A function of (text, done, total): it gets the progress of everything within. False: nothing is shown. None or
@@ -61,16 +61,16 @@ def followed(job: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(job)
     def run(*args: _P.args, **options: _P.kwargs) -> _R:
-        progress: Any = _checked(options.get("progress"))
+        progress: Any = _checked_progress(options.get("progress"))
         if progress is None:
             return job(*args, **options)
-        with heard_by(progress or unheard):
+        with progress_listener(progress or ignore_progress):
             return job(*args, **options)
 
     return run
 
 
-def hushed(job: Callable[_P, _R]) -> Callable[_P, _R]:
+def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorator of a function whose keyword ``progress`` takes a function of (done, total), or None.
 
     It may now be False too: nothing is shown, not even by what the function calls. True is the same as None.
@@ -78,14 +78,14 @@ def hushed(job: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(job)
     def run(*args: _P.args, **options: _P.kwargs) -> _R:
-        options["progress"] = progress = _checked(options.get("progress"))
-        with heard_by(unheard) if progress is False else nullcontext():
+        options["progress"] = progress = _checked_progress(options.get("progress"))
+        with progress_listener(ignore_progress) if progress is False else nullcontext():
             return job(*args, **options)
 
     return run
 
 
-def _checked(progress) -> Any:
+def _checked_progress(progress) -> Any:
     """A function, False or None; InputError for anything else but True."""
     if progress is None or isinstance(progress, bool):
         return None if progress else progress
@@ -95,7 +95,7 @@ def _checked(progress) -> Any:
 
 
 @contextmanager
-def reported(what: str) -> Iterator[Heard]:
+def report_progress(what: str) -> Iterator[ProgressCallback]:
     """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
     start = perf_counter()
     LOG.info("%s ...", what)
@@ -103,7 +103,7 @@ def reported(what: str) -> Iterator[Heard]:
         if say := _listener.get():
             yield lambda done, total: say(what, done, total)
         elif _watched():
-            bar = Bar(what, _DELAY)
+            bar = ProgressBar(what, _DELAY)
             with bar.appearing():
                 yield bar
         else:
@@ -111,7 +111,9 @@ def reported(what: str) -> Iterator[Heard]:
     LOG.info("%s: %.0f s", what, perf_counter() - start)
 
 
-def shown(what: str, progress: Heard | bool | None = None) -> AbstractContextManager[Heard | None]:
+def show_progress(
+    what: str, progress: ProgressCallback | bool | None = None
+) -> AbstractContextManager[ProgressCallback | None]:
     """Show work that may be short and is too small for the log.
 
     progress : the keyword of a `hushed` function; a function is the context's value
@@ -125,17 +127,17 @@ def shown(what: str, progress: Heard | bool | None = None) -> AbstractContextMan
 
 
 @contextmanager
-def _short(what: str) -> Iterator[Heard]:
+def _short(what: str) -> Iterator[ProgressCallback]:
     """Show a bar for work that may be short."""
     with _busy(what):
-        bar = Bar(what, _DELAY)
+        bar = ProgressBar(what, _DELAY)
         try:
             yield bar
         finally:
             bar.clear()
 
 
-def in_turn(heard: Heard | None, count: int, index: int = 0, of: int = 1) -> Heard | None:
+def split_progress(heard: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
     """A function of (done, total) for `count` runs, one after the other. `done` restarts in each run.
 
     All runs together are piece `index` of `of` pieces.
@@ -152,7 +154,7 @@ def in_turn(heard: Heard | None, count: int, index: int = 0, of: int = 1) -> Hea
     return progress
 
 
-class Bar:
+class ProgressBar:
     """A line on standard error that is written anew again and again; notebooks show it as terminals do.
 
     what : name of the work

@@ -1,4 +1,4 @@
-"""Arguments and results of kernels as 8-byte words.
+"""Marshalling: arguments and results of kernels as 8-byte words.
 
 A *key* lists the kinds of the arguments, one token for each scalar, array, None, and begin or end of a tuple. The key
 chooses the machine code and the packing of the values.
@@ -49,10 +49,10 @@ def _opening(cls: type) -> str:
 
 def class_of(name: str) -> type:
     """The class that ``module:qualname`` names."""
-    return _classes.get(name) or named(name)
+    return _classes.get(name) or import_object(name)
 
 
-def named(name: str):
+def import_object(name: str):
     """The object that ``module:qualname`` names."""
     module, _, qualname = name.partition(":")
     return reduce(getattr, qualname.split("."), import_module(module))
@@ -133,7 +133,7 @@ def _flatten(x, key, values):
         raise TypeError(f"a kernel cannot take {kind.__module__}.{kind.__qualname__}")
 
 
-class Form:
+class ArgumentForm:
     """The packing of values of known kinds.
 
     example : a value of these kinds: a scalar, an array, or a tuple of them
@@ -193,7 +193,7 @@ Spec = str | list
 """The kind of a result: a scalar's token, `NONE`, or [class name (None for a plain tuple), specs of the items]."""
 
 
-class Result:
+class ResultReader:
     """Builds a kernel's result from the words that it wrote."""
 
     def __init__(self, spec: Spec):

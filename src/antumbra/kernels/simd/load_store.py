@@ -12,7 +12,7 @@ from numba.core import types
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
-from .by_level import name_of_store_compressed
+from ..machine_code import name_of_store_compressed
 from .vectors import I32, I64, Vector, call_llvm, llvm_type, reject, repeat
 
 _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register

@@ -1,17 +1,16 @@
-"""Three coordinates at once: of scalars or of vectors of lanes."""
+"""Vectors of three coordinates: of float32 scalars, or of f32x16 with one vector in each lane."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .fields import F32OrLanes
-from .jit import inlined
+from .jit import F32OrLanes, inlined
 from .simd import absolute, broadcast16, fma, get, load16, maximum, splat16, store
 
 _HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
 
 
-class Vec(NamedTuple):
+class Vec3(NamedTuple):
     """Three coordinates: float32 or f32x16."""
 
     x: F32OrLanes
@@ -46,13 +45,13 @@ def abs_dots(v, s):
 @inlined
 def cross(a, b):
     """a x b of f32x16."""
-    return Vec(fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x)))
+    return Vec3(fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x)))
 
 
 @inlined
 def crosses(a, s):
     """a x s of f32x16 and scalars."""
-    return Vec(
+    return Vec3(
         fma(a.y, splat16(s.z), -(a.z * s.y)),
         fma(a.z, splat16(s.x), -(a.x * s.z)),
         fma(a.x, splat16(s.y), -(a.y * s.x)),
@@ -61,18 +60,18 @@ def crosses(a, s):
 
 @inlined
 def plus(a, b):
-    return Vec(a.x + b.x, a.y + b.y, a.z + b.z)
+    return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
 @inlined
 def minus(a, b):
-    return Vec(a.x - b.x, a.y - b.y, a.z - b.z)
+    return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
 
 
 @inlined
 def times(a, s):
     """a * s, component by component."""
-    return Vec(a.x * s, a.y * s, a.z * s)
+    return Vec3(a.x * s, a.y * s, a.z * s)
 
 
 @inlined
@@ -83,7 +82,7 @@ def largest(v):
 
 @inlined
 def magnitudes(v):
-    return Vec(absolute(v.x), absolute(v.y), absolute(v.z))
+    return Vec3(absolute(v.x), absolute(v.y), absolute(v.z))
 
 
 @inlined
@@ -97,25 +96,25 @@ def middles_and_halves(low, high):
     """(middles, half extents) of boxes from their corners, padded: middle -+ half contains each box."""
     m = plus(times(low, _HALF), times(high, _HALF))
     up, down = minus(high, m), minus(m, low)
-    return m, Vec(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
+    return m, Vec3(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
 
 
 @inlined
 def scalars(p, at, stride):
     """Three numbers from memory, `stride` apart."""
-    return Vec(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
+    return Vec3(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
 
 
 @inlined
 def rows(p, at, stride):
     """Three f32x16 from memory, `stride` float32 apart."""
-    return Vec(load16(p, at), load16(p, at + stride), load16(p, at + 2 * stride))
+    return Vec3(load16(p, at), load16(p, at + stride), load16(p, at + 2 * stride))
 
 
 @inlined
 def broadcasts(p, at, stride):
     """Three numbers from memory, each in all lanes."""
-    return Vec(broadcast16(p, at), broadcast16(p, at + stride), broadcast16(p, at + 2 * stride))
+    return Vec3(broadcast16(p, at), broadcast16(p, at + stride), broadcast16(p, at + 2 * stride))
 
 
 @inlined
