@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
-from antumbra.bvh.quality import sah_cost, validate
-from antumbra.bvh.quality import statistics as shape_of
+from antumbra.bvh.tree_quality import sah_cost, validate
+from antumbra.bvh.tree_quality import statistics as shape_of
 from antumbra.kernels.parallel import thread_count
 from antumbra.methods import BUILDERS, TRACERS
 from antumbra.papers.peers.embree import QUALITIES, Device, EmbreeScene

@@ -17,7 +17,7 @@ of 4 x 4 pixels, and such a block is a packet. Answers stay in the records. Rati
 
 import argparse
 
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.methods import BUILDERS
 from antumbra.papers.peers.peer_measurements import embree_contenders
 from antumbra.papers.peers.ray_contest import OURS, Contender, contest, primary_rays, rows

@@ -15,7 +15,6 @@ from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
-    from .bvh.srdh_rays import SrdhRays
     from .engine.engine import Engine, Visibility
     from .engine.paged_scene import PagedScene
     from .engine.point_visibility import visibility
@@ -54,6 +53,7 @@ if typing.TYPE_CHECKING:
     from .scene.sky import Sky
     from .scene.triangles import Hit, Triangles
     from .store.store_build import BuildReport
+    from .techniques.srdh.representative_rays import SrdhRays
     from .viewer.show import Viewer, view
 
 __version__ = _VERSION
@@ -163,7 +163,7 @@ _HOME = {
     "Sightlines": "jobs.sight.pairs",
     "Sky": "scene.sky",
     "SphereLight": "scene.lights",
-    "SrdhRays": "bvh.srdh_rays",
+    "SrdhRays": "techniques.srdh.representative_rays",
     "Suns": "jobs.sun.positions",
     "Table": "jobs.table",
     "Triangles": "scene.triangles",

@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 
 from . import extras as plugins
 from .auto import trace as auto
-from .bvh import binned_sah, lbvh, rayorder, refit, reinsertion, srdh, sweep_sah, tl_lbvh
-from .bvh.blocks import block_tree
-from .bvh.widen import widen
+from .bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from .bvh.block_tree import block_tree
+from .bvh.wide_bvh import widen
 from .techniques.culling.pre_bvh_culling import cull
+from .techniques.srdh import srdh_builder as rayorder
+from .techniques.srdh import srdh_builder as srdh
 from .techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from .techniques.tracer_options import ChcRtOptions as CullingOptions
 from .techniques.tracer_options import RayHierarchyOptions as ConeOptions
@@ -161,7 +163,7 @@ OPTIMISERS: dict[str, Optimiser] = {
 
 UPDATERS: dict[str, Updater] = {
     "refit": Updater(
-        refit.Deforming,
+        refit.DeformingTree,
         "the last frame's tree with new boxes, until that costs a tenth more than when it was built",
         "Lauterbach et al. 2006, RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs",
     ),

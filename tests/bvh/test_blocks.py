@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh.blocks import BLOCK, block_tree
+from antumbra.bvh.block_tree import BLOCK, block_tree
 from antumbra.methods import BUILDERS
 from strategies import soups
 

@@ -6,13 +6,14 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh import binned_sah, srdh, top_down
+from antumbra.bvh import binned_sah, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
-from antumbra.bvh.quality import statistics, validate
 from antumbra.bvh.refit import refit
-from antumbra.bvh.srdh import KERNELS
+from antumbra.bvh.tree_quality import statistics, validate
 from antumbra.errors import InputError
 from antumbra.methods import BUILDERS
+from antumbra.techniques.srdh import srdh_builder as srdh
+from antumbra.techniques.srdh.srdh_builder import KERNELS
 from antumbra.trace.rays.ray_hits import Intersections
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths

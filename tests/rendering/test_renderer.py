@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh.blocks import BlockTree
+from antumbra.bvh.block_tree import BlockTree
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.rendering.frame import PHASES
 from antumbra.trace.counters import COUNTERS

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from antumbra.bvh.nodes import Bvh
-from antumbra.bvh.quality import validate
+from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
 from antumbra.scene.mesh import Piece

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import Bvh, boxes_of
-from ..bvh.widen import widen
+from ..bvh.wide_bvh import widen
 from ..kernels.marshalling import Packed, packed
 from ..query.shadow_query import ShadowQuery, new_bits
 from ..trace.frusta.multi_frusta import trace_tree_list

@@ -180,7 +180,7 @@ def parse_srdh_rays(text: str):
                 raise InputError(f"{part!r} comes after another one of its kind; leave one of them out")
             chosen[name] = True if name != "size" else None if part == "all" else int(part)
 
-        from ..bvh.srdh_rays import SrdhRays
+        from ..techniques.srdh.representative_rays import SrdhRays
 
         return SrdhRays(**chosen)
 

@@ -105,7 +105,6 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..bvh.srdh_rays import SrdhRays
     from ..engine.scene import AnyScene
     from ..jobs.engines import Engine
     from ..plan import Plan
@@ -113,6 +112,7 @@ if TYPE_CHECKING:
     from ..rendering.renderer import Renderer
     from ..scene.camera import Camera
     from ..scene.lights import Light
+    from ..techniques.srdh.representative_rays import SrdhRays
 
 
 class PictureSpec(NamedTuple):

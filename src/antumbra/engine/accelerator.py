@@ -16,10 +16,9 @@ from ..auto.choose import Memory, suited_ways
 from ..auto.facts import facts_of
 from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
 from ..auto.trace import Auto
-from ..bvh.blocks import block_tree
-from ..bvh.kept import part_of
+from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
-from ..bvh.srdh_rays import SrdhRays
+from ..bvh.refit import filter_tree
 from ..errors import InputError
 from ..methods import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
 from ..plan import Plan, parse_plan
@@ -29,7 +28,7 @@ from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of
-from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector
+from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
 from .precompilation import Job, fixed_job, precompile, small_scene
 
@@ -163,7 +162,7 @@ class Accelerator:
             self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
         bvh = self._updated[1]
         left = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if left is None else part_of(bvh, left.kept, self.threads)
+        return bvh if left is None else filter_tree(bvh, left.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser

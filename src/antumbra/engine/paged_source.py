@@ -13,8 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
-from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
 from ..checks import byte_count
 from ..errors import InputError
 from ..kernels.exact.filters import single_weights

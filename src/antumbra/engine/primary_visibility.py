@@ -16,7 +16,7 @@ import numpy as np
 
 from ..auto.ways import WAYS
 from ..bvh import lbvh
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer

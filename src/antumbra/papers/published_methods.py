@@ -10,10 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from ..bvh import srdh
-from ..bvh.blocks import block_tree
+from ..bvh.block_tree import block_tree
+from ..bvh.child_order import sooner_first
 from ..bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
-from ..bvh.order import sooner_first
 from ..kernels.toolchain import kernel_manifest as needs
 from ..methods import (
     BENTHIN,
@@ -29,6 +28,7 @@ from ..methods import (
     unchanged,
 )
 from ..techniques.culling.pre_bvh_culling import cull
+from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_traversal import NEAREST, RANDOM, SRDH, Ordered
 from ..trace.rays.single_rays import trace_shadow

@@ -14,8 +14,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 
 from ..bvh import binned_sah
-from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
-from ..bvh.nodes import EMPTY, Bvh, aligned_empty, boxes_of
+from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
 from ..bvh.reinsertion import reinsert
 from ..checks import quoted
 from ..errors import InputError

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh import binned_sah
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import Bvh, tree_of
 from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
 from ..kernels.exact.predicate import ray_along, segment

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import BlockPointers
-from ..bvh.links import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
+from ..bvh.block_tree import BlockPointers
+from ..bvh.nodes import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
 from ..kernels.exact.predicate import segment
 from ..kernels.jit import F32Ptr, F32x16, I32Ptr, inlined, kernel
 from ..kernels.simd import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.bvh import binned_sah
-from antumbra.bvh.quality import validate
+from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import procedural
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.srdh.srdh_measurements import Workload, check_rtsah, even_lines, opposite

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.methods import BUILDERS
 from antumbra.techniques.chcrt.occlusion_queries import Answers, tiles_of

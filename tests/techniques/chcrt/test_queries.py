@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
 from antumbra.methods import BUILDERS
 from antumbra.query.ray_passes import RayPass

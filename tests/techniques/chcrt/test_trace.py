@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.methods import BUILDERS
 from antumbra.plan import parse_plan
 from antumbra.query.rasteriser import rasterise

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import tree_of
 from antumbra.errors import InputError
 from antumbra.kernels.exact.filters import hit_t

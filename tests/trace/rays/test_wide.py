@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.bvh.nodes import tree_of
-from antumbra.bvh.widen import widen
+from antumbra.bvh.wide_bvh import widen
 from antumbra.kernels.exact.predicate import ray_along
 from antumbra.kernels.jit import kernel
 from antumbra.methods import BUILDERS

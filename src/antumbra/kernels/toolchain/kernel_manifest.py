@@ -77,7 +77,7 @@ def kernels_of_job(name: str) -> set[KernelRequest] | None:
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None
 
 
-# --- Packs of machine code for common processors, which a wheel brings along: ``python -m antumbra.kernels.toolchain.kernel_manifest`` -----
+# --- Packs of machine code for common processors, which a wheel includes ----------------------------------------------
 #
 # Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
 # cannot run. The command says so, because nobody has run these packs where they were made.

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree
-from ...bvh.links import CHILDREN, block_leaf, is_leaf
+from ...bvh.block_tree import BlockTree
+from ...bvh.nodes import CHILDREN, block_leaf, is_leaf
 from ...errors import InputError
 from ...files import atomic_output
 from ...query.ray_passes import RayPass

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import block_tree
+from ...bvh.block_tree import block_tree
 from ...engine.paged_scene import PagedScene
 from ...engine.paged_source import Paged
 from ...errors import InputError

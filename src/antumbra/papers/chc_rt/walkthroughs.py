@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree
+from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import Bvh
 from ...engine.paged_scene import PagedScene
 from ...engine.scene import AnyScene

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh import binned_sah
-from ...bvh.blocks import block_tree
+from ...bvh.block_tree import block_tree
 from ...errors import InputError
 from ...files import atomic_output
 from ...methods import TRACERS, add_plugins

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree, block_pointers, block_tree
-from ...bvh.links import block_leaf, box_at, slot_at
+from ...bvh.block_tree import BlockTree, block_pointers, block_tree
+from ...bvh.nodes import block_leaf, box_at, slot_at
 from ...kernels.exact.filters import is_nearer, meets
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count

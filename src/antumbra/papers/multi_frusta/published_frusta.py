@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import block_pointers
-from ...bvh.links import block_leaf, box_at, box_of_link_at, link_at, rows_at, slot_at
+from ...bvh.block_tree import block_pointers
+from ...bvh.nodes import block_leaf, box_at, box_of_link_at, link_at, rows_at, slot_at
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items
 from ...kernels.simd import (

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...bvh import binned_sah, srdh
+from ...bvh import binned_sah
+from ...bvh.child_order import sooner_first
 from ...bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
-from ...bvh.order import sooner_first
 from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...query.light_samples import MAX_SPP, light_samples
@@ -30,6 +30,7 @@ from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
 from ...scene.light_lists import PointLights
 from ...scene.triangles import Triangles
+from ...techniques.srdh import srdh_builder as srdh
 from ...techniques.srdh.representative_rays import (
     RepresentativeRays,
     RepresentativeRaySelector,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, box_at, rows_at, slot_at
+from ...bvh.nodes import block_leaf, box_at, rows_at, slot_at
 from ...kernels.exact.filters import is_nearer, meets, rounded_t
 from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel

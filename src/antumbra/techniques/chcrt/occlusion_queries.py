@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...bvh.links import box_at
+from ...bvh.nodes import box_at
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overloaded
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import (

@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.bounds import corners_of
 from ...bvh.nodes import Bvh
+from ...bvh.triangle_bounds import corners_of
 from ...kernels.jit import I32Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, bounds_at, is_leaf
-from ...bvh.nodes import MAX_DEPTH
+from ...bvh.nodes import MAX_DEPTH, block_leaf, bounds_at, is_leaf
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
 from ..descent import Shafts, left, next_leaf, nowhere, save, slabs_of

@@ -44,7 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bounds_at
+from ...bvh.nodes import bounds_at
 from ...kernels.exact.filters import plane
 from ...kernels.jit import inlined, kernel
 from ...kernels.simd import (

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bounds_at
-from ...bvh.nodes import middle_and_half
+from ...bvh.nodes import bounds_at, middle_and_half
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_i32,

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf
-from ...bvh.nodes import MAX_DEPTH, boxes_of
+from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store

@@ -34,7 +34,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, rows_at, slot_at
+from ...bvh.nodes import block_leaf, rows_at, slot_at
 from ...kernels.exact.filters import plane_side
 from ...kernels.jit import F32Ptr, F32x16, I32Ptr, inlined, kernel
 from ...kernels.simd import (

@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree, block_tree
-from ...bvh.links import box_at
-from ...bvh.nodes import boxes_of
+from ...bvh.block_tree import BlockTree, block_tree
+from ...bvh.nodes import box_at, boxes_of
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.wide import wide_tree_of
+from ...bvh.nodes import wide_tree_of
 from ...kernels.exact.filters import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel

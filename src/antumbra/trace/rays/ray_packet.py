@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import wide_leaf
-from ...bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
+from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import FilterTriangles, meet
 from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (

@@ -14,8 +14,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bvh_leaf, line_at, link_at, order_at
-from ...bvh.nodes import BACK_TO_FRONT, EMPTY, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED, Bvh
+from ...bvh.nodes import (
+    BACK_TO_FRONT,
+    EMPTY,
+    FRONT_TO_BACK,
+    LEFT_FIRST,
+    MAX_DEPTH,
+    UNORDERED,
+    Bvh,
+    bvh_leaf,
+    line_at,
+    link_at,
+    order_at,
+)
 from ...kernels.exact.filters import (
     BEYOND,
     UNSURE,

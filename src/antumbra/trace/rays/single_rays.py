@@ -21,9 +21,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import LINK, bvh_leaf
-from ...bvh.nodes import Bvh, Tree, parents_first, tree_of
-from ...bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh, wide_tree_of
+from ...bvh.nodes import (
+    LINK,
+    LINKS,
+    NO_CHILD,
+    NODE_WORDS,
+    WIDTH,
+    Bvh,
+    Tree,
+    WideBvh,
+    bvh_leaf,
+    parents_first,
+    tree_of,
+    wide_tree_of,
+)
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count

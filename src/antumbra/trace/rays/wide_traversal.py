@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import wide_leaf
-from ...bvh.nodes import MAX_DEPTH
-from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
+from ...bvh.nodes import GROUP_WORDS, MAX_DEPTH, NODE_WORDS, WIDTH, wide_leaf
 from ...kernels.exact.filters import BEYOND, FilterRays, FilterTriangles, comes_first, error_unit, hit_t, meet
 from ...kernels.exact.predicate import Ray, ray_along
 from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr, inlined, kernel

@@ -21,9 +21,25 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
-from .links import LINK, ORDER, block_leaf, bvh_leaf, line_at, wide_leaf
-from .nodes import EMPTY, LEFT_FIRST, Bvh, aligned_empty, boxes_of, parents_first, sides
-from .wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH
+from .nodes import (
+    EMPTY,
+    LEFT_FIRST,
+    LINK,
+    LINKS,
+    NO_CHILD,
+    NODE_WORDS,
+    ORDER,
+    WIDTH,
+    Bvh,
+    aligned_empty,
+    block_leaf,
+    boxes_of,
+    bvh_leaf,
+    line_at,
+    parents_first,
+    sides,
+    wide_leaf,
+)
 
 _BUNDLE = 0.01  # width of a bundle, as a share of the scene's diagonal
 _BLOCK_COST = 2.0  # of a block to a bundle, in visits of a node

@@ -1,7 +1,12 @@
-"""The Shadow Ray Distribution Heuristic of all candidate splits of a range at once [Feltman et al. 2012, Sec. 3.3].
+"""The Shadow Ray Distribution Heuristic: ray sets, and the best split for them [Feltman et al. 2012, Sec. 3.3].
 
-A plane between two bins parts a range P into P1 and P2. The cost of a split for the rays R that come to the range is
-(docs/design/srdh.md, eq. 1)
+Ray sets. They are sets of shadow rays with all their hits, which the builder passes down the tree. Each child of a node
+gets a filtered ray set [Feltman et al. 2012, Sec. 3.4]. It has the rays that come to the child in the order of visits
+and enter its box. Of each ray, it has the triangles that the ray meets in the child. Hits are sparse, so each ray has a
+list of them. A hit is only a centroid, since that decides the triangle's side of a split.
+
+Cost. All candidate splits of a range are priced at once. A plane between two bins parts a range P into P1 and P2. The
+cost of a split for the rays R that come to the range is (docs/design/srdh.md, eq. 1)
 
     sum over r of  (1 - k'(r) H(P2, r)) I(P1, r) |P1| + (1 - k(r) H(P1, r)) I(P2, r) |P2|
 
@@ -18,9 +23,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
-from ..kernels.simd import (
+from ...bvh.binned_split import BINS, Split, no_split
+from ...bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
+from ...bvh.triangle_bounds import INF, half_area
+from ...errors import InputError
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
+from ...kernels.simd import (
+    as_i32,
     bits,
+    extract,
     get,
     highest_bit,
     load4,
@@ -30,6 +41,7 @@ from ..kernels.simd import (
     mask_from_bits16,
     maximum,
     minimum,
+    ptr,
     ptr_at,
     put,
     reduce_min,
@@ -42,11 +54,188 @@ from ..kernels.simd import (
     store,
     to_i32,
 )
-from .bins import BINS
-from .bounds import INF, half_area
-from .nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
-from .rayset import GROW, HIT, RAY, ray_at
-from .splits import Split, no_split
+from ...trace.rays.ray_hits import Intersections
+
+# --- Sets of shadow rays with all their hits, as the builder `srdh` passes them down the tree -------------------------
+#
+# Each child of a node gets a filtered ray set [Feltman et al. 2012, Sec. 3.4]. It has the rays that come to the child
+# in the order of visits and enter its box. Of each ray, it has the triangles that the ray meets in the child. Hits are
+# sparse, so each ray has a list of them. A hit is only a centroid, since that decides the triangle's side of a split.
+
+
+RAY = 8  # words: origin, reciprocal direction, first hit, number of hits
+HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`, and one unused
+_TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as this share
+GROW = np.float32(1.0 + 2.0**-20)  # margin of the slab test: a ray that meets a triangle enters its box
+
+
+class RayHitSet(NamedTuple):
+    """Rays and their hits."""
+
+    rays: np.ndarray  # (m, RAY) float32; its last two words are int32
+    hits: np.ndarray  # (h, HIT) float32
+
+
+class RayHitSetPointers(NamedTuple):
+    """Pointers to the arrays of a `ShownRays`, from some ray and some hit on."""
+
+    rays: F32Ptr  # float32 *
+    words: I32Ptr  # int32 *, the same memory
+    hits: F32Ptr  # float32 *
+
+
+class SetSize(NamedTuple):
+    """A number of rays and a number of hits: the size of one side's set, or a position in a `ShownRays`."""
+
+    rays: int
+    hits: int
+
+
+class SlabRay(NamedTuple):
+    """A ray for slab tests: origin and reciprocal direction, float32 scalars."""
+
+    ox: np.float32
+    oy: np.float32
+    oz: np.float32
+    ix: np.float32
+    iy: np.float32
+    iz: np.float32
+
+
+def check_intersections(found: Intersections, n: int) -> None:
+    """Raise InputError if a segment meets a triangle out of range for n triangles."""
+    if len(found.prims) and not (found.prims.min() >= 0 and found.prims.max() < n):
+        raise InputError(f"rays meet triangles {found.prims.min()} to {found.prims.max()}; there are {n}")
+
+
+def bounded_rays(found: Intersections) -> np.ndarray:
+    """(m, RAY) float32: the rays of a `ShownRays` of all segments, ready for slab tests."""
+    rays = np.zeros((len(found.origins), RAY), np.float32)
+    direction = found.ends - found.origins
+    limit = _TINY * np.abs(direction).max(axis=1, initial=np.float32(1e-15), keepdims=True)
+    direction = np.where(np.abs(direction) < limit, limit, direction)
+    rays[:, :3], rays[:, 3:6] = found.origins, np.float32(1.0) / direction
+    words = rays.view(np.int32)
+    words[:, 6], words[:, 7] = found.first[:-1], np.diff(found.first)
+    return rays
+
+
+def ray_hit_set(found: Intersections, flat: np.ndarray) -> RayHitSet:
+    """The ray set of these intersections with the triangles `flat`, (n, 9) float32."""
+    hits = np.zeros((len(found.prims), HIT), np.float32)
+    corners = flat[found.prims].reshape(-1, 3, 3)
+    hits[:, :3] = corners.min(axis=1) + corners.max(axis=1)
+    return RayHitSet(bounded_rays(found), hits)
+
+
+@inlined
+def rays_of(set_, start):
+    """Pointers to the arrays of a `ShownRays`, which must outlive them, from the position `start` (a `Side`) on."""
+    rays = ptr_at(ptr(set_.rays), start.rays * RAY)
+    return RayHitSetPointers(rays, as_i32(rays), ptr_at(ptr(set_.hits), start.hits * HIT))
+
+
+@inlined
+def ray_at(rays, i):
+    """Ray number i as a `ShownRay`."""
+    k = i * RAY
+    return SlabRay(
+        get(rays, k), get(rays, k + 1), get(rays, k + 2), get(rays, k + 3), get(rays, k + 4), get(rays, k + 5)
+    )
+
+
+@inlined
+def _pierces(box, ray):
+    """Whether a ray enters a box that is not empty; `box` points to a box in the form of `bounds`."""
+    ax, bx = (get(box, 0) - ray.ox) * ray.ix, (-get(box, 4) - ray.ox) * ray.ix
+    ay, by = (get(box, 1) - ray.oy) * ray.iy, (-get(box, 5) - ray.oy) * ray.iy
+    az, bz = (get(box, 2) - ray.oz) * ray.iz, (-get(box, 6) - ray.oz) * ray.iz
+    near = max(max(min(ax, bx), min(ay, by)), max(min(az, bz), np.float32(0.0)))
+    far = min(min(max(ax, bx), max(ay, by)), min(max(az, bz), np.float32(1.0)))
+    return near <= far * GROW
+
+
+@inlined
+def _away(box, ray):
+    """The squared distance between twice a box's centre and twice a ray's origin."""
+    two = np.float32(2.0)
+    x, y, z = get(box, 0) - get(box, 4), get(box, 1) - get(box, 5), get(box, 2) - get(box, 6)
+    x, y, z = x - two * ray.ox, y - two * ray.oy, z - two * ray.oz
+    return x * x + y * y + z * z
+
+
+@inlined
+def _left_first(order, left, right, ray):
+    """Whether a ray visits the left child first. In constant orders, the left child is the first."""
+    if order == FRONT_TO_BACK:
+        return _away(left, ray) <= _away(right, ray)
+    if order == BACK_TO_FRONT:
+        return not _away(left, ray) <= _away(right, ray)
+    return order == LEFT_FIRST
+
+
+@inlined
+def _copy_ray(source, i, target, side, axis, origin, factor, limit, wanted):
+    """Add ray i, with its hits on one side of a split, to a child's set, and return the set's new size, a `Side`."""
+    # In: source, `ShownRaysPointers`; side, size of the set; axis to limit, the split; wanted, True for left
+    # Out: target, the child's `ShownRaysPointers`
+    at, hit, n = side.rays * RAY, side.hits, np.int64(0)
+    store(target.rays, at, load8(source.rays, i * RAY))
+    first = np.int64(get(source.words, i * RAY + 6))
+    for k in range(first, first + get(source.words, i * RAY + 7)):
+        if ((get(source.hits, k * HIT + axis) - origin) * factor < limit) == wanted:
+            store(target.hits, (hit + n) * HIT, load4(source.hits, k * HIT))
+            n += 1
+    put(target.words, at + 6, hit)
+    put(target.words, at + 7, n)
+    return SetSize(side.rays + 1, hit + n)
+
+
+@kernel
+def divide_rays(source, n, mapping, chosen, boxes, left, right):
+    """Write each child's ray set, with its hits, and return both sizes as `Side`s.
+
+    Left is the side of the lower centroids.
+    """
+    # In: source, n `ShownRaysPointers`; mapping, as for `bins.partition`; chosen, `srdh_cost.RaySplit`
+    # In: boxes, pointer to the boxes of the left and the right side
+    # Out: left, right, `ShownRaysPointers`
+    axis, limit, order = chosen.split.axis, np.float32(chosen.split.place), chosen.order
+    origin, factor = extract(mapping.origin, axis), extract(mapping.factor, axis)
+    low, high = boxes, ptr_at(boxes, 8)
+    to_left, to_right = SetSize(np.int64(0), np.int64(0)), SetSize(np.int64(0), np.int64(0))
+    for i in range(n):
+        ray, below = ray_at(source.rays, i), np.int64(0)
+        first, count = np.int64(get(source.words, i * RAY + 6)), np.int64(get(source.words, i * RAY + 7))
+        for k in range(first, first + count):
+            below += np.int64((get(source.hits, k * HIT + axis) - origin) * factor < limit)
+        above = count - below
+        left_first = _left_first(order, low, high, ray) != chosen.swapped
+        blocked = order != UNORDERED
+        if (below > 0 or _pierces(low, ray)) and not (blocked and not left_first and above > 0):
+            to_left = _copy_ray(source, i, left, to_left, axis, origin, factor, limit, True)
+        if (above > 0 or _pierces(high, ray)) and not (blocked and left_first and below > 0):
+            to_right = _copy_ray(source, i, right, to_right, axis, origin, factor, limit, False)
+    return to_left, to_right
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The Shadow Ray Distribution Heuristic of all candidate splits of a range at once [Feltman et al. 2012, Sec. 3.3].
+#
+# A plane between two bins parts a range P into P1 and P2. The cost of a split for the rays R that come to the range is
+# (docs/design/srdh.md, eq. 1)
+#
+#     sum over r of  (1 - k'(r) H(P2, r)) I(P1, r) |P1| + (1 - k(r) H(P1, r)) I(P2, r) |P2|
+#
+# I is 1 if the ray enters the box, and H is 1 if it meets something in there. k is 1 if the ray visits the left child
+# first, and k' = 1 - k.
+#
+# From plane to plane, boxes only grow on one side and shrink on the other. So along an axis, a ray enters left boxes
+# from one plane on, and right boxes up to another plane. The same holds for hits. For constant k, the sum follows from
+# four counts of rays at each plane. Histograms of the ray's four planes give the counts. A ray is tested against the
+# boxes of all planes in the lanes of registers. Orders by distance lack this structure, and are counted plane by
+# plane.
+
 
 CONSTANT, DISTANCE = 1, 2  # sets of traversal kernels: left or right first; front to back or back to front
 
@@ -70,14 +259,14 @@ class HeuristicSettings(NamedTuple):
     linear: bool  # whether a subtree of n triangles costs n, as published; else n to the power of 3/4
 
 
-class Sides(NamedTuple):
+class RangeSides(NamedTuple):
     """Both sides of all planes. Side s (0: left) on axis a has number 2 a + s. The bins below k are left of plane k."""
 
     boxes: F32Ptr  # float32 *, _BOX words a side; empty boxes have lower = +inf, upper = -inf
     counts: F32Ptr  # float32 *, BINS a side: triangles
 
 
-class Counts(NamedTuple):
+class RayCounts(NamedTuple):
     """Counts of rays at planes."""
 
     places: I32Ptr  # int32 *, 4 rows of _ROW an axis: histograms
@@ -351,8 +540,8 @@ def ray_split(bins, rays, n, mapping, box, settings):
 
     settings : has the fields of `HeuristicSettings`
     """
-    sides = Sides(stack_f32(_BOXES), stack_f32(_COUNTS))
-    counts = Counts(stack_i32(_PLACES), stack_f32(_VISITS))
+    sides = RangeSides(stack_f32(_BOXES), stack_f32(_COUNTS))
+    counts = RayCounts(stack_i32(_PLACES), stack_f32(_VISITS))
     bound_sides(bins, mapping.n_bins, sides)
     n_hits = count_rays(rays, n, mapping, sides, settings.kernels, counts)
     return cheapest_ray_split(sides, counts, mapping.n_bins, n_hits, box, settings)

@@ -12,9 +12,23 @@ import numpy as np
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
-from .links import LINK, ROWS, block_link, bvh_leaf, line_at, link_at, row_at, slot_at
-from .nodes import EMPTY, MAX_DEPTH, aligned_empty, middle_and_half, parents_first, slots_below
-from .order import sooner_for_bundles, triangle_area
+from .child_order import sooner_for_bundles, triangle_area
+from .nodes import (
+    EMPTY,
+    LINK,
+    MAX_DEPTH,
+    ROWS,
+    aligned_empty,
+    block_link,
+    bvh_leaf,
+    line_at,
+    link_at,
+    middle_and_half,
+    parents_first,
+    row_at,
+    slot_at,
+    slots_below,
+)
 
 BLOCK = 16  # triangles in a block, at most
 _WAITING = 2 * MAX_DEPTH

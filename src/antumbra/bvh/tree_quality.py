@@ -7,8 +7,7 @@ import numpy as np
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import ptr, stack_array
-from .links import LINK, box_at, bvh_leaf, line_at
-from .nodes import EMPTY, MAX_DEPTH, MAX_LEAF, Bvh
+from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
 _WAITING = MAX_DEPTH + 1

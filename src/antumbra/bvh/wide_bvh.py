@@ -9,10 +9,26 @@ import numpy as np
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, ptr_at, stack_array
-from .links import LINK, box_at, bvh_leaf, wide_link
-from .nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty, parents_first, sides, slots_below
-from .order import soonest_last, triangle_area
-from .wide import GROUP_WORDS, LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh
+from .child_order import soonest_last, triangle_area
+from .nodes import (
+    EMPTY,
+    GROUP_WORDS,
+    LINK,
+    LINKS,
+    MAX_DEPTH,
+    NO_CHILD,
+    NODE_WORDS,
+    WIDTH,
+    Bvh,
+    WideBvh,
+    aligned_empty,
+    box_at,
+    bvh_leaf,
+    parents_first,
+    sides,
+    slots_below,
+    wide_link,
+)
 
 _PARTS, _NODES = WIDTH + 1, MAX_DEPTH * WIDTH  # waiting at a time
 _NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative

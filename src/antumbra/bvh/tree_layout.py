@@ -1,7 +1,10 @@
-"""Turn a changed tree into a `Bvh` in its final form: cheaper leaves, depth-first order, by all threads.
+"""The final layout of a changed tree, and the frontier that cuts a tree into parts for threads.
 
-Optimisers of finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best trees
+`relayout` turns a changed tree into a `Bvh` in depth-first order, with cheaper leaves, by all threads. Optimisers of
+finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best trees
 of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their positions.
+
+`cut_tree` cuts a tree into a top and many parts below it, on which threads can work apart.
 """
 
 from typing import NamedTuple
@@ -10,19 +13,102 @@ import numpy as np
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.simd import get, load8, load16, prefetch, put, splat4, stack_array, store
-from .assemble import place
-from .cut import Cut, children_of_top
-from .links import CHILDREN, ORDER, box_at, bvh_leaf, bvh_link, line_at, link_at
-from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
-from .order import surface
+from ..kernels.simd import get, load8, load16, prefetch, ptr, put, splat4, stack_array, store
+from .child_order import surface
+from .nodes import (
+    CHILDREN,
+    LINK,
+    MAX_DEPTH,
+    ORDER,
+    Bvh,
+    aligned_empty,
+    box_at,
+    bvh_leaf,
+    bvh_link,
+    line_at,
+    link_at,
+    tree_of,
+)
+from .top_levels import place
+
+# --- Cut a tree into a top and many parts below it, on which threads can work apart -----------------------------------
+
+
+PART = 4096  # nodes in a part, at most; they fit in a second-level cache
+_FRONTIER_STACK = MAX_DEPTH + 2
+
+
+class TreeFrontier(NamedTuple):
+    """The top of a tree. It is a tree itself, whose leaves are the parts: ``links.bvh_link(part, 1)``."""
+
+    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is one part
+    top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
+    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, depth
+
+
+@kernel
+def _cut_tree(bvh, sizes, largest, cut):
+    """Fill `cut`, and return (number of nodes of the top, number of parts)."""
+    nodes, lines, links = ptr(bvh.nodes), ptr(cut_tree.top), cut_tree.top.view(np.int32)
+    waiting = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
+    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
+    height, n_top, n_parts = 1, 0, 0
+    while height > 0:
+        height -= 1
+        node, end, depth, place = waiting[height]
+        large = node >= 0 and (end - node if sizes is None else sizes[node]) > largest
+        if place >= 0:
+            links[place >> 1, LINK + (place & 1)] = n_top if large else bvh_link(n_parts, 1)
+        if not large:
+            cut_tree.parts[n_parts, 0], cut_tree.parts[n_parts, 1], cut_tree.parts[n_parts, 2] = node, end, depth
+            n_parts += 1
+            continue
+        cut_tree.numbers[n_top] = node
+        store(lines, line_at(n_top), load16(nodes, line_at(node)))
+        right = np.int64(bvh.links[node, LINK + 1])
+        for side in (1, 0):
+            waiting[height, 0] = bvh.links[node, LINK + side]
+            waiting[height, 1] = right if side == 0 and right >= 0 else end
+            waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
+            height += 1
+        n_top += 1
+    return n_top, n_parts
+
+
+def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
+    """Cut a BVH into parts of at most `PART` nodes.
+
+    sizes : (n_nodes,) number of nodes in each node's subtree, or None if nodes are in depth-first order
+
+    With None, a part's nodes are consecutive, from its root to its end.
+    """
+    n = len(bvh.nodes)
+    room = min(n, MAX_DEPTH * (n // PART))  # for the top: the large subtrees of one depth have at most n nodes together
+    top = aligned_empty((room, 16), "f4")
+    cut_tree = TreeFrontier(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
+    n_top, n_parts = _cut_tree(bvh, sizes, PART, cut_tree)
+    return TreeFrontier(cut_tree.numbers[:n_top], top[:n_top], cut_tree.parts[:n_parts])
+
+
+def children_of_top(cut: TreeFrontier) -> np.ndarray:
+    """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
+    links = cut_tree.top.view(np.int32)[:, CHILDREN].astype(np.int64)
+    return np.where(links >= 0, links, ~bvh_leaf(links).first)
+
+
+# --- Turn a changed tree into a `Bvh` in its final form: cheaper leaves, depth-first order, by all threads ------------
+#
+# Optimisers of finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best
+# trees of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their
+# positions.
+
 
 _ZERO = np.float32(0.0)
 _LEVELS = MAX_DEPTH + 2
 _WAITING = 2 * MAX_DEPTH + 2
 
 
-class Choice(NamedTuple):
+class LeafChoice(NamedTuple):
     """The leaves and sizes chosen for a tree that is cut into s parts."""
 
     is_leaf: np.ndarray  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
@@ -200,14 +286,14 @@ def _links_of_top(children, node_at, to_parts):
     return links
 
 
-def cheapest_leaves(bvh: Bvh, cut: Cut, max_leaf: int, threads: int) -> Choice:
+def cheapest_leaves(bvh: Bvh, cut: TreeFrontier, max_leaf: int, threads: int) -> LeafChoice:
     """The leaves of at most `max_leaf` triangles that give a tree of two triangles or more its least cost."""
-    choice = Choice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
+    choice = LeafChoice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
     run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
     return choice
 
 
-def relayout(bvh: Bvh, cut: Cut, choice: Choice, threads: int) -> Bvh:
+def relayout(bvh: Bvh, cut: TreeFrontier, choice: LeafChoice, threads: int) -> Bvh:
     """The final form of a tree of two triangles or more, depth first.
 
     Parameters
