@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra
-from antumbra.auto.rates import best_pays
+from antumbra.engine.auto.cost_model import best_pays
 from antumbra.engine.in_memory_source import PLANS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.kernels.parallel import thread_count

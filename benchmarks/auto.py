@@ -26,9 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
+from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.benchmark_views import named_view, square
-from antumbra.plan import DEFAULT_PLAN, parse_plan
 from antumbra.rendering.render_jobs import warm_up, warm_up_indirect
 from antumbra.rendering.renderer import Renderer
 from common import machine

@@ -26,11 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from antumbra.engine.plan import DEFAULT_PLAN
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.ray_contest import CLOCKS, OURS
 from antumbra.picture.irradiance import irradiance
 from antumbra.picture.shading import ambient_light, shade
-from antumbra.plan import DEFAULT_PLAN
 from antumbra.query.shadow_query import fraction_lit
 from antumbra.rendering.frame import PHASES
 from antumbra.rendering.renderer import Renderer

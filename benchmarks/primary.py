@@ -18,10 +18,10 @@ of 4 x 4 pixels, and such a block is a packet. Answers stay in the records. Rati
 import argparse
 
 from antumbra.bvh.block_tree import block_tree
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.plan import Plan
 from antumbra.papers.peers.peer_measurements import embree_contenders
 from antumbra.papers.peers.ray_contest import OURS, Contender, contest, primary_rays, rows
-from antumbra.plan import Plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from antumbra.rendering.render_jobs import warm_up

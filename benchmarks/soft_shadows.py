@@ -27,11 +27,11 @@ import time
 
 import numpy as np
 
+from antumbra.engine.method_registry import BUILDERS, OPTIMISERS, TRACERS
+from antumbra.engine.plan import Plan, parse_plan
 from antumbra.kernels.parallel import thread_count
-from antumbra.methods import BUILDERS, OPTIMISERS, TRACERS
 from antumbra.papers.peers.peer_measurements import embree_contenders, our_contender
 from antumbra.papers.peers.ray_contest import ORDERS, contest, query_of, rows, shadow_rays
-from antumbra.plan import Plan, parse_plan
 from antumbra.rendering.render_jobs import warm_up
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start

@@ -7,10 +7,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test pro
 import pytest
 from hypothesis import settings
 
+from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
 from antumbra.generate.procedural_scenes import add_scenes
 from antumbra.kernels.toolchain import kernel_manifest as needs
-from antumbra.methods import add_plugins
 
 pytest_plugins = ["command_line"]
 add_scenes()

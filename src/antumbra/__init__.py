@@ -17,6 +17,7 @@ if typing.TYPE_CHECKING:
     from . import cluster
     from .engine.engine import Engine, Visibility
     from .engine.paged_scene import PagedScene
+    from .engine.plan import Plan
     from .engine.point_visibility import visibility
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
@@ -38,7 +39,6 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
-    from .plan import Plan
     from .query.gbuffer import GBuffer
     from .query.receivers import Receivers
     from .rendering.frame import Frame

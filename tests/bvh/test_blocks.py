@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from antumbra.bvh.block_tree import BLOCK, block_tree
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from strategies import soups
 
 

@@ -11,7 +11,7 @@ from antumbra.bvh import tree_layout as cutting
 from antumbra.bvh.nodes import MAX_LEAF
 from antumbra.bvh.refit import filter_tree
 from antumbra.bvh.tree_quality import validate
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS, terrain
 from strategies import soups
 

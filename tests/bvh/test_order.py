@@ -9,7 +9,7 @@ from antumbra.bvh.child_order import sooner_first
 from antumbra.bvh.nodes import LEFT_FIRST, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.tree_quality import validate
 from antumbra.bvh.wide_bvh import widen
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.techniques.srdh import srdh_builder as srdh
 from bvh_scenes import HAZARDS, scattered, terrain
 from shadow_rays import met_in, nested

@@ -9,7 +9,7 @@ import oracle
 from antumbra.bvh import binned_sah
 from antumbra.bvh.nodes import LEFT_FIRST, UNORDERED
 from antumbra.bvh.tree_quality import sah_cost, validate
-from antumbra.methods import BUILDERS, OPTIMISERS
+from antumbra.engine.method_registry import BUILDERS, OPTIMISERS
 from antumbra.techniques.srdh.srdh_builder import order_by_rays
 from antumbra.trace.rays.ray_traversal import RANDOM, SRDH
 from bvh_scenes import HAZARDS, scattered, terrain

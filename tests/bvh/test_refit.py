@@ -9,8 +9,8 @@ from antumbra.bvh import binned_sah
 from antumbra.bvh import tree_layout as cutting
 from antumbra.bvh.refit import LIMIT, DeformingTree, refit
 from antumbra.bvh.tree_quality import sah_cost, validate
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.methods import BUILDERS
 from bvh_scenes import HAZARDS, scattered, terrain
 from strategies import soups
 

@@ -11,7 +11,7 @@ from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import aligned_empty
 from antumbra.bvh.tree_layout import PART, cheapest_leaves, cut_tree, relayout
 from antumbra.bvh.tree_quality import sah_cost, statistics, validate
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import scattered, terrain
 from strategies import soups
 

@@ -10,8 +10,8 @@ from antumbra.bvh import binned_sah, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
 from antumbra.bvh.refit import refit
 from antumbra.bvh.tree_quality import statistics, validate
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.methods import BUILDERS
 from antumbra.techniques.srdh import srdh_builder as srdh
 from antumbra.techniques.srdh.srdh_builder import KERNELS
 from antumbra.trace.rays.ray_hits import Intersections

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from antumbra.bvh.nodes import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.wide_bvh import widen
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS
 from strategies import point_arrays, soups
 

@@ -3,9 +3,9 @@
 import pytest
 
 from antumbra.engine import precompilation as ready
+from antumbra.engine.method_registry import KINDS, own_methods
+from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
 from antumbra.jobs.warm import jobs
-from antumbra.methods import KINDS, own_methods
-from antumbra.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
 
 COMMON = len(jobs([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 

@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 import oracle
 from antumbra.engine import engine
-from antumbra.methods import BUILDERS
-from antumbra.plan import parse_plan, with_sample
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.plan import parse_plan, with_sample
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments
 from antumbra.rendering import renderer

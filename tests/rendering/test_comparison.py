@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.accelerator import Accelerator
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.store_building import build_store
-from antumbra.plan import parse_plan
 from antumbra.rendering import comparison
 from antumbra.rendering.comparison import Difference, compare, difference, over_pixels
 from antumbra.rendering.frame import PHASES

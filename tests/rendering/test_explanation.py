@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.accelerator import Accelerator
-from antumbra.methods import TRACERS
-from antumbra.plan import parse_plan
+from antumbra.engine.method_registry import TRACERS
+from antumbra.engine.plan import parse_plan
 from antumbra.query.shadow_query import segments, with_receivers
 from antumbra.rendering.explanation import explain
 from antumbra.rendering.moments import Moment

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import covering_plans
+from antumbra.engine.plan import covering_plans
 from antumbra.scene.triangle_setup import rows_with_area, solid_vertices
 from antumbra.scene.triangles import Triangles
 

@@ -420,8 +420,8 @@ def compare(given: CompareArguments) -> int:
       antumbra compare robot.glb --time 2 --plan lbvh+multifrusta --plan grid32+lbvh+multifrusta --rounds 9
       antumbra compare city.antumbra --plan bsah+chcrt --plan bsah+chcrt:20 --json
     """
+    from ..engine.plan import with_sample
     from ..kernels.parallel import thread_count
-    from ..plan import with_sample
     from ..rendering.comparison import compare as compared
     from ..rendering.comparison import compared_plans
     from ..rendering.moments import Moment

@@ -107,9 +107,9 @@ def explain(
         raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
+    from ..engine.plan import with_sample
     from ..files import checked_output
     from ..picture.image_files import save_png
-    from ..plan import with_sample
     from ..rendering.explanation import explain as explained
     from ..rendering.explanation import explained_plans
     from ..rendering.moments import Moment
@@ -282,8 +282,8 @@ def culling(
     asked_lights = [arguments.parse_light(text) for text in light or []]
 
     from ..checks import spelling_hint
+    from ..engine.method_registry import CULLERS, find_method
     from ..files import checked_output
-    from ..methods import CULLERS, find_method
     from ..picture.image_files import save_png, to_srgb8
     from ..rendering.culling_picture import culling_picture
 

@@ -252,10 +252,10 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
+    from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
     from ..jobs.warm import jobs
     from ..kernels.toolchain.kernel_cache import user_cache
-    from ..plan import covering_plans, parse_plan
     from ..rendering.calibration import calibrate
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
@@ -300,8 +300,8 @@ def plans(
       antumbra render --plan grid32+lbvh+multifrusta
       antumbra render --plan cones
     """
-    from ..methods import KINDS
-    from ..plan import DEFAULT_PLAN, all_plans, names_of
+    from ..engine.method_registry import KINDS
+    from ..engine.plan import DEFAULT_PLAN, all_plans, names_of
 
     names = names_of(papers)
     methods = [

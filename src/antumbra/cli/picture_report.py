@@ -74,8 +74,8 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
 
 
 if TYPE_CHECKING:
+    from ..engine.plan import Plan
     from ..engine.scene import AnyScene
-    from ..plan import Plan
     from ..rendering.frame import Frame
     from .picture_spec import PictureSpec, Shot
 
@@ -246,7 +246,7 @@ def _uncertain(frame) -> float | None:
 
 
 if TYPE_CHECKING:
-    from ..auto.choose import Choice
+    from ..engine.auto.strategies import StrategyChoice
     from .picture_spec import Shot
 
 _WIDTH = 110  # characters of a line
@@ -255,8 +255,8 @@ _REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query
 
 def print_choices(shot: "Shot", triangles: int) -> None:
     """Print a row for the tree and one for each query; for a plan that chooses nothing, its name."""
-    from ..auto.rates import build_seconds, machine
-    from ..plan import parse_plan
+    from ..engine.auto.cost_model import build_seconds, machine_rates
+    from ..engine.plan import parse_plan
 
     frame = shot.frame
     if frame.choices is None:
@@ -264,7 +264,7 @@ def print_choices(shot: "Shot", triangles: int) -> None:
         return
     built, builder = frame.timings["build"], parse_plan(frame.plan).build
     rows = []
-    if builder in machine().builds:
+    if builder in machine_rates().builds:
         predicted = report.duration(build_seconds(builder, triangles))
         rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, report.duration(built)))
     names = [type(light).__name__ for light in shot.lights]
@@ -276,7 +276,7 @@ def print_choices(shot: "Shot", triangles: int) -> None:
     report.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
-def _reason(choice: "Choice") -> str:
+def _reason(choice: "StrategyChoice") -> str:
     if choice.reason != "sample":
         return _REASONS[choice.reason]
     of_ray = ", ".join(f"{way} {ns:.3g}" for way, ns in sorted(choice.tried.items(), key=lambda item: item[1]))

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from ..checks import number
+from ..engine.plan import parse_plan
 from ..errors import InputError
-from ..plan import parse_plan
 from ..rendering.keywords import deciding, values
 from ..rendering.options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
@@ -105,9 +105,9 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..engine.plan import Plan
     from ..engine.scene import AnyScene
     from ..jobs.engines import Engine
-    from ..plan import Plan
     from ..rendering.frame import Frame
     from ..rendering.renderer import Renderer
     from ..scene.camera import Camera
@@ -142,8 +142,8 @@ class PictureSpec(NamedTuple):
 
         plans : plans that are compared, instead of the one among the options
         """
+        from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
         from ..picture.image_files import checked_exposure
-        from ..plan import DEFAULT_PLAN, parse_plan, with_sample
 
         if self.exposure is not None:
             checked_exposure(self.exposure)
@@ -161,7 +161,7 @@ class PictureSpec(NamedTuple):
 
     def renderer(self, scene: "AnyScene") -> "Renderer":
         from .. import Renderer
-        from ..plan import DEFAULT_PLAN, parse_plan, with_sample
+        from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
 
         limit_memory(scene, self.engine.max_memory)
         asked = values(self.engine)
@@ -243,7 +243,7 @@ class PictureSpec(NamedTuple):
         An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
         exposure.
         """
-        from ..plan import parse_plan
+        from ..engine.plan import parse_plan
         from ..version import VERSION as __version__
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)

@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from ..engine.plan import DEFAULT_PLAN
 from ..errors import InputError
-from ..plan import DEFAULT_PLAN
 from . import console as report
 from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
 from .console import ProgressDisplay
@@ -150,13 +150,13 @@ def sun(given: SunArguments) -> int:
       antumbra sun city.city.json --sensors windows.csv --rule br209-windows --epw delft.epw -o windows.csv
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
     """
+    from ..engine.plan import parse_plan
     from ..jobs.areas import SPACING, check_areas
     from ..jobs.readsensors import check_sensors, sensors_of
     from ..jobs.sun.place import given_position, place_of
     from ..jobs.sun.rules import check_asked
     from ..jobs.sun.study import sun_hours
     from ..jobs.sun.times import checked_step, parse_days
-    from ..plan import parse_plan
 
     spec = parse_scene(given.scene)
     names = "latitude", "longitude", "north", "timezone"

@@ -8,11 +8,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from ..engine.plan import DEFAULT_PLAN, parse_plan
 from ..engine.precompilation import compile_missing, missing_of
 from ..files import file_lock, temporary_folder
 from ..jobs.engines import Asked, Units, numbered
 from ..jobs.warm import jobs
-from ..plan import DEFAULT_PLAN, parse_plan
 from ..progress import ignore_progress, progress_listener
 from .inputs import Input, local_path, own_temporary
 

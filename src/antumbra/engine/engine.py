@@ -9,15 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..auto.rates import GOOD, QUICK
-from ..auto.ways import WAYS, Forms, answer
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.compile_pool import KernelRequest
-from ..methods import BUILDERS, UPDATERS
-from ..plan import Plan, parse_plan
 from ..progress import show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
@@ -32,8 +28,12 @@ from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
 from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
+from .auto.cost_model import GOOD, QUICK
+from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
 from .in_memory_source import InMemory
+from .method_registry import BUILDERS, UPDATERS
+from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from .scene_reading import data_of
@@ -183,11 +183,11 @@ def trace_all_ways(counters: bool) -> None:
         triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
     )
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
-        forms = Forms(build(triangles.vertices, 2), 2)
-        for name, way in WAYS.items():
+        forms = TreeForms(build(triangles.vertices, 2), 2)
+        for name, way in STRATEGIES.items():
             for query in queries:
                 if way.suits(query, forms.box):
-                    answer(name, forms, query, 2, new_counters() if counters else None)
+                    answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 
 # --- The engine: the one door to all questions about a scene, and all that is remembered between them -----------------

@@ -9,8 +9,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from ..auto.choose import Choice
-from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.ray_list import HitArrays, RayArguments
 from ..query.shadow_query import ShadowQuery, Surfaces
@@ -21,6 +19,8 @@ from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator
+from .auto.strategies import StrategyChoice
+from .plan import Plan
 
 # --- The memory of a question: an estimate by what is asked, so that the chunks of a store get all the rest -----------
 
@@ -167,7 +167,7 @@ class FrameMethods(NamedTuple):
     """The methods of a frame."""
 
     plan: str
-    choices: list[Choice] | None  # of the plan `auto`, one per query
+    choices: list[StrategyChoice] | None  # of the plan `auto`, one per query
     statistics: list[dict] | None  # of CHC+RT: cost of each query, see `techniques.chcrt.visibility_fronts.Statistics`
 
 

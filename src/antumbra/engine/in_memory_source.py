@@ -11,8 +11,6 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..auto.rates import BEST, GOOD, seconds_before_best
-from ..plan import DEFAULT_PLAN, Plan, parse_plan
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
 from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
@@ -24,7 +22,9 @@ from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator, SceneTrees, best_tree_job
+from .auto.cost_model import BEST, GOOD, seconds_before_best
 from .frame_tracer import FrameMemory
+from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .primary_visibility import (
     AUTO,

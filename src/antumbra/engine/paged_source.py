@@ -20,8 +20,6 @@ from ..kernels.exact.filters import single_weights
 from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..methods import BUILDERS
-from ..plan import Plan
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
@@ -45,6 +43,8 @@ from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
+from .method_registry import BUILDERS
+from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
 # ---------------------------------------------------------------------------------------------------------------------

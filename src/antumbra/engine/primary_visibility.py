@@ -14,7 +14,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..auto.ways import WAYS
 from ..bvh import lbvh
 from ..bvh.block_tree import BlockTree, block_tree
 from ..query.gbuffer import GBuffer, from_hits
@@ -32,6 +31,7 @@ from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutout
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
+from .auto.strategies import STRATEGIES
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility in memory: the surfaces that a camera sees ----------------------------------------------------
@@ -60,7 +60,7 @@ def primary_visibility(
     elif whole.scheduled is not None:
         face, t = primary_hits(whole.scheduled, rays, threads)
     else:
-        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
+        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(STRATEGIES["multifrusta"])
         tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
         face, t = trace_primary(tree, rays, threads)
     own = cutouts if whole is None else whole.cutouts
@@ -190,7 +190,7 @@ class PrimaryMethodChooser:
 def _has_blocks(whole: Accelerated) -> bool:
     """Has the tree the form that camera rays walk?"""
     if whole.chosen is not None:
-        return not whole.chosen.forms.missing(WAYS["multifrusta"])
+        return not whole.chosen.forms.missing(STRATEGIES["multifrusta"])
     return isinstance(whole.prepared, BlockTree)
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from ..engine.plan import Plan, parse_plan
 from ..errors import InputError
 from ..files import atomic_output
-from ..plan import Plan, parse_plan
 from ..version import VERSION
 
 Arrays = dict[str, np.ndarray]

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from ..engine.plan import Plan
 from ..engine.precompilation import Job, fixed_job, small_scene
 from ..engine.scene import Scene
-from ..plan import Plan
 from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
 from ..query.shadow_query import below_horizon

@@ -13,8 +13,7 @@ from typing import NamedTuple
 from ..bvh.block_tree import block_tree
 from ..bvh.child_order import sooner_first
 from ..bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
-from ..kernels.toolchain import kernel_manifest as needs
-from ..methods import (
+from ..engine.method_registry import (
     BENTHIN,
     FELTMAN,
     SELGRAD,
@@ -27,6 +26,7 @@ from ..methods import (
     register_family,
     unchanged,
 )
+from ..kernels.toolchain import kernel_manifest as needs
 from ..techniques.culling.pre_bvh_culling import cull
 from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import ChcRtOptions
@@ -189,7 +189,7 @@ TRACERS = {
 
 
 def add() -> None:
-    """Register all methods of the papers, once in a process (entry point ``antumbra.methods``)."""
+    """Register all methods of the papers, once in a process (entry point ``antumbra.engine.method_registry``)."""
     for field, methods in ("cull", CULLERS), ("build", BUILDERS), ("trace", TRACERS):
         for name, method in methods.items():
             register(field, name, method)

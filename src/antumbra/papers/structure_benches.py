@@ -218,7 +218,7 @@ def pre_bvh_culling(
 
 def _check_tracer(name: str) -> None:
     """Raise InputError unless a tracer of this name walks a BVH."""
-    from ..methods import TRACERS, find_method
+    from ..engine.method_registry import TRACERS, find_method
 
     walking = ", ".join(each for each, method in TRACERS.items() if method.builds)
     found = find_method("trace", name)

@@ -476,8 +476,8 @@ def peers(
     """
     width_height = arguments.parse_size(size)
 
+    from ..engine.plan import parse_plan
     from ..kernels.parallel import thread_count
-    from ..plan import parse_plan
     from ..rendering.render_jobs import warm_up
     from .peers import peer_measurements as bench
     from .peers.peer_measurements import describe_embree

@@ -7,14 +7,14 @@ from time import perf_counter, thread_time
 
 import numpy as np
 
-from ..auto.rates import BEST, GOOD, QUICK, Machine, keep_machine, reference
-from ..auto.ways import WAYS, Forms, answer
 from ..bvh.nodes import Bvh
 from ..engine.accelerator import best_tree
+from ..engine.auto.cost_model import BEST, GOOD, QUICK, MachineRates, reference, store_machine_rates
+from ..engine.auto.strategies import STRATEGIES, TreeForms, answer_query
+from ..engine.method_registry import BUILDERS
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import procedural
 from ..kernels.parallel import thread_count
-from ..methods import BUILDERS
 from ..query.light_samples import light_samples
 from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
@@ -23,7 +23,7 @@ from ..scene.triangles import Triangles
 _TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
 
 
-def calibrate() -> Machine:
+def calibrate() -> MachineRates:
     """Measure the rates of all ways, and the times to build trees; keep them beside the kernels."""
     scene, threads = procedural("atrium", triangles=_TRIANGLES), thread_count(None)
     triangles = scene.triangles(0.0, threads)
@@ -34,22 +34,24 @@ def calibrate() -> Machine:
     }
     builds[BEST] = 1e9 * _seconds(lambda: best_tree(triangles.vertices, threads)) / n
     bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
-    forms = {name: 1e9 * _form_seconds(name, bvh, threads) / n for name, way in WAYS.items() if way.form is not None}
+    forms = {
+        name: 1e9 * _form_seconds(name, bvh, threads) / n for name, way in STRATEGIES.items() if way.form is not None
+    }
     queries = _queries(triangles, scene.cameras[0].resized(*_SIZE), threads)
-    made = Forms(bvh, threads)
+    made = TreeForms(bvh, threads)
     slower = {name: of_ray / reference()[name] for name, of_ray in ray_times(made, queries).items()}
-    measured = Machine(slower, forms, builds)
-    keep_machine(measured)
+    measured = MachineRates(slower, forms, builds)
+    store_machine_rates(measured)
     return measured
 
 
-def ray_times(forms: Forms, queries: list[ShadowQuery]) -> dict[str, float]:
+def ray_times(forms: TreeForms, queries: list[ShadowQuery]) -> dict[str, float]:
     """Way -> nanoseconds of one thread for a ray, on average over the queries that it can answer."""
     found = {}
-    for name, way in WAYS.items():
+    for name, way in STRATEGIES.items():
         suited = [query for query in queries if way.suits(query, forms.box)]
         rays = [ray_count(query) for query in suited]
-        times = [_seconds(partial(answer, name, forms, query, 1), thread_time) for query in suited]
+        times = [_seconds(partial(answer_query, name, forms, query, 1), thread_time) for query in suited]
         found[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
     return found
 
@@ -66,7 +68,7 @@ def _queries(triangles: Triangles, camera, threads: int) -> list[ShadowQuery]:
 
 
 def _form_seconds(name: str, bvh: Bvh, threads: int) -> float:
-    return _seconds(lambda: Forms(bvh, threads).of(WAYS[name]))
+    return _seconds(lambda: TreeForms(bvh, threads).of(STRATEGIES[name]))
 
 
 def _seconds(work: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:

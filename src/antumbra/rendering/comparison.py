@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import whole_number
+from ..engine.plan import Plan, parse_plan
 from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..plan import Plan, parse_plan
 from ..query.receivers import NOTHING
 from ..scene.lights import check_lights
 from .frame import Frame

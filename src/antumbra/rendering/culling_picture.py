@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..methods import CULLERS
+from ..engine.method_registry import CULLERS
 from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
 from ..query.shadow_query import shadow_queries

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
 from ..engine.engine import Engine
+from ..engine.plan import Plan, parse_plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..engine.scene import Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
-from ..plan import Plan, parse_plan
 from ..scene.lights import check_lights
 from ..trace.rays.ray_traversal import BUILT, Ordered
 from ..trace.rays.single_rays import Steps, add_steps, count_steps, hit_depths, leaf_depths

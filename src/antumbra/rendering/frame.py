@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..auto.choose import Choice
+from ..engine.auto.strategies import StrategyChoice
 from ..picture.image_files import LUMINANCE
 from ..query.gbuffer import GBuffer
 
@@ -60,7 +60,7 @@ class Frame(NamedTuple):
     scheduled: list[dict] | None = None  # CHC+RT only: the statistics of each query, as from `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
-    choices: list[Choice] | None = None  # the plan "auto" only: how each query was answered, and why
+    choices: list[StrategyChoice] | None = None  # the plan "auto" only: how each query was answered, and why
     divided: np.ndarray | None = None  # (H, W) float32: share of each pixel with surfaces; None: edges not smoothed
     names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
     backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind, with shadows

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
-from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.shadow_query import ShadowQuery, shadow_queries, surface_queries
 from ..scene.camera import Camera

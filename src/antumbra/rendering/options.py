@@ -16,7 +16,7 @@ from ..scene.lights import MAX_SPP
 from .keywords import Option, Real, Whole, Words, anything, checked, described, optional_flag
 
 if TYPE_CHECKING:
-    from ..plan import Plan
+    from ..engine.plan import Plan
 
 MAX_HEIGHT = 1e30
 """Of a ground, up or down: float32 holds it, as it does positions of cameras."""

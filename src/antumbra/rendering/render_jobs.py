@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from ..engine.engine import Engine, record_of, recorded, trace_all_ways, wide_lights_job
+from ..engine.plan import Plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
-from ..plan import Plan
 from ..scene.camera import Camera
 from ..techniques.srdh.representative_rays import SrdhRays
 from .options import RenderOptions

@@ -8,10 +8,10 @@ from ..checks import choice, instance
 from ..engine.accelerator import Accelerated, Accelerator
 from ..engine.engine import Engine
 from ..engine.frame_tracer import Progress, RenderSource
+from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..plan import Plan
 from ..progress import show_progress, with_quiet_progress
 from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera

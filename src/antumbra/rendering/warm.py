@@ -6,10 +6,10 @@ from ..engine.accelerator import best_tree_job
 from ..engine.engine import wide_lights_job
 from ..engine.in_memory_source import rays_job
 from ..engine.paged_source import paged_job
+from ..engine.plan import Plan, covering_plans
 from ..engine.precompilation import Job
 from ..engine.primary_visibility import camera_rays_job, cutouts_job
 from ..engine.store_building import store_job
-from ..plan import Plan, covering_plans
 from .explanation import steps_job
 from .render_jobs import (
     antialias_job,

@@ -284,10 +284,10 @@ def _resident(tree: BlockTree, chunk: Chunk, pool: Pool, most: int) -> ResidentC
     """Copy a chunk's tree and colours to memory of the pool."""
     made = {name: getattr(tree, name) for name in tree._fields if name != "links"}
     made |= {"palette": chunk.palette, "index": chunk.index}
-    slot_starts = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
-    memory = pool.take(int(slot_starts[-1]), most)
+    starts = np.concatenate([[0], np.cumsum([-(-a.nbytes // 64) * 64 for a in made.values()])])
+    memory = pool.take(int(starts[-1]), most)
     kept = {}
-    for (name, array), at in zip(made.items(), slot_starts):
+    for (name, array), at in zip(made.items(), starts):
         kept[name] = memory[at : at + array.nbytes].view(array.dtype).reshape(array.shape)
         kept[name][...] = array
     palette, index = kept.pop("palette"), kept.pop("index")

@@ -8,12 +8,12 @@ from time import sleep
 
 from ..checks import flag, items, quoted, text, whole_number
 from ..engine.in_memory_source import rays_job
+from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
-from ..plan import Plan
 from ..rendering.render_jobs import warm_up_quality
 from ..scene.camera import Camera
 from ..scene.lights import Light

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import agree, scene_view
@@ -17,7 +18,6 @@ from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
     pictures,
     with_point,
 )
-from antumbra.plan import parse_plan
 from antumbra.scene.camera import Camera
 
 SIZE = 24

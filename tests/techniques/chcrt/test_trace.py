@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh.block_tree import block_tree
-from antumbra.methods import BUILDERS
-from antumbra.plan import parse_plan
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.plan import parse_plan
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.ray_passes import RayPass
 from antumbra.rendering.renderer import Renderer

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ...checks import choice, flag, is_number, number, quoted, text, whole_number
+from ...engine.plan import DEFAULT_PLAN, parse_plan
 from ...engine.scene import Scene
 from ...errors import InputError
 from ...extras import import_extra
 from ...files import checked_output
 from ...kernels.parallel import thread_count
 from ...picture.image_files import automatic_exposure, checked_exposure
-from ...plan import DEFAULT_PLAN, parse_plan
 from ...query.light_samples import sample_sets
 from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
-from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...progress import Progress, with_progress
 from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers

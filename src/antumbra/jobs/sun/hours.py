@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.plan import Plan
 from ...engine.precompilation import Job, fixed_job, precompile
 from ...engine.scene import AnyScene
-from ...plan import Plan
 from ...query.receivers import Receivers
 from ...scene.light_lists import DirectionalLights
 from ...scene.lights import MAX_SPP, tangents

@@ -4,10 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import whole_number
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
 from ...kernels.parallel import thread_count
-from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...progress import Progress, with_progress
 from ..readsensors import sensors_of
 from ..sensors import Sensors

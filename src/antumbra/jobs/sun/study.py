@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ...checks import choice, flag, instance, items, whole_number
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
-from ...plan import DEFAULT_PLAN, Plan, parse_plan
 from ...progress import Progress, with_progress
 from ..areas import SPACING
 from ..engines import checked_keep, engine_of

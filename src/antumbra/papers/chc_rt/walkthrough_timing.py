@@ -18,9 +18,9 @@ import numpy as np
 from ...bvh.block_tree import block_tree
 from ...engine.paged_scene import PagedScene
 from ...engine.paged_source import Paged
+from ...engine.plan import parse_plan
 from ...errors import InputError
 from ...picture.image_files import to_srgb8
-from ...plan import parse_plan
 from ...query.light_samples import ROTATIONS, light_samples
 from ...query.ray_passes import diffuse_passes
 from ...query.shadow_query import Surfaces, surfaces_of

@@ -14,12 +14,12 @@ import numpy as np
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import Bvh
 from ...engine.paged_scene import PagedScene
+from ...engine.plan import parse_plan
 from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...generate.city import PITCH
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run
-from ...plan import parse_plan
 from ...query.gbuffer import pixel_direction
 from ...query.light_samples import light_samples
 from ...query.ray_passes import RayPass, diffuse_passes, diffuse_rays

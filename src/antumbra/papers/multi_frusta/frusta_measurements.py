@@ -25,9 +25,9 @@ import numpy as np
 
 from ...bvh import binned_sah
 from ...bvh.block_tree import block_tree
+from ...engine.method_registry import TRACERS, add_plugins
 from ...errors import InputError
 from ...files import atomic_output
-from ...methods import TRACERS, add_plugins
 from ...picture.image_files import automatic_exposure, to_srgb8
 from ...query.gbuffer import GBuffer, seen_by
 from ...query.light_samples import light_samples

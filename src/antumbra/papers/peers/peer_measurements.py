@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.method_registry import BUILDERS
+from ...engine.plan import Plan
 from ...files import atomic_output
 from ...kernels.parallel import thread_count
-from ...methods import BUILDERS
-from ...plan import Plan
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import Light
 from .. import benchmark_views as views

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...engine.method_registry import Tracer, by_cones
 from ...errors import InputError
 from ...kernels.exact.filters import cross, dot
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.simd import get, put
-from ...methods import Tracer, by_cones
 from ...techniques.rayhierarchy import ray_tree as names
 from ...techniques.rayhierarchy.light_beams import relative
 from ...techniques.rayhierarchy.ray_leaves import block_of

@@ -1,27 +1,27 @@
-"""The registries: every method that a plan can name, above all techniques.
+"""The registries of methods: cullers, builders, optimisers, updaters and tracers that a plan can name.
 
 This module holds the library's own methods. Other packages add methods with `register`. Such a package announces a
-function under the entry point ``antumbra.methods``; the first lookup of an unknown name calls it.
+function under the entry point ``antumbra.engine.method_registry``; the first lookup of an unknown name calls it.
 """
 
 from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
-from . import extras as plugins
-from .auto import trace as auto
-from .bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
-from .bvh.block_tree import block_tree
-from .bvh.wide_bvh import widen
-from .techniques.culling.pre_bvh_culling import cull
-from .techniques.srdh import srdh_builder as rayorder
-from .techniques.srdh import srdh_builder as srdh
-from .techniques.tracer_options import FASTEST_RAY_HIERARCHY
-from .techniques.tracer_options import ChcRtOptions as CullingOptions
-from .techniques.tracer_options import RayHierarchyOptions as ConeOptions
-from .trace.frusta import multi_frusta as multifrusta
-from .trace.packets import packet16
-from .trace.rays import single_rays as single
+from .. import extras as plugins
+from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
+from ..bvh.block_tree import block_tree
+from ..bvh.wide_bvh import widen
+from ..techniques.culling.pre_bvh_culling import cull
+from ..techniques.srdh import srdh_builder as rayorder
+from ..techniques.srdh import srdh_builder as srdh
+from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
+from ..techniques.tracer_options import ChcRtOptions as CullingOptions
+from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
+from ..trace.frusta import multi_frusta as multifrusta
+from ..trace.packets import packet16
+from ..trace.rays import single_rays as single
+from .auto import strategies as auto
 
 
 class Culler(NamedTuple):
@@ -183,9 +183,7 @@ def by_cones(options: ConeOptions, description: str) -> Tracer:
     """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
 
     def trace(soup, query, bits, threads, counters, progress):
-        from .techniques.rayhierarchy.ray_hierarchy import (
-            trace_shadow,  # imported on first use: other plans start sooner
-        )
+        from ..techniques.rayhierarchy.ray_hierarchy import trace_shadow
 
         trace_shadow(soup, query, bits, threads, counters, progress, options)
 
@@ -196,12 +194,12 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
     """A tracer with occlusion queries (CHC+RT)."""
 
     def prepare(bvh, threads=None):  # imported on first use: other plans start sooner
-        from .techniques.chcrt.chc_rt import prepare
+        from ..techniques.chcrt.chc_rt import prepare
 
         return prepare(bvh, options, threads)
 
     def trace_all(prepared, queries, bits, threads, counters, progress):
-        from .techniques.chcrt.chc_rt import trace_shadows
+        from ..techniques.chcrt.chc_rt import trace_shadows
 
         trace_shadows(prepared, queries, bits, threads, counters, progress)
 
@@ -214,7 +212,7 @@ def by_culling(options: CullingOptions, description: str) -> Tracer:
 
 TRACERS: dict[str, Tracer] = {
     "auto": Tracer(
-        auto.Auto,
+        auto.AutoTracer,
         auto.trace_shadow,
         "the tracer that should be fastest for each query, and without a builder the builder for its rays",
         "",
@@ -303,7 +301,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that announce methods; once per process."""
-    plugins.load_plugins("antumbra.methods")
+    plugins.load_plugins("antumbra.engine.method_registry")
 
 
 def own_methods(field: str) -> list[str]:

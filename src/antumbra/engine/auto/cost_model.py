@@ -1,8 +1,8 @@
-"""Predicted costs: nanoseconds of one thread for a ray, by each way.
+"""The cost model: predicted nanoseconds per ray of one thread, for each strategy.
 
-The logarithm of a rate is a sum of terms of the `Facts`. Its weights were fitted to measurements
-(docs/design/auto.md). The measured rates of a case scatter around it by a factor of 1.6, so it only says which ways are
-worth a try, and decides alone for queries that are done at once.
+The logarithm of a rate is a sum of terms of the `QueryFeatures`. Its weights were fitted to measurements
+(docs/design/auto.md). The measured rates of a case scatter around it by a factor of 1.6, so it only says which
+strategies are worth a try, and decides alone for queries that are done at once.
 """
 
 import json
@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..files import atomic_output, make_folder, read_own
-from ..kernels.toolchain.kernel_cache import user_cache
-from ..scene.lights import AMBIENT, DIRECTIONAL, LIST
-from .facts import Facts
+from ...files import atomic_output, make_folder, read_own
+from ...kernels.toolchain.kernel_cache import user_cache
+from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
+from .query_features import QueryFeatures
 
 QUICK, GOOD, BEST = "lbvh", "bsah", "bsah+reinsert"
 """Trees: built soonest, with the fastest rays for its build, and with the fastest rays."""
@@ -30,7 +30,7 @@ _LARGE = 1 << 24  # triangles: `reinsert` takes about 100 bytes for each while i
 _ROOM = 1 << 18  # triangles that the cells of QUICK keep apart
 
 
-def terms(facts: Facts) -> np.ndarray:
+def terms(facts: QueryFeatures) -> np.ndarray:
     """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
     n, m, log = np.log(max(facts.triangles, 1)), np.log(max(facts.receivers, 1)), np.log
     few, many = log(min(facts.samples, _STRATA)), log(max(facts.samples, _STRATA))
@@ -58,7 +58,7 @@ def reference() -> dict[str, float]:
     return _shipped()["reference"]
 
 
-class Machine(NamedTuple):
+class MachineRates(NamedTuple):
     """How fast this machine is."""
 
     slower: dict[str, float]  # way -> its measured rates relative to the fitted ones
@@ -66,48 +66,48 @@ class Machine(NamedTuple):
     builds: dict[str, float]  # tree -> nanoseconds a triangle
 
 
-SHIPPED = Machine(
+SHIPPED = MachineRates(
     {}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0}
 )
 """Of two cores; used where `antumbra warmup` has not measured."""
 
 
-def machine_file() -> Path:
+def machine_rates_file() -> Path:
     """Where the measured `Machine` is kept, beside the kernels."""
     return user_cache().path / "rates.json"
 
 
 @cache
-def machine() -> Machine:
+def machine_rates() -> MachineRates:
     """What was measured on this machine, or `SHIPPED`."""
     try:
-        return Machine(**json.loads(read_own(machine_file())))
+        return MachineRates(**json.loads(read_own(machine_rates_file())))
     except (OSError, ValueError, TypeError):  # never measured, or by another version
         return SHIPPED
 
 
-def keep_machine(measured: Machine) -> None:
+def store_machine_rates(measured: MachineRates) -> None:
     """Keep what was measured, for this process and later ones."""
-    path = machine_file()
+    path = machine_rates_file()
     make_folder(path.parent)
     with atomic_output(path) as temporary:
         temporary.write_text(json.dumps(measured._asdict()))
-    machine.cache_clear()
+    machine_rates.cache_clear()
 
 
-def rate(way: str, facts: Facts) -> float:
+def predicted_rate(way: str, facts: QueryFeatures) -> float:
     """Predicted seconds of one thread for a ray."""
-    return 1e-9 * float(np.exp(terms(facts) @ weights()[way])) * machine().slower.get(way, 1.0)
+    return 1e-9 * float(np.exp(terms(facts) @ weights()[way])) * machine_rates().slower.get(way, 1.0)
 
 
 def form_seconds(way: str, triangles: int) -> float:
     """Predicted seconds to make the form that a way walks."""
-    return 1e-9 * machine().forms.get(way, 0.0) * triangles
+    return 1e-9 * machine_rates().forms.get(way, 0.0) * triangles
 
 
 def build_seconds(tree: str, triangles: int) -> float:
     """Predicted seconds to build a tree."""
-    return 1e-9 * machine().builds.get(tree, SHIPPED.builds[tree]) * triangles
+    return 1e-9 * machine_rates().builds.get(tree, SHIPPED.builds[tree]) * triangles
 
 
 def lost_share(way: str) -> float:

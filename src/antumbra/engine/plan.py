@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
-from .checks import instance, quoted, spelling_hint
-from .errors import InputError
-from .methods import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
-from .techniques.srdh.representative_rays import SrdhRays
+from ..checks import instance, quoted, spelling_hint
+from ..errors import InputError
+from ..techniques.srdh.representative_rays import SrdhRays
+from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
 TREE = ("build", "optimise", "update")
 """The fields that make a BVH; all are None in plans whose tracer walks no BVH."""
