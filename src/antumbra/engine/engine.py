@@ -5,6 +5,7 @@ The kernels of a plan are compiled before its first question. `Visibility` is th
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -149,18 +150,18 @@ def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Kerne
             return None
         usual = plain(Plan(trace="single"))
         for methods in _parts(plan):
-            with_it = plain(Plan(trace="single", **methods))
+            with_it = plain(replace(Plan(trace="single"), **methods))
             tracing = (tracing - (usual - with_it)) | (with_it - usual)
         return tracing
 
     return kernels
 
 
-def _parts(plan: Plan) -> list[dict[str, str]]:
+def _parts(plan: Plan) -> list[dict[str, Any]]:
     """Methods whose kernels are recorded together, as fields of a plan, for all methods that the plan adds."""
     fields = "cull", "build", "optimise", "update"
     added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
-    parts = [{field: method} for field, method in added.items()]
+    parts: list[dict[str, Any]] = [{field: method} for field, method in added.items()]
     if plan.cull and plan.update:
         parts.append({"cull": "grid32", "update": plan.update})
     return parts
@@ -429,6 +430,9 @@ class Engine:
             If the scene is in a store.
         """
         if self._trees is None:
+            from ..store.store_file import StoreData  # late, as in `_paged`
+
+            assert isinstance(self.data, StoreData)
             raise self.data.refusal()
         return self._trees.of(self.accelerator, self._moment(time))
 

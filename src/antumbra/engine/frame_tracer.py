@@ -258,6 +258,7 @@ class FrameTracer:
         lap : called with the name of each finished step, "cull" or "build"
         """
         self._prepare(queries, self._whole if self._accelerator.one_tree else None, lap)
+        assert self._ready is not None
         self._source.keep(self._ready)
 
     def prepare_again(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:

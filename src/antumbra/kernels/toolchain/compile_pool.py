@@ -75,7 +75,7 @@ _START = """
 import json, sys
 sys.path[:] = json.loads(sys.stdin.readline())
 from antumbra.kernels.toolchain.compile_pool import serve
-main()
+serve()
 """
 
 
