@@ -1,8 +1,8 @@
-"""Views of the benchmarks: a scene, a camera and lights; and digests that compare the answers of several methods.
+"""Benchmark views (a scene with camera and lights), and digests that compare the answers of several methods.
 
-An info.json lies beside a scene file, or in a folder of vertex frames. Its fields are "up", "camera" (position, target,
-vfov in degrees) and "light". A light is a point, or the direction towards a distant light followed by 0. Without an
-info.json, the scene's own camera and lights are used.
+An optional info.json lies beside a scene file, or in a folder of vertex frames. Its fields are "up", "camera"
+(position, target, vfov in degrees) and "light": a point, or the direction towards a distant light followed by 0.
+Without an info.json, the scene's own camera and lights are used.
 """
 
 import json
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from ..generate.procedural_scenes import PROCEDURAL, add_scenes
 from ..scene.camera import Camera
 from ..scene.lights import Light, PointLight, QuadLight, tangents
 
-# --- Compares the answers of several methods to the same question by their digests ------------------------------------
+# --- Digests of answers -----------------------------------------------------------------------------------------------
 
 
 def digest(bits: Iterable[np.ndarray]) -> bytes:
@@ -33,27 +33,24 @@ def digest(bits: Iterable[np.ndarray]) -> bytes:
     return sha256(b"".join(b.tobytes() for b in bits)).digest()
 
 
-def agree(found: Iterable[tuple[str, bytes]]) -> bool:
-    """Whether all answers to each question are the same. `found` holds (question, digest) of every answer."""
-    answers: dict[str, bytes] = {}
-    return all(answers.setdefault(question, bits) == bits for question, bits in found)
+def agree(answers: Iterable[tuple[str, bytes]]) -> bool:
+    """Whether all methods answer every query alike. `answers` has the (query, digest) of each answer."""
+    first: dict[str, bytes] = {}
+    return all(first.setdefault(query, bits) == bits for query, bits in answers)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Views of the benchmarks: a scene, a camera and lights. An info.json gives camera and light, or the scene does.
-#
-# An info.json lies beside a scene file, or in a folder of vertex frames. Its fields are "up", "camera" (position,
-# target, vfov in degrees) and "light". A light is a point, or the direction towards a distant light and a fourth
-# number, 0.
+# --- Benchmark views --------------------------------------------------------------------------------------------------
 
 
 _DIAGONALS = {"bart_robots": 400.0}
-"""Scene -> the diagonal to use instead of the scene's own. The sky of the robots' city is twenty times as wide as the
-street with the robots and the lamp. So this is the diagonal of the part that the camera sees."""
+"""Scene -> the diagonal to use instead of the scene's own.
+
+The sky of the robots' city is twenty times as wide as the street with the robots and the lamp, so the diagonal of the
+part in the camera's view replaces it."""
 
 
 class BenchmarkView(NamedTuple):
-    """A scene with the camera and the lights of a benchmark."""
+    """A scene with the camera and lights of a benchmark."""
 
     name: str
     scene: AnyScene
@@ -62,7 +59,8 @@ class BenchmarkView(NamedTuple):
 
 
 LightMaker = Callable[[str, np.ndarray, list[float], np.ndarray], Light]
-"""Makes a light from a scene's name, its bounds, and "light" and "up" of its info.json: `point`, or from `square`."""
+"""Makes a light from a scene's name, bounds, and the "light" and "up" of its info.json: `point`, or what `square`
+returns."""
 
 
 def real_path(name: str, part: str = "scene.glb") -> Path | None:
@@ -73,7 +71,7 @@ def real_path(name: str, part: str = "scene.glb") -> Path | None:
 
 
 def file_of(name: str) -> Path | None:
-    """The file of a scene, by the name of its folder or of the file; None if there is none, or if it is procedural."""
+    """The scene file of a folder of $ANTUMBRA_SCENES or a path; None if there is none, or for a procedural scene."""
     add_scenes()
     here = Path(name) if name not in PROCEDURAL and Path(name).is_file() else None
     return real_path(name) or here
@@ -89,8 +87,8 @@ def named_view(name: str, size: tuple[int, int], make_light: LightMaker, real: t
         return info_view(name, path, size, make_light)
     if name in PROCEDURAL:
         return scene_view(name, procedural(name), size)
-    there = [*(folder for folder in real if real_path(folder)), *PROCEDURAL]
-    raise InputError(f"{name}: there is no such scene file, and no such scene; choose one of {', '.join(there)}")
+    available = [*(folder for folder in real if real_path(folder)), *PROCEDURAL]
+    raise InputError(f"{name}: no such scene or scene file; choose one of {', '.join(available)}")
 
 
 def info_view(name: str, path: Path, size: tuple[int, int], make_light: LightMaker) -> BenchmarkView:
@@ -102,13 +100,13 @@ def info_view(name: str, path: Path, size: tuple[int, int], make_light: LightMak
         scene = load(path, up="z" if up[2] else "y")
     view = scene_view(name, scene, size)
     if "camera" in info:
-        own = info["camera"]
-        view = view._replace(camera=Camera(own["position"], own["target"], up, own["vfov"], *size))
+        camera = info["camera"]
+        view = view._replace(camera=Camera(camera["position"], camera["target"], up, camera["vfov"], *size))
     return view._replace(lights=[make_light(name, scene.bounds, info["light"], up)]) if "light" in info else view
 
 
 def scene_view(name: str, scene: AnyScene, size: tuple[int, int]) -> BenchmarkView:
-    """The view of a scene with its own camera and lights, or with the default ones."""
+    """The view of a scene through its own camera and with its own lights, or the default ones."""
     camera = scene.cameras[0].resized(*size) if scene.cameras else scene.default_camera(*size)
     return BenchmarkView(name, scene, camera, scene.lights or [scene.default_light()])
 
@@ -116,32 +114,33 @@ def scene_view(name: str, scene: AnyScene, size: tuple[int, int]) -> BenchmarkVi
 def open_view(
     name: str, size: tuple[int, int], named_view: Callable[[str, tuple[int, int]], BenchmarkView]
 ) -> BenchmarkView:
-    """The view of a name. `open_scene` makes ``procedural:...``; `named_view` makes the view of any other name."""
+    """The view of a name: `open_scene` opens ``procedural:...``, and `named_view` any other name."""
     spec = parse_scene(name)
     if spec.path is not None:
         return named_view(name, size)
     return scene_view(name.removeprefix(PREFIX), open_scene(spec), size)
 
 
-def read_info(path: Path) -> dict:
-    """The fields of the info.json in a folder, or beside a file; empty if there is none."""
-    notes = path / "info.json" if path.is_dir() else path.with_name("info.json")
-    return json.loads(notes.read_text()) if notes.exists() else {}
+def read_info(path: Path) -> dict[str, Any]:
+    """The fields of the info.json in a folder or beside a file; empty if there is none."""
+    file = path / "info.json" if path.is_dir() else path.with_name("info.json")
+    info: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    return info
 
 
 def point(name: str, bounds: np.ndarray, light: list[float], up: np.ndarray) -> PointLight:
     """The light of an info.json as a point light.
 
-    A direction becomes a point one diagonal of the scene away from the scene's centre.
+    A direction becomes a point one scene diagonal away from the scene's centre.
     """
     return PointLight(_middle(bounds, light, up)[0])
 
 
 def square(parts: int) -> LightMaker:
-    """A `LightMaker` of squares whose edge is 1 / `parts` of the scene's diagonal.
+    """A `LightMaker` of square lights with edges of 1 / `parts` of the scene's diagonal.
 
-    A point becomes a level square around it. A direction becomes a square that faces the scene, one diagonal away from
-    the scene's centre.
+    A point becomes a horizontal square around it; a direction becomes a square that faces the scene, one diagonal away
+    from its centre.
     """
     return partial(_square, parts)
 
@@ -153,11 +152,11 @@ def _square(parts: int, name: str, bounds: np.ndarray, light: list[float], up: n
 
 
 def diagonal_of(name: str, bounds: np.ndarray) -> float:
-    """The diagonal of a scene, or of the part that its camera sees, which sets the size of its light."""
+    """The diagonal of a scene, or of the part in its camera's view; it sets the size of the light."""
     return _DIAGONALS.get(name, _diagonal(bounds))
 
 
-def _middle(bounds, light, up) -> tuple[np.ndarray, np.ndarray]:
+def _middle(bounds: np.ndarray, light: list[float], up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(centre, unit normal) of a square at the light of an info.json."""
     middle = np.array(light[:3], float)
     if len(light) < 4:
@@ -166,5 +165,5 @@ def _middle(bounds, light, up) -> tuple[np.ndarray, np.ndarray]:
     return bounds.mean(0) + _diagonal(bounds) * facing, facing
 
 
-def _diagonal(bounds) -> float:
+def _diagonal(bounds: np.ndarray) -> float:
     return float(np.linalg.norm(bounds[1] - bounds[0]))

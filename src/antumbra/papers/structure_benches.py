@@ -1,6 +1,6 @@
-"""``antumbra bench srdh``, ``pre-bvh-culling`` and ``chc-rt``: cost and gain of trees for shadow rays, and of culling.
+"""``antumbra bench srdh``, ``pre-bvh-culling`` and ``chc-rt``: what trees for shadow rays and culling cost and gain.
 
-Measurements are imported when a command runs, so the help of ``antumbra bench`` stays fast.
+The measurements are imported only when a command runs, which keeps the help of ``antumbra bench`` fast.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from ..errors import InputError
 from .benchmark_views import open_view
 from .chc_rt.chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
 
-# --- ``antumbra bench srdh``: cost and gain of trees that are built for shadow rays -----------------------------------
+# --- antumbra bench srdh ----------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ def srdh(
     scene: Annotated[
         list[str] | None,
         typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, a procedural scene; may be repeated.  [default: five folders "
-            "and blinds, or blinds, cellar and atrium]",
+            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: five "
+            "folders and blinds; without the folders: blinds, cellar and atrium]",
             metavar="SCENE",
             show_default=False,
         ),
@@ -39,28 +39,22 @@ def srdh(
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Write bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+            help="Plot bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
         ),
     ] = None,
-    size: Annotated[
-        str, typer.Option(help="Size of the pictures whose rays are counted.", metavar="WxH")
-    ] = "1024x1024",
-    spp: Annotated[
-        int, typer.Option(help="Shadow rays that are counted for each light and point.", min=1, max=1024)
-    ] = 1,
-    timed_size: Annotated[
-        str, typer.Option(help="Size of the pictures whose rendering is timed.", metavar="WxH")
-    ] = "512x512",
-    rounds: Annotated[int, typer.Option(help="Measurements of each time; the median counts.", min=1, max=1000)] = 3,
+    size: Annotated[str, typer.Option(help="Image size for counting box tests.", metavar="WxH")] = "1024x1024",
+    spp: Annotated[int, typer.Option(help="Shadow rays counted per light and point.", min=1, max=1024)] = 1,
+    timed_size: Annotated[str, typer.Option(help="Image size for timing.", metavar="WxH")] = "512x512",
+    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Trees and orders for shadow rays: box tests, build times, trace times [Feltman et al. 2012].
+    """Trees and traversal orders for shadow rays: box tests, build and trace times [Feltman et al. 2012].
 
-    Box tests are counted for shadow rays from visible surfaces, and from the hits of one diffuse ray from each of these
-    points (Figures 2, 4, 5). RTSAH is checked with lines spread evenly, which it assumes. Build times are those of
-    Table 1. Trace times are of direct light at the visible surfaces.
+    Box tests are counted for shadow rays from the visible surfaces, and from where one diffuse ray per visible point
+    hits (Figures 2, 4, 5). RTSAH is checked with uniformly distributed lines, which it assumes. Build times are as in
+    Table 1; trace times are for direct light at the visible surfaces.
 
     \b
     Examples
@@ -88,7 +82,7 @@ def srdh(
         names = dict.fromkeys(scene or srdh_views.default_names())
         for view in [open_view(name, width_height, srdh_views.named_view) for name in names]:
             rows += counts.count_view(view, spp, n_threads, display.say)
-            display.say(f"{view.name}, lines spread evenly")
+            display.say(f"{view.name}, uniformly distributed lines")
             assumed.append(rtsah.check_rtsah(counts.Workload(view, spp, n_threads)))
             builds += srdh_times.build_times(view, spp, n_threads, rounds, display.say)
             smaller = view._replace(camera=view.camera.resized(*timed))
@@ -98,7 +92,7 @@ def srdh(
 
             write_plot(rows, path)
     same = agree((r.scene, r.bits) for r in renders)
-    asked = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
+    settings = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
     tables = {
         "counts": [{**r._asdict(), "relative": counts.relative(rows, r)} for r in rows],
         "rtsah": [a._asdict() for a in assumed],
@@ -108,7 +102,7 @@ def srdh(
 
     from .srdh import srdh_tables as printed
 
-    with results.told({**asked, **tables, "same_bits": same}):
+    with results.told({**settings, **tables, "same_bits": same}):
         printed.print_orders(rows)
         printed.print_saved(rows)
         printed.print_rtsah(assumed)
@@ -119,7 +113,7 @@ def srdh(
         report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
 
-# --- ``antumbra bench pre-bvh-culling``: times to image with culling and without, and the cost of grids ---------------
+# --- antumbra bench pre-bvh-culling -----------------------------------------------------------------------------------
 
 
 @benchmark(size="320x180", cellar="250k", video="100k", frames=3, rounds=1)
@@ -128,7 +122,7 @@ def pre_bvh_culling(
     sponza: Annotated[
         Path | None,
         typer.Option(
-            help="Crytek's Sponza.  [default: sponza_crytek/scene.glb in $ANTUMBRA_SCENES, or an atrium]",
+            help="Crytek's Sponza.  [default: sponza_crytek/scene.glb in $ANTUMBRA_SCENES, else the atrium]",
             metavar="FILE",
             show_default=False,
         ),
@@ -136,7 +130,7 @@ def pre_bvh_culling(
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Write the break-even plot to a .png file.",
+            help="Plot break-even to a .png file.",
             metavar="FILE",
             show_default=False,
             callback=writes(".png"),
@@ -145,24 +139,24 @@ def pre_bvh_culling(
     tracer: Annotated[
         list[str] | None,
         typer.Option(
-            help="How rays are traced, see antumbra plans; may be repeated.  [default: single and multifrusta]",
+            help="A tracer (see antumbra plans); may be repeated.  [default: single and multifrusta]",
             metavar="NAME",
             show_default=False,
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1366x768",
-    cellar: Annotated[str, typer.Option(help="Triangles of the cellar.", metavar="N")] = "1M",
-    video: Annotated[str, typer.Option(help="Triangles of the animated city of Table 4.", metavar="N")] = "1M",
-    frames: Annotated[int, typer.Option(help="Frames of the animation that are measured.", min=1, max=1000)] = 4,
-    rounds: Annotated[int, typer.Option(help="Measurements of each; the median counts.", min=1, max=1000)] = 3,
+    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1366x768",
+    cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M",
+    video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M",
+    frames: Annotated[int, typer.Option(help="Animation frames to measure.", min=1, max=1000)] = 4,
+    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Time to image with pre-BVH culling and without [Selgrad et al. 2015, Tables 1 to 4, Figures 2 and 7].
+    """Time to image with and without pre-BVH culling [Selgrad et al. 2015, Tables 1 to 4, Figures 2 and 7].
 
-    Tables 1 to 3 are of the paper's four views, and Table 4 is of an animated city. Figure 2 compares the grid with a
-    convex region around receivers and lights; antumbra culling --culler grid32:convex draws it.
+    Tables 1 to 3 cover the paper's four views; Table 4 covers an animated city. Figure 2 compares the grid with a
+    convex region around receivers and lights, which antumbra culling --culler grid32:convex draws.
 
     \b
     Examples
@@ -203,12 +197,12 @@ def pre_bvh_culling(
             write_plot(times, path)
     same = agree((t.figure, t.bits) for t in times)
     rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
-    asked = {"tracers": tracers, "size": width_height, "rounds": rounds, "frames": frames, "threads": n_threads}
+    settings = {"tracers": tracers, "size": width_height, "rounds": rounds, "frames": frames, "threads": n_threads}
     tables = {"time_to_image": rows, "grids": [g._asdict() for g in grids], "video": [g._asdict() for g in filmed]}
 
     from .pre_bvh_culling import culling_measurements as printed
 
-    with results.told({**asked, **tables, "same_bits": same}):
+    with results.told({**settings, **tables, "same_bits": same}):
         printed.print_details(times, grids)
         printed.print_times(times)
         printed.print_regions(grids)
@@ -217,18 +211,20 @@ def pre_bvh_culling(
 
 
 def _check_tracer(name: str) -> None:
-    """Raise InputError unless a tracer of this name walks a BVH."""
+    """Raise InputError unless the tracer exists and uses a BVH."""
     from ..engine.method_registry import TRACERS, find_method
 
-    walking = ", ".join(each for each, method in TRACERS.items() if method.builds)
-    found = find_method("trace", name)
-    if found is None:
-        raise InputError(f"tracer {name!r} is unknown; choose one of {walking}")
-    if not found[1].builds:
-        raise InputError(f"tracer {name!r} walks no BVH, whose building is measured here; choose one of {walking}")
+    with_bvh = ", ".join(each for each, method in TRACERS.items() if method.builds)
+    match = find_method("trace", name)
+    if match is None:
+        raise InputError(f"tracer {name!r} is unknown; choose one of {with_bvh}")
+    if not match[1].builds:
+        raise InputError(
+            f"tracer {name!r} uses no BVH, and this benchmark measures BVH builds; choose one of {with_bvh}"
+        )
 
 
-# --- ``antumbra bench chc-rt``: cost and gain of occlusion culling for rays, in memory and out of core ----------------
+# --- antumbra bench chc-rt --------------------------------------------------------------------------------------------
 
 
 @benchmark(triangles="300k", size="192x108", frames=4, compared=1, limit=0.5)
@@ -237,8 +233,8 @@ def chc_rt(
     scene: Annotated[
         list[str] | None,
         typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, a procedural scene; may be repeated.  [default: the city, and "
-            "sanmiguel_lite where it is there]",
+            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: the city, "
+            "and sanmiguel_lite if it exists]",
             metavar="SCENE",
             show_default=False,
         ),
@@ -246,7 +242,7 @@ def chc_rt(
     store: Annotated[
         Path | None,
         typer.Option(
-            help="Instead of scenes in memory, a store that antumbra build has made.",
+            help="Trace a store from antumbra build instead of scenes in memory.",
             metavar="FILE",
             show_default=False,
         ),
@@ -254,49 +250,47 @@ def chc_rt(
     max_memory: MaxMemoryOption = None,
     table: Annotated[
         list[ChcrtTable] | None,
-        typer.Option(help="Measure only this; may be repeated.  [default: all]", show_default=False),
+        typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False),
     ] = None,
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Write bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+            help="Plot bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
         ),
     ] = None,
     pictures: Annotated[
         Path | None,
         typer.Option(
-            help="Write pictures of culling to a folder.",
+            help="Write figures of the culling state to a folder.",
             metavar="FOLDER",
             show_default=False,
             callback=writes_folder(),
         ),
     ] = None,
-    triangles: Annotated[str, typer.Option(help="Size of the city.", metavar="N")] = "10M",
-    size: Annotated[str, typer.Option(help="Size of the pictures.", metavar="WxH")] = "640x360",
-    frames: Annotated[int, typer.Option(help="Frames of a walkthrough.", min=1, max=10_000)] = 60,
-    compared: Annotated[
-        int, typer.Option(help="In how many frames the other plans have their turns.", min=1, max=10_000)
-    ] = 3,
+    triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "10M",
+    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "640x360",
+    frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60,
+    compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3,
     limit: Annotated[
         float,
-        typer.Option(help="End a walkthrough after so long; two frames come anyway.", metavar="SECONDS", min=0.0),
+        typer.Option(help="Time limit per walkthrough; at least two frames run.", metavar="SECONDS", min=0.0),
     ] = 120.0,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """CHC+RT beside tracing from the root: times, phases, queries, paging [Mattausch et al. 2015].
+    """CHC+RT compared with tracing from the root: times, phases, queries, paging [Mattausch et al. 2015].
 
-    There is a near and a far walkthrough, and CHC+RT keeps its state from frame to frame. Each pixel has primary rays,
-    20 rays of ambient occlusion, 20 diffuse rays, and 16 shadow rays to an area light.
+    Measures a near and a far walkthrough; CHC+RT keeps its state from frame to frame. Each pixel has a primary ray, 20
+    ambient occlusion rays, 20 diffuse rays, and 16 shadow rays to an area light.
 
-    Times are medians over the frames after the first. The tables show sizes (Table 1), times (Table 2), phases
-    (Figure 8), queries and bytes moved (Table 3), randomised directions (Table 5), aggressive mode (Table 4), and
-    CHC+RT without its parts. A store also has its hit rate and two ways to make room, but no randomised directions.
+    Times are medians over the frames after the first. The tables cover sizes (Table 1), times (Table 2), phases
+    (Figure 8), queries and bytes read (Table 3), randomised directions (Table 5), aggressive mode (Table 4), and an
+    ablation. A store has a table of hit rates with two eviction policies instead of randomised directions.
 
-    Lines on standard error show each walkthrough as soon as it has ended.
+    The medians of each walkthrough are printed to standard error as soon as it ends.
 
-    Pictures are of two frames of the near walkthrough: queries and triangles of each tile (Figure 4), subtrees (Figure
+    --pictures draws two frames of the near walkthrough: queries and triangles per tile (Figure 4), subtrees (Figure
     5), the matrix of rays and triangles (Figure 6), and the error of aggressive mode (Figure 9).
 
     \b
@@ -320,11 +314,11 @@ def chc_rt(
 
     check_request("city", count, 0)
     if plot is not None and not WALKED.intersection(tables):
-        raise InputError("--plot shows what --table times, phases, queries or store measure; name one of them")
+        raise InputError("--plot needs --table times, phases, queries or store")
     plots = results.plots(plot) if WALKED.intersection(tables) else []
     if pictures is not None:
         if store is not None:
-            raise InputError("--pictures shows scenes in memory; leave --store out")
+            raise InputError("--pictures draws scenes in memory; omit --store")
         arguments.check_plot(pictures / "figure-4.png", "--pictures")
     elif store is None:
         pictures = results.pictures()
@@ -339,40 +333,42 @@ def chc_rt(
                 chcrt_views.check_in_memory(view)
         places = [chcrt_views.place_of(view) for view in views]
         if store is None:
-            found, same = session.measure_in_memory(places, tables, n_threads, pace, activity.say, show, pictures)
+            rows, same = session.measure_in_memory(places, tables, n_threads, pace, activity.say, show, pictures)
         else:
-            found, same = session.measure_out_of_core(places[0], tables, memory, n_threads, pace, activity.say, show)
-        walked = found.get(ChcrtTable.store) or found.get(ChcrtTable.times) or []
+            rows, same = session.measure_out_of_core(places[0], tables, memory, n_threads, pace, activity.say, show)
+        walked = rows.get(ChcrtTable.store) or rows.get(ChcrtTable.times) or []
         for path in plots:
             from .chc_rt.chcrt_figures import write_plot
 
             write_plot(walked, path)
-    differs, peak = session.differing(found), peak_resident()
-    told = {
+    differs, peak = session.differing(rows), peak_resident()
+    verdict = {
         True: "the same by all methods",
-        False: f"DIFFER, of {differs:,} rays: please report this",
+        False: f"DIFFER for {differs:,} rays: please report this",
         None: "not compared",
     }
     size = report.size_in_memory(peak) if peak else "unknown"
     from .chc_rt.chcrt_tables import PRINT
 
-    asked = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
-    measured = {name.value: [t._asdict() for t in rows] for name, rows in found.items()}
-    with results.told({**asked, **measured, "differs": differs, "same_answers": same, "peak_resident": peak}):
+    settings = {"size": width_height, "frames": frames, "compared": compared, "limit": limit, "threads": n_threads}
+    measured = {name.value: [t._asdict() for t in table_rows] for name, table_rows in rows.items()}
+    with results.told({**settings, **measured, "differs": differs, "same_answers": same, "peak_resident": peak}):
         for name in tables:
-            PRINT[name](found.get(name, walked))
-        report.print_fields([("answers", told[same]), ("memory at its peak", size)])
+            PRINT[name](rows.get(name, walked))
+        report.print_fields([("answers", verdict[same]), ("peak memory", size)])
 
 
-def _checked_tables(tables, scene, store, max_memory) -> tuple[ChcrtTable, ...]:
-    """The requested tables, in order; InputError on options that do not go together."""
+def _checked_tables(
+    tables: list[ChcrtTable] | None, scene: list[str] | None, store: Path | None, max_memory: str | None
+) -> tuple[ChcrtTable, ...]:
+    """The requested tables, in order; InputError on conflicting options."""
     if store is None and max_memory is not None:
-        raise InputError("--max-memory is for --store; leave it out")
+        raise InputError("--max-memory needs --store")
     if store is not None and scene:
-        raise InputError("--store is measured by itself; leave --scene out")
+        raise InputError("--store and --scene cannot be combined")
     possible = IN_CORE if store is None else PAGED
     wrong = [name.value for name in tables or () if name not in possible]
     if wrong:
-        cure = "name a --store" if store is None else "leave --store out"
-        raise InputError(f"--table {wrong[0]} has nothing to measure; {cure}")
+        cure = "needs a --store" if store is None else "needs scenes in memory; omit --store"
+        raise InputError(f"--table {wrong[0]} {cure}")
     return tuple(name for name in possible if not tables or name in tables)

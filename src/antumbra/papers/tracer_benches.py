@@ -1,11 +1,12 @@
-"""``antumbra bench multi-frusta``, ``ray-hierarchy`` and ``peers``: tracers beside each other, and beside Embree.
+"""``antumbra bench multi-frusta``, ``ray-hierarchy`` and ``peers``: compare tracers with one another and with Embree.
 
-Measurements are imported when a command runs, so the help of ``antumbra bench`` stays fast.
+The measurements are imported only when a command runs, which keeps the help of ``antumbra bench`` fast.
 """
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -17,7 +18,7 @@ from ..cli.options import Json, Quiet, Threads, writes
 from ..rendering.options import CullFaces
 from .benchmark_views import open_view
 
-# --- ``antumbra bench multi-frusta``: the tables of the multi-frusta paper, and Figures 5 to 7 ------------------------
+# --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def multi_frusta(
         list[str] | None,
         typer.Option(
             help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: two folders "
-            "of $ANTUMBRA_SCENES if they are there, and forest]",
+            "of $ANTUMBRA_SCENES, if they exist, and forest]",
             metavar="SCENE",
             show_default=False,
         ),
@@ -40,23 +41,23 @@ def multi_frusta(
     plot: Annotated[
         Path | None,
         typer.Option(
-            help="Write Figures 5 to 7 to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
+            help="Plot Figures 5 to 7 to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "512x512",
+    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "512x512",
     cull_faces: Annotated[
-        CullFaces, typer.Option(help="The side of triangles that blocks no shadow ray; back, as published.")
+        CullFaces, typer.Option(help="Triangle side that does not block shadow rays; published with: back.")
     ] = CullFaces.back,
-    rounds: Annotated[int, typer.Option(help="Measurements of each time; the median counts.", min=1, max=1000)] = 5,
+    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 5,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Multi-frusta tracing beside packets: accesses, tests and times [Benthin and Wald 2009].
+    """Multi-frusta tracing compared with packets: accesses, tests and times [Benthin and Wald 2009].
 
-    Each run uses one thread and 16 shadow rays a pixel to a square light. Table 1 compares the paper's tracer and ours
-    with packets of 16 rays, for primary rays and for shadow rays. Section 5.2 has packets of 256 rays. Table 2 compares
-    three ways of frustum shrinking. Figure 5 compares 16 filtered samples with 256. Figure 6 has lights of 1/4 to 8
-    times the edge. Figure 7 counts the pixels at silhouettes. All give the same bits.
+    Traces 16 shadow rays per pixel to a square light on one thread. Table 1 compares the paper's tracer and ours with
+    packets of 16 rays, for primary and shadow rays; Section 5.2 has packets of 256 rays. Table 2 compares three kinds
+    of frustum shrinking. Figure 5 compares 16 filtered samples with 256. Figure 6 scales the light's edge by 1/4 to 8.
+    Figure 7 counts silhouette pixels. All tracers give the same bits.
 
     \b
     Examples
@@ -74,28 +75,28 @@ def multi_frusta(
         display.say("opening the scenes")
         names = dict.fromkeys(scene or bench.default_names())
         views = [open_view(name, width_height, bench.quad_view) for name in names]
-        found = {}
+        cases: dict[str, tuple[Case, dict[str, Any], SoftShadowQuality]] = {}
         for view in views:
             case = bench.case_of(view, cull_faces.side)
-            found[view.name] = case, bench.tables(case, rounds, display.say), quality.measure_quality(case, display.say)
+            cases[view.name] = case, bench.tables(case, rounds, display.say), quality.measure_quality(case, display.say)
         for path in plots:
             from .multi_frusta.frusta_measurements import write_plot
 
-            write_plot({name: (tables, shown) for name, (_, tables, shown) in found.items()}, path)
+            write_plot({name: (tables, figures) for name, (_, tables, figures) in cases.items()}, path)
     rows = {
-        name: {**tables, "figure 5": shown.rows, "figure 7": {"edges": shown.edges}}
-        for name, (_, tables, shown) in found.items()
+        name: {**tables, "figure 5": figures.rows, "figure 7": {"edges": figures.edges}}
+        for name, (_, tables, figures) in cases.items()
     }
-    asked = {"size": width_height, "rounds": rounds, "cull_faces": cull_faces.side}
-    with results.told({**asked, "rows": rows, "same_bits": True}):
-        for case, tables, shown in found.values():
+    settings = {"size": width_height, "rounds": rounds, "cull_faces": cull_faces.side}
+    with results.told({**settings, "rows": rows, "same_bits": True}):
+        for case, tables, figures in cases.values():
             _print_primary(case, tables["table 1 primary"])
             _print_table1(case, tables["table 1"])
             _print_packet256(tables["table 1"])
             _print_table2(case, tables["table 2"])
-            _print_figure5(case, shown)
+            _print_figure5(case, figures)
             _print_figure6(case, tables["figure 6"])
-            _print_silhouettes(case, shown)
+            _print_silhouettes(case, figures)
             report.print_fields([("bits", "the same by all methods")])
 
 
@@ -103,7 +104,7 @@ _NAMES = ("#tris", "+culling", "#AABB", "#isec")
 
 
 def _print_primary(case: "Case", rows: dict) -> None:
-    """Print the P rows of Table 1, without shading."""
+    """Print the primary-ray rows (P) of Table 1, without shading."""
     from .multi_frusta import frusta_measurements as paper
 
     _print_counts(f"Table 1, {case.name}, primary rays", case, rows)
@@ -111,7 +112,7 @@ def _print_primary(case: "Case", rows: dict) -> None:
 
 
 def _print_table1(case: "Case", rows: dict) -> None:
-    """Print the S rows of Table 1."""
+    """Print the shadow-ray rows (S) of Table 1."""
     from .multi_frusta import frusta_measurements as paper
     from .multi_frusta.frusta_measurements import BASELINES, TABLE1
 
@@ -133,27 +134,27 @@ def _print_counts(title: str, case: "Case", rows: dict) -> None:
 
 
 def _print_reduction(rows: dict, base: str, tracers: tuple[str, ...], theirs: tuple[str, ...]) -> None:
-    """Print how many times less than `base` some tracers count and take, and the paper's range."""
+    """Print by what factor the tracers reduce the counts and time of `base`, and the paper's range."""
     from .multi_frusta import frusta_measurements as paper
 
-    print(f"Times less than {base} (Table 1; the paper's range)")
-    less = []
+    print(f"Reduction factor over {base} (Table 1; the paper's range)")
+    reductions = []
     for tracer in tracers:
         counts = (f"{rows[base][c] / max(rows[tracer][c], 1):.2f}" for c in paper.COLUMNS)
-        less.append((tracer, *counts, f"{rows[base]['seconds'] / rows[tracer]['seconds']:.2f}"))
-    report.print_table(("tracer", *_NAMES, "seconds"), [*less, ("the paper", *theirs)], right=range(1, 6))
+        reductions.append((tracer, *counts, f"{rows[base]['seconds'] / rows[tracer]['seconds']:.2f}"))
+    report.print_table(("tracer", *_NAMES, "seconds"), [*reductions, ("the paper", *theirs)], right=range(1, 6))
 
 
 def _print_packet256(rows: dict) -> None:
-    """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as a node is counted here."""
+    """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as this counts nodes."""
     from .multi_frusta import frusta_measurements as paper
 
     many, frusta, packets = (rows[t] for t in ("packet256", "multifrusta:paper", "packet16"))
     change = f"{100 * (many['nodes'] / max(frusta['nodes'], 1) - 1):+.0f} % (the paper: {paper.PACKET256[0]})"
     speed = f"{frusta['seconds'] / many['seconds']:.2f} (the paper: {paper.PACKET256[1]})"
-    print("Packets of 256 rays beside multifrusta:paper (Sec. 5.2)")
-    beside = f"{packets['seconds'] / many['seconds']:.2f} (the paper: in some cases less than 1)"
-    report.print_fields([("nodes", change), ("times as fast", speed), ("times as fast as packet16", beside)])
+    print("Packets of 256 rays compared with multifrusta:paper (Sec. 5.2)")
+    over_packet16 = f"{packets['seconds'] / many['seconds']:.2f} (the paper: in some cases less than 1)"
+    report.print_fields([("nodes", change), ("speedup", speed), ("speedup over packet16", over_packet16)])
     print()
 
 
@@ -166,26 +167,26 @@ def _print_table2(case: "Case", rows: dict) -> None:
         change = (f"{100 * (r[c] / max(none[c], 1) - 1):+.1f}" for c in paper.COLUMNS)
         more = f"{r['shrinks'] / 1e3:,.0f}K", f"{none['seconds'] / r['seconds']:.2f}"
         table.append((tracer, *change, paper.PUBLISHED_TABLE2[tracer], *more))
-    print(f"Table 2, {case.name}: change in %; the paper's of T-Rex beside it")
-    head = ("tracer", *_NAMES, "the paper", "shrinks", "times as fast")
+    print(f"Table 2, {case.name}: change in %, with the paper's for T-Rex")
+    head = ("tracer", *_NAMES, "the paper", "shrinks", "speedup")
     report.print_table(head, table, right=(1, 2, 3, 4, 6, 7))
 
 
-def _print_figure5(case: "Case", shown: "SoftShadowQuality") -> None:
-    """Print the errors of the visibility against 256 samples."""
+def _print_figure5(case: "Case", quality: "SoftShadowQuality") -> None:
+    """Print the visibility errors relative to 256 samples."""
     table = [
         (name, f"{r['rays'] / 1e6:.2f}", f"{r['seconds']:.3f}", f"{1e3 * r['rms']:.1f}", f"{1e3 * r['mean']:.1f}")
-        for name, r in shown.rows.items()
+        for name, r in quality.rows.items()
     ]
-    print(f"Figure 5, {case.name}: visibility against 256 samples a pixel, errors times 1000 (the paper: pictures)")
+    print(f"Figure 5, {case.name}: visibility error x 1000 against 256 samples per pixel (the paper: pictures)")
     report.print_table(("frame", "M rays", "seconds", "rms", "mean"), table, right=range(1, 5))
 
 
-def _print_silhouettes(case: "Case", shown: "SoftShadowQuality") -> None:
+def _print_silhouettes(case: "Case", quality: "SoftShadowQuality") -> None:
     from .multi_frusta import frusta_measurements as paper
 
-    ours, theirs = f"{100 * shown.edges:.1f} %", f"{100 * paper.EDGES:.1f} % in Saloon"
-    print(f"Figure 7, {case.name}: {ours} of the pixels lie at edges (the paper: {theirs})\n")
+    ours, theirs = f"{100 * quality.edges:.1f} %", f"{100 * paper.EDGES:.1f} % in Saloon"
+    print(f"Figure 7, {case.name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
 
 
 def _print_figure6(case: "Case", sizes: dict) -> None:
@@ -193,11 +194,11 @@ def _print_figure6(case: "Case", sizes: dict) -> None:
 
     cell = lambda row: f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
     table = [(tracer, *(cell(rows[tracer]) for rows in sizes.values())) for tracer in FIGURE6]
-    print(f"Figure 6, {case.name}: #tris and #isec, in thousands, by the light's edge")
+    print(f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light")
     report.print_table(("tracer", *sizes), table, right=range(1, 1 + len(sizes)))
 
 
-# --- ``antumbra bench ray-hierarchy``: nodes that ray hierarchies visit, and their times ------------------------------
+# --- antumbra bench ray-hierarchy -------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -212,40 +213,38 @@ def ray_hierarchy(
     scene: Annotated[
         list[str] | None,
         typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, a folder of vertex frames, a procedural scene; may be "
-            "repeated.  [default: four folders of $ANTUMBRA_SCENES, or atrium and forest]",
+            help="A folder of $ANTUMBRA_SCENES, a file, a folder of vertex frames, or a procedural scene; may be "
+            "repeated.  [default: four folders of $ANTUMBRA_SCENES, else atrium and forest]",
             metavar="SCENE",
             show_default=False,
         ),
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Write curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
+        typer.Option(help="Plot curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1024x1024",
-    frames: Annotated[
-        int, typer.Option(help="Moments of each scene that moves, spread evenly.", min=1, max=10_000)
-    ] = 10,
+    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1024x1024",
+    frames: Annotated[int, typer.Option(help="Evenly spaced frames of each animated scene.", min=1, max=10_000)] = 10,
     limit: Annotated[
         float,
-        typer.Option(help="Leave out the variants that would trace a picture for longer.", metavar="SECONDS", min=0.0),
+        typer.Option(help="Skip variants predicted to take longer per picture.", metavar="SECONDS", min=0.0),
     ] = 60.0,
     cull_faces: Annotated[
         CullFaces,
         typer.Option(
-            help="The side of triangles that, seen from a receiver, blocks no shadow ray. The report culls faces that "
-            "the light sees: back."
+            help="Triangle side, as seen from the receiver, that does not block shadow rays. The report culls faces "
+            "visible from the light: back."
         ),
     ] = CullFaces.back,
-    rounds: Annotated[int, typer.Option(help="Measurements of each time; the median counts.", min=1, max=1000)] = 3,
+    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Ray hierarchies: nodes, times and their variation [Olsson and Assarsson 2011].
 
-    There is one point light, and one shadow ray for each pixel. It measures the variants of the report's Table 1 and
-    ours. The scenes are the frames of BART's robots and views of its museum (Figures 6 and 7, Table 2), and still ones.
+    Traces one shadow ray per pixel to a point light with the variants of the report's Table 1 and ours. The scenes are
+    frames of BART's robots, views of its museum (Figures 6 and 7, Table 2), and static scenes.
 
     \b
     Examples
@@ -263,35 +262,35 @@ def ray_hierarchy(
 
     plots = results.plots(plot)
     n_threads = thread_count(threads)
-    seen: list[PictureRays] = []
+    picture_rays: list[PictureRays] = []
     costs: list[Cost] = []
     with ProgressDisplay(quiet) as display:
         display.say("opening the scenes")
         named = dict.fromkeys(scene or views.default_names())
         opened = [views.with_point(open_view(name, width_height, views.named_view)) for name in named]
         for picture in (p for view in opened for p in views.pictures(view, frames)):
-            shown, found = bench.measure(picture, n_threads, rounds, limit, display.say, cull_faces.side)
-            seen.append(shown)
-            costs += found
+            rays, picture_costs = bench.measure(picture, n_threads, rounds, limit, display.say, cull_faces.side)
+            picture_rays.append(rays)
+            costs += picture_costs
         for path in plots:
             from .ray_hierarchy.ray_hierarchy_measurements import write_plot
 
-            write_plot(seen, costs, path)
-    spreads = bench.spreads(seen, costs)
-    same = agree(bench.answers(seen, costs))
-    asked = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
-    asked["cull_faces"] = cull_faces.side
+            write_plot(picture_rays, costs, path)
+    spreads = bench.spreads(picture_rays, costs)
+    same = agree(bench.answers(picture_rays, costs))
+    settings = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
+    settings["cull_faces"] = cull_faces.side
     tables = {
-        "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in seen],
+        "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in picture_rays],
         "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
-        "figure 7": [b._asdict() for b in bench.relative_costs(seen, costs, FIGURE7)],
+        "figure 7": [b._asdict() for b in bench.relative_costs(picture_rays, costs, FIGURE7)],
         "spreads": [s._asdict() for s in spreads],
     }
-    with results.told({**asked, **tables, "same_bits": same}):
-        _print_pictures(seen, costs)
+    with results.told({**settings, **tables, "same_bits": same}):
+        _print_pictures(picture_rays, costs)
         _print_museum(costs)
-        _print_figure7(bench.relative_costs(seen, costs, FIGURE7))
-        _print_claims(seen, costs, spreads)
+        _print_figure7(bench.relative_costs(picture_rays, costs, FIGURE7))
+        _print_claims(picture_rays, costs, spreads)
         _print_spreads(spreads)
         report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
 
@@ -304,36 +303,36 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:,.1f}"
 
 
-def _print_pictures(seen: "list[PictureRays]", costs: "list[Cost]") -> None:
+def _print_pictures(pictures: "list[PictureRays]", costs: "list[Cost]") -> None:
     """Print Figures 6 and 7 as tables."""
     from .ray_hierarchy.ray_hierarchy_measurements import PLANS, ROBOTS, STILL_CAMERA, of
 
-    asked = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in seen]
-    print("Pictures, one point light, one shadow ray for each pixel that sees something")
-    report.print_table(("picture", "triangles", "rays", "% blocked"), asked, right=range(1, 4), width=_WIDTH)
-    if any(s.of == ROBOTS for s in seen):
+    summary = [(s.picture, f"{s.triangles:,}", f"{s.rays:,}", f"{100 * s.blocked / s.rays:.0f}") for s in pictures]
+    print("Pictures: one point light, one shadow ray per visible surface point")
+    report.print_table(("picture", "triangles", "rays", "% blocked"), summary, right=range(1, 4), width=_WIDTH)
+    if any(s.of == ROBOTS for s in pictures):
         print(f"{STILL_CAMERA}\n")
-    left_out = "skipped: about "
-    tables = (
+    skipped = "skipped: about "
+    tables: tuple[tuple[str, Callable[[Cost], str]], ...] = (
         (
             "Nodes tested, millions (Figures 6 and 7)",
-            lambda c: _millions(c.nodes) or left_out + _millions(c.predicted_nodes),
+            lambda c: _millions(c.nodes) or skipped + _millions(c.predicted_nodes),
         ),
         ("Nodes passed, millions (Figures 6 and 7)", lambda c: _millions(c.passed) or "skipped"),
-        ("Ray tests, of up to 16 rays each, millions", lambda c: _millions(c.tests) or "skipped"),
+        ("Ray tests of up to 16 rays, millions", lambda c: _millions(c.tests) or "skipped"),
         (
             "Shadows, ms (Figures 6 and 7)",
-            lambda c: left_out + report.duration(c.predicted) if c.seconds is None else _ms(c.seconds),
+            lambda c: skipped + report.duration(c.predicted) if c.seconds is None else _ms(c.seconds),
         ),
     )
     for title, cell in tables:
-        table = [(s.picture, *(cell(of(costs, s.picture, variant)) for variant in PLANS)) for s in seen]
+        table = [(s.picture, *(cell(of(costs, s.picture, variant)) for variant in PLANS)) for s in pictures]
         print(title)
         report.print_table(("picture", *PLANS), table, right=range(1, 1 + len(PLANS)), width=_WIDTH)
 
 
 def _print_museum(costs: "list[Cost]") -> None:
-    """Print Table 2, with the report's figures in brackets. The report does not say whether it counts nodes passed."""
+    """Print Table 2, with the report's values in brackets. The report does not say whether it counts nodes passed."""
     from .ray_hierarchy import ray_hierarchy_measurements as paper
     from .ray_hierarchy.ray_hierarchy_measurements import MUSEUM_NAME, of
 
@@ -342,12 +341,12 @@ def _print_museum(costs: "list[Cost]") -> None:
         return
     nodes, times = [], []
     for variant in paper.MEASURED:
-        found = [of(costs, place, variant) for place in places]
-        nodes.append((variant, *(_nodes_beside(c, n) for c, n in zip(found, paper.NODES[variant]))))
-        times.append((variant, *(_ms_beside(c, ms) for c, ms in zip(found, paper.MILLISECONDS[variant]))))
+        place_costs = [of(costs, place, variant) for place in places]
+        nodes.append((variant, *(_nodes_beside(c, n) for c, n in zip(place_costs, paper.NODES[variant]))))
+        times.append((variant, *(_ms_beside(c, ms) for c, ms in zip(place_costs, paper.MILLISECONDS[variant]))))
     head = ("variant", *(place.removeprefix(f"{MUSEUM_NAME}, ") for place in places))
-    for title, table in (("Nodes tested, and passed, millions", nodes), ("Shadows, ms", times)):
-        print(f"{title}: subdivided museum (Table 2; in brackets the report's, of other views and a GPU)")
+    for title, table in (("Nodes tested and passed, millions", nodes), ("Shadows, ms", times)):
+        print(f"{title}: subdivided museum (Table 2; in brackets the report's, for other views on a GPU)")
         report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
@@ -371,12 +370,12 @@ def _print_figure7(rows: "list[RelativeCost]") -> None:
         if b.variant != BEST
     ]
     head = ("scene", "variant", "pictures", "nodes tested", "nodes passed", "time")
-    print(f"Early accept and two passes, as shares of {BEST} (Figure 7; in the report nodes fall and the time rises)")
+    print(f"Early accept and two passes relative to {BEST} (Figure 7; in the report, nodes fall and time rises)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
 
-def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
-    """Print our figures for the claims of the report's text."""
+def _print_claims(pictures: "list[PictureRays]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
+    """Print our results for the claims in the report's text."""
     from .ray_hierarchy import ray_hierarchy_measurements as bench
     from .ray_hierarchy import ray_hierarchy_measurements as paper
 
@@ -396,20 +395,21 @@ def _print_claims(seen: "list[PictureRays]", costs: "list[Cost]", spreads: "list
         ("of Table 1", paper.VARIANTS),
         ("of all", tuple(bench.PLANS)),
     ):
-        best = [bench.fewest(costs, s.picture, among) for s in seen]
+        best = [bench.fewest(costs, s.picture, among) for s in pictures]
         wins = ", ".join(f"{name or 'none measured'} {best.count(name)}" for name in dict.fromkeys(best))
         rows.append((f"fewest nodes {title}", f"in {len(best)} pictures: {wins}"))
     for name in dict.fromkeys(s.of for s in spreads):
         least = min((s for s in spreads if s.of == name), key=lambda s: s.deviation)
-        rows.append((f"steadiest in {name}", f"{least.variant}, deviation {100 * least.deviation:.0f} % of the mean"))
+        text = f"{least.variant}, standard deviation {100 * least.deviation:.0f} % of the mean"
+        rows.append((f"steadiest in {name}", text))
     report.print_fields(rows)
     print()
 
 
 def _print_spreads(spreads: "list[Spread]") -> None:
-    """Print the variation of the times of Figure 6(b)."""
+    """Print the variation of the times in Figure 6(b)."""
     if not spreads:
-        print("No animation is looked at, so nothing is said about how times vary (Figure 6b)\n")
+        print("No animated scene, so no variation of times over frames (Figure 6b)\n")
         return
     table = []
     for s in spreads:
@@ -422,14 +422,14 @@ def _print_spreads(spreads: "list[Spread]") -> None:
         "frames",
         "median, ms",
         "longest / shortest",
-        "quartiles apart, ms",
+        "interquartile range, ms",
         "deviation, % of mean",
     )
-    print("Shadows over the frames of an animation (Figure 6b)")
+    print("Shadow times over the frames of an animation (Figure 6b)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
 
-# --- ``antumbra bench peers``: soft shadows by bsah+auto beside Embree ------------------------------------------------
+# --- antumbra bench peers ---------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -444,30 +444,31 @@ def peers(
     scene: Annotated[
         list[str] | None,
         typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, a procedural scene; may be repeated.  [default: sponza_crytek "
-            "where it is there, and forest]",
+            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: "
+            "sponza_crytek, if it exists, and forest]",
             metavar="SCENE",
             show_default=False,
         ),
     ] = None,
     plot: Annotated[
         Path | None,
-        typer.Option(help="Write bars to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
+        typer.Option(help="Plot bars to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of the pictures in pixels.", metavar="WxH")] = "1024x1024",
-    spp: Annotated[int, typer.Option(help="Shadow rays for each pixel.", min=1, max=1024)] = 16,
-    rounds: Annotated[int, typer.Option(help="Turns of each contender; the median counts.", min=1, max=1000)] = 5,
+    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1024x1024",
+    spp: Annotated[int, typer.Option(help="Shadow rays per pixel.", min=1, max=1024)] = 16,
+    rounds: Annotated[int, typer.Option(help="Runs of each contender; the median counts.", min=1, max=1000)] = 5,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """The plan bsah+auto beside Embree: soft shadows on the same rays, turn by turn, in one process.
+    """Soft shadows with the plan bsah+auto and with Embree: same rays, alternating runs, one process.
 
-    Ours is timed from the query of a frame to its bits. Embree is timed on rays that were made before, one by one and
-    in packets. Each of its modes is tried once, and the fastest have their turns. The ratio is that of the medians,
-    ours to Embree's fastest. Each number of rays that differ is that of answers that are not ours: Embree rounds.
+    Our time runs from the query of a frame to its bits. Embree traces rays generated beforehand, singly and in packets.
+    Each of its modes is tried once, and the fastest are measured in alternation with ours. The ratio is our median rate
+    over that of Embree's fastest mode. Rays that differ are those where Embree's answer, which is subject to rounding,
+    is not ours.
 
-    One thread is measured, and all cores. Embree needs: pip install 'antumbra[peers]'
+    Measures one thread and all cores. Embree needs: pip install 'antumbra[peers]'
 
     \b
     Examples
@@ -484,7 +485,7 @@ def peers(
 
     plan = parse_plan("bsah+auto")
     plots = results.plots(plot)
-    embree = describe_embree()  # an error if it is missing
+    embree = describe_embree()  # raises if Embree is missing
     counts = [threads] if threads else list(dict.fromkeys((1, thread_count(None))))
     rows: list[dict] = []
     builds: list[PeerBuild] = []
@@ -494,17 +495,24 @@ def peers(
         views = [open_view(name, width_height, bench.named_view) for name in names]
         warm_up(plan, "raster", False)
         for view in views:
-            found, times = bench.measure(view, plan, spp, counts, rounds, display.say)
-            rows += found
+            view_rows, times = bench.measure(view, plan, spp, counts, rounds, display.say)
+            rows += view_rows
             builds += times
             if not (json or quiet):
-                _show(found)
+                _show(view_rows)
         for path in plots:
             from .peers.peer_measurements import write_plot
 
             write_plot(rows, path)
-    asked = {"plan": str(plan), "embree": embree, "size": width_height, "spp": spp, "rounds": rounds, "threads": counts}
-    with results.told({**asked, "rows": rows, "builds": [b._asdict() for b in builds]}):
+    settings = {
+        "plan": str(plan),
+        "embree": embree,
+        "size": width_height,
+        "spp": spp,
+        "rounds": rounds,
+        "threads": counts,
+    }
+    with results.told({**settings, "rows": rows, "builds": [b._asdict() for b in builds]}):
         for name in dict.fromkeys(row["scene"] for row in rows):
             _print_rates([row for row in rows if row["scene"] == name])
         _print_builds(builds)
@@ -512,11 +520,11 @@ def peers(
 
 
 def _show(rows: list[dict]) -> None:
-    """Print a line for each number of threads to standard error, as soon as a scene has been measured."""
+    """Print a line per thread count to standard error, as soon as a scene has been measured."""
     for row in rows:
         if "ratio" in row:
-            told = f"{row['mrays']:.1f} M rays/s, {row['ratio']:.2f} times the fastest of Embree"
-            print(f"{row['scene']}, {row['threads']} thread(s): {told}", file=sys.stderr, flush=True)
+            rate = f"{row['mrays']:.1f} M rays/s, {row['ratio']:.2f} times Embree's fastest mode"
+            print(f"{row['scene']}, {row['threads']} thread(s): {rate}", file=sys.stderr, flush=True)
 
 
 def _print_rates(rows: list[dict]) -> None:
@@ -528,8 +536,8 @@ def _print_rates(rows: list[dict]) -> None:
         ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
         rates = f"{row['mrays']:.2f}", f"{row['best_mrays']:.2f}"
         table.append((f"{row['threads']}", row["contender"], *rates, ratio, f"{row['differs']:,}"))
-    told = f"{first['triangles']:,} triangles, {first['rays'] / 1e6:.2f} M rays, {first['occluded']:.0%} blocked"
-    print(f"Soft shadows, {first['scene']}: {told}")
+    size = f"{first['triangles']:,} triangles, {first['rays'] / 1e6:.2f} M rays, {first['occluded']:.0%} blocked"
+    print(f"Soft shadows, {first['scene']}: {size}")
     head = ("threads", "contender", "M rays/s", "at best", "ratio", "rays that differ")
     report.print_table(head, table, right=(0, 2, 3, 4, 5), width=_PEERS_WIDTH)
 
@@ -538,7 +546,7 @@ def _print_builds(builds: "list[PeerBuild]") -> None:
     scenes, methods = (list(dict.fromkeys(getattr(b, name) for b in builds)) for name in ("scene", "method"))
     seconds = {(b.scene, b.method): b.seconds for b in builds}
     table = [(scene, *(f"{1e3 * seconds[scene, method]:.0f}" for method in methods)) for scene in scenes]
-    print("Build times on all cores, ms; ours with the blocks of the tracer")
+    print("Build times on all cores, ms; ours include the tracer's blocks")
     report.print_table(("scene", *methods), table, right=range(1, 1 + len(methods)), width=_PEERS_WIDTH)
 
 
