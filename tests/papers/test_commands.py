@@ -142,7 +142,7 @@ def test_tables_of_chc_rt(cli):
     frames = [{f for *_, m, f in turns if (m == "chcrt") == ours} for ours in (True, False)]
     assert frames == [{0, 1, 2}, {1, 2}]
     assert all(t["rays"] > 0 and t["seconds"] > 0 for t in told["times"])
-    assert all(bool(t["told"]) == (t["method"] == "chcrt") for t in told["times"])
+    assert all(bool(t["statistics"]) == (t["method"] == "chcrt") for t in told["times"])
     assert {t["sampler"] for t in told["randomisation"]} == {"halton:0", "halton:18", "halton:36", "halton:full"}
     assert {t["method"] for t in told["aggressive"]} == {"chcrt", "chcrt:20", "chcrt:100", "chcrt:200"}
     assert all((t["error"] is None) == (t["method"] == "chcrt") for t in told["aggressive"])
@@ -161,13 +161,13 @@ def test_chc_rt_out_of_core(cli, tmp_path):
     cli("build", SMALL[0], "-o", "small.antumbra", "--quiet")
     told = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--json").json()
     assert told["same_answers"] and {t["method"] for t in told["store"]} == {"lru", "round-robin"}
-    first = [t["told"] for t in told["store"] if (t["kind"], t["frame"]) == ("primary", 0)]
+    first = [t["statistics"] for t in told["store"] if (t["kind"], t["frame"]) == ("primary", 0)]
     assert len(first) == 4 and all(t["loaded"] > 0 and t["bytes"] > 0 for t in first)
     neglecting = told["aggressive"]
     assert {(t["view"], t["method"], t["kind"]) for t in neglecting} == {
         (v, m, "diffuse") for v in ("near", "far") for m in ("chcrt", "chcrt:20", "chcrt:100", "chcrt:200")
     }
-    assert all((t["error"] is None) == (t["method"] == "chcrt") and "bytes" in t["told"] for t in neglecting)
+    assert all((t["error"] is None) == (t["method"] == "chcrt") and "bytes" in t["statistics"] for t in neglecting)
     done = cli("bench", "chc-rt", "--store", "small.antumbra", *WALKED, "--table", "store", "--table", "aggressive")
     assert "round-robin" in done.out and "chcrt:200" in done.out and "Figure 8" not in done.out
     assert "not compared" not in done.out

@@ -91,7 +91,7 @@ def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
     turns = [t for turns in chcrt_store.aggressive_out_of_core(place, None, 2, pace, lambda text: None) for t in turns]
     for walk in place.walks:
         exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
-        assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.told["wanted"] > 0 for t in exact)
+        assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.statistics["wanted"] > 0 for t in exact)
         assert all([t.frame for t in other] == [0, 1] and t.error is not None for other in others for t in other)
     lost = {name: sum(t.error for t in turns if t.method == name) for name in AGGRESSIVE[1:]}
     assert 0.0 < lost["chcrt:200"] <= 4 * 255.0 and lost["chcrt:20"] <= lost["chcrt:200"]

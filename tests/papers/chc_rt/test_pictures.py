@@ -9,7 +9,7 @@ from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.chc_rt import chcrt_figures as coverage
 from antumbra.papers.chc_rt.chcrt_figures import (
     FIGURES,
-    apart,
+    differences_of,
     culling_state,
     name_of,
     options_of,
@@ -86,7 +86,7 @@ def test_rows_are_the_rays_in_squares_of_squares(shown):
 
 def test_numbers_of_tiles(shown, columns):
     fronts, tiles = shown.camera.fronts, shown.camera.fronts.tiles
-    lists, pairs = coverage.listed(fronts), coverage.overdraw(fronts)
+    lists, pairs = coverage.list_lengths(fronts), coverage.overdraw(fronts)
     assert tiles.smallest == 5 * 4 and (lists <= pairs).all() and lists.max() > lists.min()
     assert coverage.covered(tiles)[-1].all()
     for tile in range(tiles.smallest):
@@ -101,7 +101,7 @@ def test_numbers_of_tiles(shown, columns):
 
 def test_states_are_those_of_the_last_frame(core):
     culling, walk = core.culling(), core.place.walks[0]
-    asked = core.asked(walk.first, "halton:36")
+    asked = core.frame_rays(walk.first, "halton:36")
     for kinds, sets in (((PRIMARY, AO), [1, 16, 4]), ((PRIMARY,), [1])):  # AO: 20 directions, 16 in a question
         culling.scheduled.begin()
         assert list(culling.scheduled.states()) == []
@@ -125,9 +125,9 @@ def test_colours(shown):
     assert 0.0 <= grey.min() < grey.max() <= 1.0 and 0.0 <= colours.min() < colours.max() <= 1.0
     assert background.any() and np.ptp(colours[background]) == 0.0
     assert len(np.unique(np.round(colours[~background], 3), axis=0)) > len(np.unique(shown.camera.hits.part))
-    found, times = apart(shown)
+    found, times = differences_of(shown)
     assert found.any() and times > 1 and found.max() <= 255 and shown.exact.any()
-    assert apart(shown._replace(neglecting=shown.exact))[0].max() == 0
+    assert differences_of(shown._replace(neglecting=shown.exact))[0].max() == 0
 
 
 def test_files(core, tmp_path):

@@ -73,14 +73,14 @@ def test_variants_change_what_they_say(core):
     assert whole.parts is core.culling().scheduled.parts
     larger = core.culling_by("larger", ablation.VARIANTS["parts of 4 M triangles"]).scheduled
     assert 0 < len(larger.parts.trees) < len(whole.parts.trees)
-    assert ablation.VARIANTS[ablation.AS_IT_IS] == {} and len(WITHOUT_PARTS) == len(ablation.VARIANTS) - 2
+    assert ablation.VARIANTS[ablation.BASELINE] == {} and len(WITHOUT_PARTS) == len(ablation.VARIANTS) - 2
 
 
 def told(core, walk, changed, name, frames):
     """A statistic of primary rays in each frame of a walk, with some options changed."""
     methods, pace = [core.culling_by("some", changed)], PACE._replace(frames=frames)
     turns = measure.walk_through(core, walk, methods, (PRIMARY,), "halton:36", pace, quiet)
-    return [t.told[name] for t in turns]
+    return [t.statistics[name] for t in turns]
 
 
 def test_without_state_each_frame_is_as_the_first(core):
@@ -109,9 +109,9 @@ def test_ablation_in_memory(core):
     def of(name, value):
         return sum(measure.typical(measure.of(turns, method=name, kind=kind), value) for kind in (AO, DIFFUSE, SOFT))
 
-    assert of("no state from frame to frame", "queries") > of(ablation.AS_IT_IS, "queries") > 0
-    assert of("no pull-up", "pairs") >= of(ablation.AS_IT_IS, "pairs") > 0
-    assert of("parts of 4 M triangles", "visible") < of(ablation.AS_IT_IS, "visible")
+    assert of("no temporal coherence", "queries") > of(ablation.BASELINE, "queries") > 0
+    assert of("no pull-up", "pairs") >= of(ablation.BASELINE, "pairs") > 0
+    assert of("parts of 4 M triangles", "visible") < of(ablation.BASELINE, "visible")
 
 
 def test_ablation_of_a_store(place):
@@ -119,7 +119,7 @@ def test_ablation_of_a_store(place):
     assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
     assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
     assert len({tuple(digests) for _, digests in walks}) == 1
-    assert all(sum(t.told["bytes"] for t in turns) > 0 for turns, _ in walks)
+    assert all(sum(t.statistics["bytes"] for t in turns) > 0 for turns, _ in walks)
 
 
 def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
@@ -136,9 +136,9 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
     turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = measure.of(turns, kind="primary", frame=0)
-    assert all(0 < t.told["bvh_bytes"] < t.told["bytes"] for t in begun)
+    assert all(0 < t.statistics["bvh_bytes"] < t.statistics["bytes"] for t in begun)
     for t in turns:
-        assert measure.value_of(t, "geometry_bytes") == t.told["bytes"] - t.told["bvh_bytes"] >= 0
+        assert measure.value_of(t, "geometry_bytes") == t.statistics["bytes"] - t.statistics["bvh_bytes"] >= 0
     assert sum(shares(begun).values()) == pytest.approx(1.0)
 
 

@@ -1,7 +1,7 @@
 """Draws the figures of the CHC+RT paper [Mattausch et al. 2015].
 
-Figures 4, 5, 6 and 9 show a place in memory after two frames of its near walk: tiles, tree parts, the pairs of rays and
-triangles that queries cover, and colour bleeding. Figures 7 and 8 are curves frame by frame, and bars of the phases.
+Figures 4, 5, 6 and 9 show a scene in memory after two frames of its near walk: tiles, tree parts, the pairs of rays and
+triangles that queries cover, and colour bleeding. Figures 7 and 8 are curves over the frames and bars of the phases.
 """
 
 import re
@@ -27,25 +27,37 @@ from ...techniques.tracer_options import ChcRtOptions
 from ...trace.tree_list import ROOT, Hits
 from ..published_methods import tracer_name
 from . import chcrt_published as published
-from .walkthrough_timing import PHASES, InCore, Say, Turn, bled, error_of, later, of, rows_of, speedup, value_of
+from .walkthrough_timing import (
+    PHASES,
+    InCore,
+    Say,
+    Turn,
+    colour_bleeding,
+    error_of,
+    later,
+    of,
+    rows_of,
+    speedup,
+    value_of,
+)
 from .walkthroughs import DIFFUSE, SAMPLER, Culling, FrameRays, timed
 
 # --- The tiles, parts and triangles that query pairs cover [Mattausch et al. 2015, Fig. 4 to 6] -----------------------
 #
-# The matrix of Fig. 6 has a row for each ray and a column for each triangle. Rays come tile by tile, in the order of
-# the quadtree. Triangles come part by part, in the order of the tree. So each query pair covers a rectangle of the
-# matrix, and the pairs of both fronts cover all of it exactly once.
+# The matrix of Fig. 6 has a row per ray and a column per triangle. Rays are sorted by tile, in quadtree order, and
+# triangles by part, in tree order. Each query pair therefore covers a rectangle of the matrix, and the pairs of both
+# fronts cover the matrix exactly once.
 
 
 class MatrixColumns(NamedTuple):
-    """The columns of the matrix: the triangles of a scene in memory."""
+    """The matrix columns: the triangles of a scene in memory."""
 
     spans: np.ndarray  # (r, 2) int64: first and end column of each row of `Parts`
     places: np.ndarray  # (n,) int64: the column of each slot of the tree
 
 
 class Rectangles(NamedTuple):
-    """The part of the matrix that each of k pairs covers."""
+    """The rectangles of the matrix that k pairs cover."""
 
     rays: np.ndarray  # (k, 2) int64: first and end row
     triangles: np.ndarray  # (k, 2) int64: first and end column
@@ -53,7 +65,7 @@ class Rectangles(NamedTuple):
 
 
 def columns_of(parts: TreeParts) -> MatrixColumns:
-    """The columns of the matrix; the parts are subtrees of a `BlockTree`."""
+    """The matrix columns; the parts are subtrees of a `BlockTree`."""
     tree = parts.keeps
     assert isinstance(tree, BlockTree)
     spans = np.zeros((len(parts.lines), 2), np.int64)
@@ -70,7 +82,7 @@ def columns_of(parts: TreeParts) -> MatrixColumns:
 
 
 def _slots(tree: BlockTree, root: int) -> np.ndarray:
-    """The slots below a link, in the order of the blocks."""
+    """The slots below a link, in block order."""
     blocks, links = [], np.array([root])
     while len(links):
         blocks.append(block_leaf(links[is_leaf(links)]).block)
@@ -80,10 +92,10 @@ def _slots(tree: BlockTree, root: int) -> np.ndarray:
 
 
 def covered(tiles: Tiles) -> np.ndarray:
-    """(t, smallest) bool: the smallest tiles inside each tile."""
+    """(t, smallest) bool: whether each tile contains each smallest tile."""
     x0, x1, y0, y1 = (column[:, None] for column in tiles.spans.T)
-    left, _, top, _ = tiles.spans[: tiles.smallest].T
-    return (x0 <= left) & (left < x1) & (y0 <= top) & (top < y1)
+    x, _, y, _ = tiles.spans[: tiles.smallest].T
+    return (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
 
 
 def overdraw(fronts: Fronts) -> np.ndarray:
@@ -92,35 +104,35 @@ def overdraw(fronts: Fronts) -> np.ndarray:
     return pairs @ covered(fronts.tiles)
 
 
-def listed(fronts: Fronts) -> np.ndarray:
-    """(smallest,) int64: the number of parts that the rays of each smallest tile go through (Fig. 5, right)."""
+def list_lengths(fronts: Fronts) -> np.ndarray:
+    """(smallest,) int64: the number of parts that the rays of each smallest tile traverse (Fig. 5, right)."""
     return np.bincount(fronts.tile[fronts.of(VISIBLE)], minlength=fronts.tiles.smallest)
 
 
 def reachable(fronts: Fronts, columns: MatrixColumns) -> np.ndarray:
-    """(smallest,) int64: the number of triangles in these parts (Fig. 4, middle and right)."""
-    shown = fronts.of(VISIBLE)
-    first, end = columns.spans[fronts.row[shown]].T
-    return np.bincount(fronts.tile[shown], end - first, fronts.tiles.smallest).astype(np.int64)
+    """(smallest,) int64: the number of triangles in those parts (Fig. 4, middle and right)."""
+    visible = fronts.of(VISIBLE)
+    first, end = columns.spans[fronts.row[visible]].T
+    return np.bincount(fronts.tile[visible], end - first, fronts.tiles.smallest).astype(np.int64)
 
 
 def tile_of_pixels(tiles: Tiles, shape: tuple[int, int]) -> np.ndarray:
-    """(h, w) int64: the smallest tile that each pixel is in."""
+    """(h, w) int64: the smallest tile of each pixel."""
     y, x = np.indices(shape) // tiles.pixels
     return y * tiles.across + x
 
 
 def rows_of_rays(tiles: Tiles, shape: tuple[int, int]) -> np.ndarray:
     """(h, w) int64: the row of each pixel's ray in the matrix."""
-    own = tile_of_pixels(tiles, shape)
-    order = np.argsort(_z_places(tiles)[own].ravel(), kind="stable")
-    rows = np.empty(own.size, np.int64)
-    rows[order] = np.arange(own.size)
+    tile = tile_of_pixels(tiles, shape)
+    order = np.argsort(_z_places(tiles)[tile].ravel(), kind="stable")
+    rows = np.empty(tile.size, np.int64)
+    rows[order] = np.arange(tile.size)
     return rows.reshape(shape)
 
 
 def _z_places(tiles: Tiles) -> np.ndarray:
-    """(smallest,) int64: the place of each smallest tile in the order of the quadtree."""
+    """(smallest,) int64: the rank of each smallest tile in quadtree order."""
     y, x = np.divmod(np.arange(tiles.smallest), tiles.across)
     code = sum((x >> k & 1) << 2 * k | (y >> k & 1) << 2 * k + 1 for k in range(16))
     return np.argsort(np.argsort(code))
@@ -145,32 +157,32 @@ def crossings(hits: Hits, tiles: Tiles, columns: MatrixColumns) -> tuple[np.ndar
     return rows_of_rays(tiles, hits.face.shape)[hit], columns.places[hits.slot[hit]]
 
 
-# --- Traces the first two frames of a place's near walk, for the pictures of `pictures`, and keeps the fronts ---------
+# --- Traces the first two frames of the near walk and records the fronts ----------------------------------------------
 #
-# Parts and tiles have the paper's sizes in proportion: a screen is ten tiles wide, and a scene has at least 64 parts.
+# Part and tile sizes are proportional to the paper's: the screen is ten tiles wide, and a scene has at least 64 parts.
 
 
 ERROR = 20
-"""The threshold of Fig. 9."""
+"""Threshold of Fig. 9."""
 SHORT = 1 / 100
-"""The length of the short rays of Fig. 4, as a share of the long ones'."""
+"""Length of the short rays of Fig. 4, as a share of the long ones."""
 
 _FRAMES = 2
-_WALK = 60  # frames of the walk, whose first ones are drawn
-_TILES = 1920 / 200  # tiles in a row of the paper's screen
-_PARTS = 64  # at least
-_MANY, _MUCH = 2_000_000, 1 / 6  # triangles of an opaque tile of Fig. 4; at most this share of the scene's
+_WALK = 60  # frames of the walk, of which the first _FRAMES are traced
+_TILES = 1920 / 200  # tiles across the paper's screen
+_PARTS = 64  # minimum
+_MANY, _MUCH = 2_000_000, 1 / 6  # triangles that make a tile of Fig. 4 opaque; at most this share of the scene
 
 
 class PassState(NamedTuple):
-    """A question of the last frame: the hits of its rays, and the state that it left."""
+    """A query of the last frame: the hits of its rays, and the fronts after it."""
 
     hits: Hits
     fronts: Fronts
 
 
 class CullingState(NamedTuple):
-    """The data behind the pictures of a place."""
+    """The data behind the figures of a scene."""
 
     name: str
     parts: TreeParts
@@ -180,7 +192,7 @@ class CullingState(NamedTuple):
     short: PassState  # one pass of diffuse rays that end early
     long: PassState  # the same pass, across the whole scene
     exact: np.ndarray  # (h, w, 3) uint8: diffuse colour bleeding
-    neglecting: np.ndarray  # (h, w, 3) uint8: the same with a threshold of ERROR rays
+    neglecting: np.ndarray  # (h, w, 3) uint8: the same in aggressive mode with threshold ERROR
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -192,21 +204,18 @@ class CullingState(NamedTuple):
 
     @property
     def many(self) -> int:
-        """The number of triangles that makes a tile of Fig. 4 opaque."""
+        """The number of triangles from which a tile of Fig. 4 is opaque."""
         return max(1, min(_MANY, int(self.triangles * _MUCH)))
 
 
 def options_of(triangles: int, width: int) -> ChcRtOptions:
-    """The options of the pictures: see this module."""
+    """The CHC+RT options for the figures, with proportional part and tile sizes."""
     tile = 32 * max(1, round(width / _TILES / 32))
     return ChcRtOptions(tile=tile, triangles=min(1 << 20, max(1, triangles // _PARTS)))
 
 
 def culling_state(core: InCore) -> CullingState:
-    """Trace the two frames.
-
-    InputError if the camera sees nothing.
-    """
+    """Trace the first frames; InputError if no surface is visible from the camera."""
     tree, walk = core.culling().scheduled.parts.keeps, core.place.walks[0]
     assert isinstance(tree, BlockTree)
     options = options_of(len(core.triangles.vertices), walk.first.width)
@@ -218,121 +227,124 @@ def culling_state(core: InCore) -> CullingState:
         Culling(tracer_name(n), ChcRtState(parts, options._replace(threshold=n)), core.threads) for n in (0, ERROR)
     ]
     for frame in range(_FRAMES):
-        asked = core.asked(walk.camera(frame, _WALK), SAMPLER)
-        if not (asked.surfaces.ids >= 0).any():
+        frame_rays = core.frame_rays(walk.camera(frame, _WALK), SAMPLER)
+        if not (frame_rays.surfaces.ids >= 0).any():
             raise InputError(f"{core.place.name}: the {walk.name} camera sees nothing; choose another scene")
-        rays = next(q for q in asked.questions(DIFFUSE) if isinstance(q, RayPass))
-        seen = _looked(camera, asked, core.threads)
+        rays = next(q for q in frame_rays.queries(DIFFUSE) if isinstance(q, RayPass))
+        camera_state = _camera_state(camera, frame_rays, core.threads)
         bounced = [
-            _bounced(s, rays, asked.shape, n, core.threads) for s, n in ((short, SHORT * length), (long, length))
+            _diffuse_state(s, rays, frame_rays.shape, n, core.threads)
+            for s, n in ((short, SHORT * length), (long, length))
         ]
-        pictures = [_bled(method, asked) for method in methods]
-    return CullingState(core.place.name, parts, asked.surfaces, length, seen, *bounced, *pictures)
+        pictures = [_bleeding(method, frame_rays) for method in methods]
+    return CullingState(core.place.name, parts, frame_rays.surfaces, length, camera_state, *bounced, *pictures)
 
 
-def _looked(scheduled: ChcRtState, asked: FrameRays, threads: int) -> PassState:
-    """A frame of the camera's rays."""
+def _camera_state(scheduled: ChcRtState, frame_rays: FrameRays, threads: int) -> PassState:
+    """Trace a frame of camera rays."""
     scheduled.begin()
-    hits = camera_hits(scheduled, asked.camera, threads)
+    hits = camera_hits(scheduled, frame_rays.camera, threads)
     return PassState(hits, _state(scheduled))
 
 
-def _bounced(scheduled: ChcRtState, rays: RayPass, shape: tuple[int, int], length: float, threads: int) -> PassState:
-    """A frame of diffuse rays of this length."""
+def _diffuse_state(
+    scheduled: ChcRtState, rays: RayPass, shape: tuple[int, int], length: float, threads: int
+) -> PassState:
+    """Trace a frame of diffuse rays of this length."""
     scheduled.begin()
     low, high = scheduled.parts.boxes[0].astype(np.float64)
-    made = pass_rays(rays, *shape, 2.0 * float(np.linalg.norm(high - low)))
-    made = made._replace(spans=np.array([[0.0, length]]))
-    scheduled.run(PassRaySet(scheduled.parts, scheduled.options, made, threads), shape)
-    return PassState(made.hits, _state(scheduled))
+    bounce_rays = pass_rays(rays, *shape, 2.0 * float(np.linalg.norm(high - low)))
+    bounce_rays = bounce_rays._replace(spans=np.array([[0.0, length]]))
+    scheduled.run(PassRaySet(scheduled.parts, scheduled.options, bounce_rays, threads), shape)
+    return PassState(bounce_rays.hits, _state(scheduled))
 
 
 def _state(scheduled: ChcRtState) -> Fronts:
-    """The state of the frame's only question."""
+    """The fronts of the frame's only query."""
     ((_, fronts),) = scheduled.states()
     return fronts
 
 
-def _bled(method: Culling, asked: FrameRays) -> np.ndarray:
-    """A frame of diffuse rays as a picture of colour bleeding."""
+def _bleeding(method: Culling, frame_rays: FrameRays) -> np.ndarray:
+    """Trace a frame of diffuse rays; the colour-bleeding picture."""
     method.scheduled.begin()
-    colour = asked.surfaces.triangles.colour
-    return bled(asked.surfaces, [(colour, met) for met, _ in timed(method, asked, DIFFUSE)[1]])
+    colour = frame_rays.surfaces.triangles.colour
+    return colour_bleeding(frame_rays.surfaces, [(colour, face) for face, _ in timed(method, frame_rays, DIFFUSE)[1]])
 
 
-# --- Draws Figures 4, 5, 6 and 9 of the CHC+RT paper, for a place in memory after two frames of its near walk ---------
+# --- Draws Figures 4, 5, 6 and 9 --------------------------------------------------------------------------------------
 
 
 FIGURES = 4, 5, 6, 9
 _PANEL = 5.2  # width of a panel, in inches
 _DPI = 110
 _RED, _GREEN, _BLUE = "#e0301e", "#2ca02c", "#1030ff"
-_OVER = 0.05, 0.65, 0.1  # colour of tiles whose rays may meet many triangles
-_LONGEST = 24  # subtrees of a list that is drawn white
+_OVER = 0.05, 0.65, 0.1  # colour of tiles whose rays may hit many triangles
+_LONGEST = 24  # list length that is drawn white
 _BRIGHTEST = 0.85  # opacity of an opaque tile
 _LABEL = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.7}
 _SKY = 0.85  # grey of the background
-_GOLDEN = 0.618034  # hues of neighbouring numbers differ by this turn
-_FAINT = 128  # at least half the differences of Fig. 9 become so large
+_GOLDEN = 0.618034  # hue step between consecutive parts, in turns
+_FAINT = 128  # Fig. 9 is amplified until at least half its differences reach this value
 
 
 def name_of(place: str, figure: int) -> str:
-    """The name of a picture's file, from the name of a scene."""
+    """The file name of a figure of a scene."""
     return f"{re.sub(r'[^A-Za-z0-9_-]+', '-', place).strip('-')}-figure-{figure}.png"
 
 
 def write_pictures(core: InCore, folder: Path, say: Say) -> None:
     """Write a PNG file for each of FIGURES."""
-    say(f"{core.place.name}, pictures")
-    shown = culling_state(core)
+    say(f"{core.place.name}, figures")
+    state = culling_state(core)
     for figure, draw in zip(FIGURES, (_draw_tiles, _draw_parts, _draw_matrix, _draw_bleeding), strict=True):
-        sheet = draw(shown)
-        with atomic_output(folder / name_of(shown.name, figure)) as temporary:
+        sheet = draw(state)
+        with atomic_output(folder / name_of(state.name, figure)) as temporary:
             sheet.savefig(temporary, format="png", dpi=_DPI)
 
 
-def shaded(shown: CullingState) -> np.ndarray:
-    """(h, w) float32: the surfaces in grey, lit from the camera; the background is light."""
-    gbuffer = shown.surfaces.gbuffer
+def shaded(state: CullingState) -> np.ndarray:
+    """(h, w) float32: the surfaces in grey, lit from the camera, on a light background."""
+    gbuffer = state.surfaces.gbuffer
     ahead = gbuffer.position / np.maximum(np.linalg.norm(gbuffer.position, axis=2, keepdims=True), 1e-30)
     facing = np.abs((gbuffer.normal * ahead).sum(2))
-    grey = shown.surfaces.triangles.colour[gbuffer.face].mean(2) ** 0.45
+    grey = state.surfaces.triangles.colour[gbuffer.face].mean(2) ** 0.45
     return np.where(gbuffer.face >= 0, grey * (0.4 + 0.6 * facing), np.float32(_SKY)).astype(np.float32)
 
 
-def subtrees(shown: CullingState) -> np.ndarray:
-    """(h, w, 3) float64: a colour for each part, where the camera's rays hit it."""
-    part = shown.camera.hits.part
-    met, number = np.unique(part, return_inverse=True)
-    tones = [hsv_to_rgb(n * _GOLDEN % 1.0, 0.9 - 0.25 * (n % 3), 1.0 - 0.2 * (n % 2)) for n in range(len(met))]
-    lit = np.array(tones)[number.reshape(part.shape)] * (0.3 + 0.7 * shaded(shown)[..., None])
+def subtrees(state: CullingState) -> np.ndarray:
+    """(h, w, 3) float64: the visible surfaces in a colour per part."""
+    part = state.camera.hits.part
+    hit_parts, number = np.unique(part, return_inverse=True)
+    tones = [hsv_to_rgb(n * _GOLDEN % 1.0, 0.9 - 0.25 * (n % 3), 1.0 - 0.2 * (n % 2)) for n in range(len(hit_parts))]
+    lit = np.array(tones)[number.reshape(part.shape)] * (0.3 + 0.7 * shaded(state)[..., None])
     return np.where((part >= 0)[..., None], lit, 0.06)
 
 
-def apart(shown: CullingState) -> tuple[np.ndarray, int]:
-    """((h, w) int16: the differences of Fig. 9, the factor that makes them easy to see)."""
-    found = np.abs(shown.exact.astype(np.int16) - shown.neglecting).max(2)
-    typical = float(np.median(found[found > 0])) if found.any() else 1.0
-    return found, 2 ** max(0, int(np.ceil(np.log2(_FAINT / typical))))
+def differences_of(state: CullingState) -> tuple[np.ndarray, int]:
+    """((h, w) int16: the differences of Fig. 9, the factor that makes them visible)."""
+    differences = np.abs(state.exact.astype(np.int16) - state.neglecting).max(2)
+    typical = float(np.median(differences[differences > 0])) if differences.any() else 1.0
+    return differences, 2 ** max(0, int(np.ceil(np.log2(_FAINT / typical))))
 
 
-def _sheet(panels: int, shown: CullingState, title: str):
+def _sheet(panels: int, state: CullingState, title: str):
     from matplotlib.figure import Figure
 
-    h, w = shown.shape
+    h, w = state.shape
     sheet = Figure(figsize=(_PANEL * panels, _PANEL * h / w + 0.6), layout="constrained")
-    sheet.suptitle(f"{shown.name}: {title}", fontsize=11)
+    sheet.suptitle(f"{state.name}: {title}", fontsize=11)
     return sheet, sheet.subplots(1, panels, squeeze=False)[0]
 
 
-def _show(panel, image: np.ndarray, title: str, **how):
+def _show(panel, image: np.ndarray, title: str, **options):
     panel.set_title(title, fontsize=9)
     panel.set_axis_off()
-    return panel.imshow(image, interpolation="nearest", **how)
+    return panel.imshow(image, interpolation="nearest", **options)
 
 
 def _mark_tiles(panel, shape: tuple[int, int], tiles: Tiles, values: np.ndarray) -> None:
-    """Draw the borders of the smallest tiles, and a number in each."""
+    """Draw the borders of the smallest tiles, with a number in each."""
     h, w = shape
     panel.hlines(np.arange(tiles.pixels, h, tiles.pixels) - 0.5, -0.5, w - 0.5, color="black", lw=0.4)
     panel.vlines(np.arange(tiles.pixels, w, tiles.pixels) - 0.5, -0.5, h - 0.5, color="black", lw=0.4)
@@ -343,76 +355,79 @@ def _mark_tiles(panel, shape: tuple[int, int], tiles: Tiles, values: np.ndarray)
         panel.text(*at, text, fontsize=6, ha="center", va="center", bbox=_LABEL)
 
 
-def _draw_tiles(shown: CullingState):
+def _draw_tiles(state: CullingState):
     """Figure 4."""
-    sheet, panels = _sheet(3, shown, "query pairs and triangles of each tile (Figure 4)")
-    pairs, columns = overdraw(shown.camera.fronts), columns_of(shown.parts)
-    tiles = shown.camera.fronts.tiles
+    sheet, panels = _sheet(3, state, "query pairs and triangles of each tile (Figure 4)")
+    pairs, columns = overdraw(state.camera.fronts), columns_of(state.parts)
+    tiles = state.camera.fronts.tiles
     for panel in panels:
-        panel.imshow(shaded(shown), cmap="gray", vmin=0, vmax=1)
+        panel.imshow(shaded(state), cmap="gray", vmin=0, vmax=1)
     title = "camera rays: occlusion queries over each tile, few (blue) to many (red)"
-    _show(panels[0], pairs[tile_of_pixels(tiles, shown.shape)], title, cmap="jet", vmin=0, alpha=0.5)
-    _mark_tiles(panels[0], shown.shape, tiles, pairs)
-    for panel, seen, length in ((panels[1], shown.short, SHORT * shown.length), (panels[2], shown.long, shown.length)):
-        triangles, tiles = reachable(seen.fronts, columns), seen.fronts.tiles
-        opacity = _BRIGHTEST * np.minimum(triangles / shown.many, 1.0)[tile_of_pixels(tiles, shown.shape)]
-        green = np.broadcast_to(_OVER, (*shown.shape, 3))
-        title = f"diffuse rays of {length:,.3g} units: triangles in reach; opaque from {shown.many:,}"
+    _show(panels[0], pairs[tile_of_pixels(tiles, state.shape)], title, cmap="jet", vmin=0, alpha=0.5)
+    _mark_tiles(panels[0], state.shape, tiles, pairs)
+    for panel, pass_state, length in (
+        (panels[1], state.short, SHORT * state.length),
+        (panels[2], state.long, state.length),
+    ):
+        triangles, tiles = reachable(pass_state.fronts, columns), pass_state.fronts.tiles
+        opacity = _BRIGHTEST * np.minimum(triangles / state.many, 1.0)[tile_of_pixels(tiles, state.shape)]
+        green = np.broadcast_to(_OVER, (*state.shape, 3))
+        title = f"diffuse rays of length {length:,.3g}: reachable triangles, opaque from {state.many:,}"
         _show(panel, np.dstack([green, opacity]), title)
-        _mark_tiles(panel, shown.shape, tiles, triangles)
+        _mark_tiles(panel, state.shape, tiles, triangles)
     return sheet
 
 
-def _draw_parts(shown: CullingState):
+def _draw_parts(state: CullingState):
     """Figure 5."""
     from matplotlib.colors import LinearSegmentedColormap
 
-    sheet, panels = _sheet(2, shown, "subtrees that are scheduled (Figure 5)")
+    sheet, panels = _sheet(2, state, "scheduled subtrees (Figure 5)")
     sheet.set_figwidth(2 * _PANEL + 0.8)
-    lists, tiles = listed(shown.camera.fronts), shown.camera.fronts.tiles
-    part = shown.camera.hits.part
-    seen = len(np.unique(part[part >= 0]))
-    title = f"a colour for each subtree: the camera's rays hit {seen} of {len(shown.parts.trees)}"
-    _show(panels[0], subtrees(shown), title)
+    lists, tiles = list_lengths(state.camera.fronts), state.camera.fronts.tiles
+    part = state.camera.hits.part
+    n_hit = len(np.unique(part[part >= 0]))
+    title = f"one colour per subtree: camera rays hit {n_hit} of {len(state.parts.trees)}"
+    _show(panels[0], subtrees(state), title)
     colours = LinearSegmentedColormap.from_list("lists", ["#d00000", "#ff9000", "#ffe060", "white"])
     colours = colours.with_extremes(under="black")
-    image = lists[tile_of_pixels(tiles, shown.shape)]
-    drawn = _show(panels[1], image, "subtrees in the list of each tile", cmap=colours, vmin=1, vmax=_LONGEST)
-    _mark_tiles(panels[1], shown.shape, tiles, lists)
-    sheet.colorbar(drawn, ax=panels[1], shrink=0.8, ticks=[1, 6, 12, 18, 24], extend="max")
+    image = lists[tile_of_pixels(tiles, state.shape)]
+    picture = _show(panels[1], image, "subtrees in the list of each tile", cmap=colours, vmin=1, vmax=_LONGEST)
+    _mark_tiles(panels[1], state.shape, tiles, lists)
+    sheet.colorbar(picture, ax=panels[1], shrink=0.8, ticks=[1, 6, 12, 18, 24], extend="max")
     return sheet
 
 
-def _draw_matrix(shown: CullingState):
+def _draw_matrix(state: CullingState):
     """Figure 6."""
-    sheet, panels = _sheet(2, shown, "rays by triangles (Figure 6)")
+    sheet, panels = _sheet(2, state, "rays by triangles (Figure 6)")
     sheet.set_figheight(8.0)
     sheet.set_figwidth(14.0)
-    columns = columns_of(shown.parts)
-    kinds = ("camera rays", shown.camera), ("a pass of diffuse rays", shown.long)
-    for panel, (kind, seen) in zip(panels, kinds):
-        _draw_pairs(panel, kind, seen, columns, shown)
-    panels[0].set_ylabel("rays, tile after tile in the order of the quadtree", fontsize=8)
+    columns = columns_of(state.parts)
+    kinds = ("camera rays", state.camera), ("a pass of diffuse rays", state.long)
+    for panel, (kind, pass_state) in zip(panels, kinds):
+        _draw_pairs(panel, kind, pass_state, columns, state)
+    panels[0].set_ylabel("rays by tile, in quadtree order", fontsize=8)
     _add_legend(sheet)
     return sheet
 
 
-def _draw_pairs(panel, kind: str, seen: PassState, columns: MatrixColumns, shown: CullingState) -> None:
+def _draw_pairs(panel, kind: str, pass_state: PassState, columns: MatrixColumns, state: CullingState) -> None:
     from matplotlib.collections import PolyCollection
 
-    found = rectangles(seen.fronts, columns, shown.shape)
-    (top, bottom), (left, right) = found.rays.T, found.triangles.T
+    pairs = rectangles(pass_state.fronts, columns, state.shape)
+    (top, bottom), (left, right) = pairs.rays.T, pairs.triangles.T
     corners = np.stack([np.stack([left, right, right, left], 1), np.stack([top, top, bottom, bottom], 1)], 2)
-    fills = np.where(found.visible, _RED, _GREEN)
+    fills = np.where(pairs.visible, _RED, _GREEN)
     panel.add_collection(PolyCollection(corners.astype(float), facecolors=fills, edgecolors="white", linewidths=0.25))
-    rows, places = crossings(seen.hits, seen.fronts.tiles, columns)
+    rows, places = crossings(pass_state.hits, pass_state.fronts.tiles, columns)
     panel.plot(places, rows, ",", color=_BLUE)
     areas = (bottom - top) * (right - left)
-    share = areas[found.visible].sum() / areas.sum()
-    title = f"{kind}: {len(areas):,} pairs; the visible ones cover {100.0 * share:.1f} % of the matrix"
+    share = areas[pairs.visible].sum() / areas.sum()
+    title = f"{kind}: {len(areas):,} pairs; visible pairs cover {100.0 * share:.1f} % of the matrix"
     panel.set_title(title, fontsize=9)
-    panel.set(xlim=(0, len(columns.places)), ylim=(seen.hits.face.size, 0), xticks=[], yticks=[])
-    panel.set_xlabel(f"{len(columns.places):,} triangles, subtree after subtree", fontsize=8)
+    panel.set(xlim=(0, len(columns.places)), ylim=(pass_state.hits.face.size, 0), xticks=[], yticks=[])
+    panel.set_xlabel(f"{len(columns.places):,} triangles by subtree", fontsize=8)
 
 
 def _add_legend(sheet) -> None:
@@ -423,21 +438,21 @@ def _add_legend(sheet) -> None:
     sheet.legend(handles=patches, loc="outside lower center", ncols=3, fontsize=9)
 
 
-def _draw_bleeding(shown: CullingState):
+def _draw_bleeding(state: CullingState):
     """Figure 9."""
-    sheet, panels = _sheet(3, shown, "diffuse colour bleeding, exact and aggressive (Figure 9)")
-    found, times = apart(shown)
-    error, differ = error_of(shown.exact, shown.neglecting), np.count_nonzero(found)
-    _show(panels[0], shown.exact, "chcrt: exact")
-    _show(panels[1], shown.neglecting, f"chcrt:{ERROR}: mean absolute error {error:.2f} (paper: {published.ERROR})")
-    title = f"differences x {times}, black on white: {differ:,} of {found.size:,} pixels"
-    _show(panels[2], times * found, title, cmap="gray_r", vmin=0, vmax=255)
+    sheet, panels = _sheet(3, state, "diffuse colour bleeding, exact and aggressive (Figure 9)")
+    differences, times = differences_of(state)
+    error, differ = error_of(state.exact, state.neglecting), np.count_nonzero(differences)
+    _show(panels[0], state.exact, "chcrt: exact")
+    _show(panels[1], state.neglecting, f"chcrt:{ERROR}: mean absolute error {error:.2f} (paper: {published.ERROR})")
+    title = f"differences x {times}, black on white: {differ:,} of {differences.size:,} pixels"
+    _show(panels[2], times * differences, title, cmap="gray_r", vmin=0, vmax=255)
     panels[2].set_axis_on()
     panels[2].set(xticks=[], yticks=[])
     return sheet
 
 
-# --- Draws Figures 7 and 8 of the CHC+RT paper: curves frame by frame, and bars of the phases -------------------------
+# --- Draws Figures 7 and 8: curves over the frames, and bars of the phases --------------------------------------------
 
 
 _TIME_PARTS = ("before", *PHASES)
@@ -446,7 +461,7 @@ _ROOT = "bsah+single"  # stands for GLSL in Fig. 8
 
 
 def write_plot(turns: list[Turn], path: Path) -> None:
-    """Write a plot with a row for each scene and view: bars on the left, then curves, a panel for each kind of rays."""
+    """Write a plot with a row per scene and view: bars on the left, then a panel of curves per ray kind."""
     from matplotlib.figure import Figure
 
     walks, kinds = rows_of(turns, "scene", "view"), rows_of(turns, "kind")
@@ -470,14 +485,14 @@ def write_plot(turns: list[Turn], path: Path) -> None:
 
 
 def shares(turns: list[Turn]) -> dict[str, float]:
-    """Phase -> its share of the time of the frames after the first. The shares add up to 1."""
+    """Each phase's share of the time of the frames after the first; the shares add up to 1."""
     after = later(turns)
     return {part: sum(value_of(t, part) for t in after) / sum(t.seconds for t in after) for part in _TIME_PARTS}
 
 
 def _draw_bars(panel, turns: list[Turn]) -> None:
-    """Draw a bar for each kind of rays and each method with phases, and beside it plain tracing from the root."""
-    rows = rows_of([t for t in turns if t.told], "kind", "method")
+    """Draw a bar per ray kind and method with phases, next to plain tracing from the root."""
+    rows = rows_of([t for t in turns if t.statistics], "kind", "method")
     at, bottom, bars = np.arange(len(rows)), np.zeros(len(rows)), [of(turns, **row) for row in rows]
     root = [of(turns, kind=row["kind"], method=_ROOT) for row in rows]
     width = 0.4 if any(root) else 0.8
@@ -492,7 +507,7 @@ def _draw_bars(panel, turns: list[Turn]) -> None:
     names = [", ".join(row.values()) if several else row["kind"] for row in rows]
     middle = at + width / 2 if any(root) else at
     panel.set_xticks(middle, names, fontsize=7, rotation=25, ha="right", rotation_mode="anchor")
-    panel.set_ylabel("share of the time of CHC+RT", fontsize=8)
+    panel.set_ylabel("share of CHC+RT's time", fontsize=8)
 
 
 def _draw_curves(panel, turns: list[Turn], colours: dict[str, str]) -> None:

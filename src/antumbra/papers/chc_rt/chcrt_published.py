@@ -1,12 +1,12 @@
-"""The tables of ``antumbra bench chc-rt``, and the figures that the paper published for them.
+"""Tables of ``antumbra bench chc-rt``, and the results that the paper published for them.
 
-The figures are milliseconds at 1920x1080 on an NVIDIA Titan [Mattausch et al. 2015, Tables 1 to 5]. This module imports
-nothing of the package, so that the help of the command stays fast.
+Times are milliseconds at 1920x1080 on an NVIDIA Titan [Mattausch et al. 2015, Tables 1 to 5]. GLSL is plain traversal
+in a shader; CUDA is the traversal of Aila, Laine and Karras. Each pixel has 20 AO rays and 20 diffuse rays.
+
+This module imports nothing from the package, which keeps the command's help fast.
 """
 
 from enum import StrEnum
-
-# --- The names of the tables of ``antumbra bench chc-rt`` -------------------------------------------------------------
 
 
 class ChcrtTable(StrEnum):
@@ -21,17 +21,13 @@ class ChcrtTable(StrEnum):
 
 
 WALKED = frozenset({ChcrtTable.times, ChcrtTable.phases, ChcrtTable.queries, ChcrtTable.store})
-"""Tables of the same walkthroughs."""
+"""Tables that share walkthroughs."""
 
 IN_CORE = tuple(table for table in ChcrtTable if table != ChcrtTable.store)
 PAGED = tuple(table for table in ChcrtTable if table != ChcrtTable.randomisation)
-"""The tables of scenes in memory, and of a store."""
+"""Tables for scenes in memory, and for a store."""
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Figures of the CHC+RT paper [Mattausch et al. 2015, Tables 1 to 5]: milliseconds at 1920x1080 on an NVIDIA Titan.
-#
-# GLSL is plain traversal by a shader. CUDA is the traversal of Aila, Laine and Karras. Each pixel has 20 AO rays and
-# 20 diffuse rays.
+# --- Published results ------------------------------------------------------------------------------------------------
 
 
 KINDS = ("primary", "AO", "diffuse")
@@ -80,7 +76,7 @@ STATISTICS = {
     "777": (((15.4, 8.01, 1.38), (6.23, 21.1, 2.52)), ((1760, 123e3, 501e3), (6310, 85e3, 278e3)),
             ((11.7, 419, 1442), (355, 96.7, 1073))),
 }  # fmt: skip
-"""Table 3, out of core: scene -> (M rays/s, queries a frame, MB moved a frame). Each is (near, far), with a number for
+"""Table 3, out of core: scene -> (M rays/s, queries per frame, MB moved per frame), each (near, far) with a number for
 each of KINDS. (The paper prints 6.31 for the far primary queries of the 777, without the K of the others.)"""
 
 MOVED = {
@@ -88,8 +84,8 @@ MOVED = {
     "Powerplant x 16": (((0.04, 0.01, 0.13), (85.8, 34.7, 663)), ((0.07, 0.02, 0.42), (83.8, 8.85, 1647))),
     "777": (((2.64, 139, 595), (70.1, 25.0, 253)), ((9.14, 281, 847), (285, 71.7, 820))),
 }
-"""Table 3, out of core: scene -> (MB of the BVH, MB of geometry) moved a frame, each as in STATISTICS. (In some far
-views the paper's parts are larger than the sum that it prints.)"""
+"""Table 3, out of core: scene -> (MB of the BVH, MB of geometry) moved per frame, each as in STATISTICS. (In some far
+views the parts exceed the sum that the paper prints.)"""
 
 AGGRESSIVE = {
     "City-200": {0: (2720, 2492), 20: (780, 2019), 100: (738, 1751), 200: (715, 1611)},
@@ -113,4 +109,4 @@ BEST = 5.94
 """Abstract: the largest speedup of CHC+RT over GLSL."""
 
 SCREEN_HIERARCHY = 3
-"""Sec. 6: the speedup by the screen hierarchy, Powerplant at 1920x1080."""
+"""Sec. 6: the speedup from the screen hierarchy, Powerplant at 1920x1080."""

@@ -1,14 +1,14 @@
-"""Measures and prints the tables of ``antumbra bench chc-rt``, beside the paper's.
+"""Measures and prints the tables of ``antumbra bench chc-rt``, with the paper's results.
 
-Among them are the sizes of scenes [Mattausch et al. 2015, Table 1], and CHC+RT without its parts and with other
-parameters (Sec. 4.4, 4.5, 5.1, 5.2, 6). Each walkthrough is shown as soon as it has ended.
+They include the sizes of scenes [Mattausch et al. 2015, Table 1] and an ablation: CHC+RT with single features disabled
+or other parameters (Sec. 4.4, 4.5, 5.1, 5.2, 6). The medians of each walkthrough are shown as soon as it ends.
 """
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ...cli import console as report
 from ...engine.paged_scene import PagedScene
@@ -20,24 +20,22 @@ from ...techniques.tracer_options import WHOLE_SCREEN
 from ..benchmark_views import agree
 from . import chcrt_published as paper
 from . import walkthrough_timing as bench
-from . import walkthrough_timing as measure
-from . import walkthrough_timing as stores
 from .chcrt_published import WALKED, ChcrtTable
 from .walkthrough_timing import Digests, InCore, Pace, Say, Turn, hit_rate
 from .walkthroughs import AO, DIFFUSE, PLANS, SAMPLER, SOFT, WalkPlace
 
-# --- The sizes of scenes [Mattausch et al. 2015, Table 1] -------------------------------------------------------------
+# --- Scene sizes ------------------------------------------------------------------------------------------------------
 
 
 class SceneSize(NamedTuple):
-    """The size of a scene in bytes: of what CHC+RT traces in memory, or of a store's file."""
+    """The size in bytes of what CHC+RT traces: a scene in memory, or a store's file."""
 
     scene: str
     triangles: int
-    total: int  # a store also has a directory, and zeros up to whole pages
-    bvh: int  # the nodes
+    total: int  # with a store's directory and page padding
+    bvh: int  # nodes
     geometry: int  # triangles and their colours
-    share: float  # the memory that may be used, as a share of `total`, at most 1
+    share: float  # memory limit as a share of `total`, at most 1
 
 
 def size_in_memory(core: InCore) -> SceneSize:
@@ -47,10 +45,10 @@ def size_in_memory(core: InCore) -> SceneSize:
 
 
 def size_of_store(place: WalkPlace, max_memory: int | None) -> SceneSize:
-    """The size of a store. All of `max_memory` counts for its share, though rays and pictures take some."""
+    """The size of a store. All of `max_memory` counts towards its share, though rays and images use some of it."""
     scene = place.scene
     if not isinstance(scene, PagedScene):
-        raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
+        raise InputError(f"{place.name}: not a store; use --scene instead of --store")
     chunks, top = scene.store.chunks, scene.store.top
     bvh, geometry = top.nodes.nbytes, 0
     for triangles, nodes, colours in zip(*(a.tolist() for a in (chunks.triangles, chunks.nodes, chunks.colours))):
@@ -60,15 +58,14 @@ def size_of_store(place: WalkPlace, max_memory: int | None) -> SceneSize:
     return SceneSize(place.name, scene.n_triangles, total, bvh, geometry, min(most / total, 1.0))
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Measures CHC+RT without its parts, and with other parameters [Mattausch et al. 2015, Sec. 4.4, 4.5, 5.1, 5.2, 6].
+# --- Ablation ---------------------------------------------------------------------------------------------------------
 
 
-AS_IT_IS = "as it is"
-VARIANTS: dict[str, dict] = {
-    AS_IT_IS: {},
+BASELINE = "default"
+VARIANTS: dict[str, dict[str, float]] = {
+    BASELINE: {},
     "no screen hierarchy": {"tile": WHOLE_SCREEN},
-    "no state from frame to frame": {"keep": False},
+    "no temporal coherence": {"keep": False},
     "no pull-up": {"pull_up": False},
     "t_q 0.125": {"weight": 0.125},
     "t_q 2": {"weight": 2.0},
@@ -77,53 +74,53 @@ VARIANTS: dict[str, dict] = {
     "parts of 65,536 triangles": {"triangles": 1 << 16},
     "parts of 4 M triangles": {"triangles": 1 << 22},
 }
-"""Name -> the options that it changes."""
+"""Variant -> the options that it changes."""
 
-_MOST = 12  # frames of each variant; they are the first ones of a walkthrough, so its steps are as small
-_SHARE = 4  # the walkthrough of a store ends after this part of the time limit
+_MOST = 12  # first frames of a walkthrough that each variant traces, so camera steps are as small as in the others
+_SHARE = 4  # a store's walkthrough gets 1 / _SHARE of the time limit
 
 
 def ablate_in_memory(core: InCore, pace: Pace, say: Say) -> Iterator[list[Turn]]:
-    """The near walkthrough by all variants, which take turns in each frame."""
+    """Measure all variants in the near walkthrough, alternating within each frame."""
     methods = [core.culling_by(name, changed) for name, changed in VARIANTS.items()]
     pace = pace._replace(most=_MOST)
-    yield measure.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
+    yield bench.walk_through(core, core.place.walks[0], methods, (AO, DIFFUSE, SOFT), SAMPLER, pace, say)
 
 
 def ablate_out_of_core(
     place: WalkPlace, max_memory: int | None, threads: int, pace: Pace, say: Say
 ) -> Iterator[tuple[list[Turn], Digests]]:
-    """The near walkthrough by each variant, which begins with no chunk in memory.
+    """Measure each variant in the near walkthrough, starting with no chunk in memory.
 
-    The parts of a store are its chunks, so variants with other parts are left out. The others have as many frames as
-    the first variant reaches within the time limit.
+    A store's parts are its chunks, so variants with other parts are skipped. The rest trace as many frames as the first
+    variant reaches within the time limit.
     """
     pace = pace._replace(most=_MOST, limit=pace.limit / _SHARE)
     for name, changed in VARIANTS.items():
         if "triangles" in changed:
             continue
-        with stores.opened(place, max_memory, threads) as paged:
+        with bench.opened(place, max_memory, threads) as paged:
             scheduled = paged.accelerated.prepared
             scheduled.options = scheduled.options._replace(**changed)
-            turns, digests = stores.walk_through_store(place, place.walks[0], paged, name, pace, say)
+            turns, digests = bench.walk_through_store(place, place.walks[0], paged, name, pace, say)
         pace = pace._replace(most=1 + turns[-1].frame, limit=inf)
         yield turns, digests
 
 
-# --- Measures the tables that are asked for. Each walkthrough is shown as soon as it has ended ------------------------
+# --- Measures the requested tables ------------------------------------------------------------------------------------
 
 
 Show = Callable[[list[Turn]], None]
-TableRows = dict[ChcrtTable, list]
-"""Turns of each measured table, or `SceneSize`s. The turns of all WALKED tables are in `times`, or in `store`."""
+TableRows = dict[ChcrtTable, list[Any]]
+"""`Turn`s of each measured table; `SceneSize`s for `scenes`. `times` or `store` has the turns of all WALKED tables."""
 
 
 def show_medians(turns: list[Turn]) -> None:
-    """Print a line for each method and kind of rays to standard error, where the progress line makes room for it."""
-    for row in measure.rows_of(turns, "scene", "view", "sampler", "kind", "method"):
-        mine = measure.of(turns, **row)
+    """Print a line per method and ray kind to standard error, above the progress line."""
+    for row in bench.rows_of(turns, "scene", "view", "sampler", "kind", "method"):
+        mine = bench.of(turns, **row)
         names = [value for value in row.values() if value != SAMPLER]
-        text = f"{', '.join(names)}: {1e3 * measure.typical(mine):,.1f} ms a frame, of {len(mine)}"
+        text = f"{', '.join(names)}: {1e3 * bench.typical(mine):,.1f} ms per frame ({len(mine)} frames)"
         print(text, file=sys.stderr, flush=True)
 
 
@@ -131,11 +128,11 @@ def measure_in_memory(
     places: Iterable[WalkPlace], tables: Sequence[ChcrtTable], threads: int, pace: Pace, say: Say, show: Show,
     pictures: Path | None = None,
 ) -> tuple[TableRows, bool | None]:  # fmt: skip
-    """(the turns of scenes in memory, whether all answers are the same); None: there are no answers.
+    """Measure scenes in memory: (rows, whether all answers agree, or None without answers).
 
-    pictures : a folder for the figures, or None
+    pictures : folder for the figures, or None
     """
-    found: TableRows = {}
+    rows: TableRows = {}
     for place in places:
         say(f"{place.name}, building")
         core = InCore(place, threads)
@@ -144,47 +141,47 @@ def measure_in_memory(
 
             write_pictures(core, pictures, say)
         if ChcrtTable.scenes in tables:
-            found.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
+            rows.setdefault(ChcrtTable.scenes, []).append(size_in_memory(core))
         walks: dict[ChcrtTable, Iterable[list[Turn]]] = {
-            ChcrtTable.times: measure.times(core, pace, ChcrtTable.times in tables, say),
-            ChcrtTable.randomisation: measure.randomisation(core, pace, say),
-            ChcrtTable.aggressive: measure.aggressive(core, pace, say),
+            ChcrtTable.times: bench.times(core, pace, ChcrtTable.times in tables, say),
+            ChcrtTable.randomisation: bench.randomisation(core, pace, say),
+            ChcrtTable.aggressive: bench.aggressive(core, pace, say),
             ChcrtTable.ablation: ablate_in_memory(core, pace, say),
         }
         for name, each in walks.items():
             if name in tables or (name == ChcrtTable.times and WALKED.intersection(tables)):
-                found.setdefault(name, []).extend(_gathered(each, show))
-    return found, differing(found) == 0 if found.keys() - {ChcrtTable.scenes} else None
+                rows.setdefault(name, []).extend(_gathered(each, show))
+    return rows, differing(rows) == 0 if rows.keys() - {ChcrtTable.scenes} else None
 
 
 def measure_out_of_core(
     place: WalkPlace, tables: Sequence[ChcrtTable], memory: int | None, threads: int, pace: Pace, say: Say, show: Show
 ) -> tuple[TableRows, bool | None]:
-    """(the turns of a store, whether all answers are the same); None: no answers are compared."""
-    found: TableRows = {}
+    """Measure a store: (rows, whether all answers agree, or None if none are compared)."""
+    rows: TableRows = {}
     digests: Digests = []
     if ChcrtTable.scenes in tables:
-        found[ChcrtTable.scenes] = [size_of_store(place, memory)]
+        rows[ChcrtTable.scenes] = [size_of_store(place, memory)]
     if WALKED.intersection(tables):
         policies = POLICIES if ChcrtTable.store in tables else POLICIES[:1]
-        walks = stores.out_of_core(place, memory, threads, pace, policies, say)
-        found[ChcrtTable.store] = _gathered(_without(digests, walks), show)
+        walks = bench.out_of_core(place, memory, threads, pace, policies, say)
+        rows[ChcrtTable.store] = _gathered(_without(digests, walks), show)
     if ChcrtTable.aggressive in tables:
-        found[ChcrtTable.aggressive] = _gathered(stores.aggressive_out_of_core(place, memory, threads, pace, say), show)
+        rows[ChcrtTable.aggressive] = _gathered(bench.aggressive_out_of_core(place, memory, threads, pace, say), show)
     if ChcrtTable.ablation in tables:
         walks = ablate_out_of_core(place, memory, threads, pace, say)
-        found[ChcrtTable.ablation] = _gathered(_without(digests, walks), show)
-    return found, agree(digests) if {ChcrtTable.store, ChcrtTable.ablation}.intersection(tables) else None
+        rows[ChcrtTable.ablation] = _gathered(_without(digests, walks), show)
+    return rows, agree(digests) if {ChcrtTable.store, ChcrtTable.ablation}.intersection(tables) else None
 
 
-def differing(found: TableRows) -> int:
-    """The number of rays for which an exact method has given another answer."""
-    turns = (t for name, rows in found.items() if name != ChcrtTable.scenes for t in rows)
+def differing(measured: TableRows) -> int:
+    """The number of rays with different answers by exact methods."""
+    turns = (t for name, rows in measured.items() if name != ChcrtTable.scenes for t in rows)
     return sum(t.differs for t in turns if t.error is None)
 
 
 def _gathered(walks: Iterable[list[Turn]], show: Show) -> list[Turn]:
-    """All turns of walkthroughs, each shown when it has ended."""
+    """All turns of the walkthroughs, each shown as soon as it ends."""
     turns: list[Turn] = []
     for walk in walks:
         show(walk)
@@ -193,13 +190,13 @@ def _gathered(walks: Iterable[list[Turn]], show: Show) -> list[Turn]:
 
 
 def _without(digests: Digests, walks: Iterable[tuple[list[Turn], Digests]]) -> Iterable[list[Turn]]:
-    """The turns of walkthroughs, whose digests are added to `digests`."""
+    """Yield the turns of each walkthrough, and append its digests to `digests`."""
     for turns, new in walks:
         digests += new
         yield turns
 
 
-# --- Prints the tables of ``antumbra bench chc-rt``, beside the paper's -----------------------------------------------
+# --- Prints the tables ------------------------------------------------------------------------------------------------
 
 
 _WIDTH = 170  # width of the tables, in characters
@@ -210,7 +207,7 @@ def _ms(seconds: float | None) -> str:
     return "" if seconds is None else f"{1e3 * seconds:,.1f}"
 
 
-def _cells(row: dict) -> tuple[str, ...]:
+def _cells(row: dict[str, str]) -> tuple[str, ...]:
     return tuple(row.values())
 
 
@@ -219,7 +216,7 @@ def _paper(scene: str, *cells: str) -> tuple[str, ...]:
 
 
 def _is_paged(turns: list[Turn]) -> bool:
-    return any("bytes" in t.told for t in turns)
+    return any("bytes" in t.statistics for t in turns)
 
 
 def _print_scenes(sizes: list[SceneSize]) -> None:
@@ -230,8 +227,8 @@ def _print_scenes(sizes: list[SceneSize]) -> None:
         table.append((s.scene, f"{s.triangles:,}", *megabytes, f"{100 * s.share:.0f}"))
     for name, (triangles, total, bvh, geometry, share) in paper.MODELS.items():
         table.append(_paper(name, f"{triangles:,.0f}", f"{total:,}", f"{bvh:,}", f"{geometry:,}", f"{share}"))
-    print("Sizes of what CHC+RT traces, in memory or in the file of a store, and the memory it may use (Table 1)")
-    head = "scene", "triangles", "MB", "MB of the BVH", "MB of geometry", "memory, % of MB"
+    print("Scene sizes, in memory or in a store's file, and the memory limit (Table 1)")
+    head = "scene", "triangles", "MB", "BVH, MB", "geometry, MB", "memory limit, %"
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
@@ -242,14 +239,14 @@ def _print_times(turns: list[Turn]) -> None:
 
 def _print_paged_times(turns: list[Turn]) -> None:
     table = []
-    for row, mine in _told(turns):
+    for row, mine in _with_statistics(turns):
         table.append((*row, f"{mine[-1].rays:,}", _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{len(mine)}"))
     for name, times in paper.PAGED_TIMES.items():
         for v, view in enumerate(("near", "far")):
             for kind, ms in zip(paper.KINDS, times[v]):
                 table.append(_paper(name, view, kind, "", "", "", f"{ms:,}", ""))
-    head = (*_ROW, "makes room by", "rays", "first frame", "chcrt", "frames")
-    print("Milliseconds a frame out of core (Table 2)")
+    head = (*_ROW, "eviction", "rays", "first frame", "chcrt", "frames")
+    print("Milliseconds per frame, out of core (Table 2)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
 
@@ -273,28 +270,28 @@ def _print_times_in_core(turns: list[Turn]) -> None:
                 table.append(_paper(name, view, kind, "", "", f"{chc:,}", *figures, "", "", "", ""))
     plans = [cell for plan in PLANS for cell in (plan, "ratio")]
     head = (*_ROW, "rays", "first frame", "chcrt", *plans, "frames", "differ")
-    print("Milliseconds a frame, and how many times as long as chcrt others take in the same frames (Table 2)")
+    print("Milliseconds per frame, and ratio of the other plans to chcrt in the same frames (Table 2)")
     report.print_table(head, table, right=range(3, len(head)), width=_WIDTH)
-    print("(paper: the first of the others is GLSL, from the root; the second is CUDA)")
-    report.print_fields([("fastest", f"{best:.2f} times plain tracing (the paper's {paper.BEST})")])
+    print("(paper: the first of the other plans is GLSL, from the root; the second is CUDA)")
+    report.print_fields([("largest speedup", f"{best:.2f} over plain tracing (the paper's {paper.BEST})")])
     print()
 
 
-def _told(turns: list[Turn]) -> Iterator[tuple[tuple[str, ...], list[Turn]]]:
-    """(first cells of a row, its turns) for all turns that have statistics of CHC+RT."""
-    for row in bench.rows_of([t for t in turns if t.told], *_ROW, "method"):
+def _with_statistics(turns: list[Turn]) -> Iterator[tuple[tuple[str, ...], list[Turn]]]:
+    """Yield (first cells of a row, its turns) for all turns with CHC+RT statistics."""
+    for row in bench.rows_of([t for t in turns if t.statistics], *_ROW, "method"):
         yield _cells(row), bench.of(turns, **row)
 
 
 def _print_phases(turns: list[Turn]) -> None:
     """Print Fig. 8 as a table."""
     table = []
-    for row, mine in _told(turns):
+    for row, mine in _with_statistics(turns):
         parts = [bench.typical(mine, phase) for phase in bench.PHASES]
-        rest = bench.typical(mine, "before")
-        table.append((*row, *map(_ms, (*parts, rest)), _ms(bench.typical(mine))))
+        before = bench.typical(mine, "before")
+        table.append((*row, *map(_ms, (*parts, before)), _ms(bench.typical(mine))))
     head = (*_ROW, "method", *bench.PHASES, "before", "all")
-    print("Milliseconds a frame by phase: what was visible, queries about it, what has become visible (Figure 8)")
+    print("Milliseconds per frame by phase: previously visible, occlusion queries, newly visible (Figure 8)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
 
@@ -302,7 +299,7 @@ def _print_queries(turns: list[Turn]) -> None:
     """Print Table 3."""
     names = "queries", "multi_queries", "traced pairs", "visible", "invisible"
     table = []
-    for row, mine in _told(turns):
+    for row, mine in _with_statistics(turns):
         counts = [f"{bench.typical(mine, name):,.0f}" for name in names]
         rate = mine[-1].rays / bench.typical(mine) / 1e6
         moved = (bench.typical(mine, name) / 1e6 for name in ("bytes", "bvh_bytes", "geometry_bytes"))
@@ -313,11 +310,9 @@ def _print_queries(turns: list[Turn]) -> None:
             for k, kind in enumerate(paper.KINDS):
                 cells = f"{rates[v][k]:.2f}", f"{queries[v][k]:,.0f}", *[""] * 4, *(f"{mb[v][k]:,.2f}" for mb in split)
                 table.append(_paper(name, view, kind, "", *cells))
-    head = (
-        *_ROW, "method", "M rays/s", "queries", "multi-queries", "traced pairs", "visible", "invisible", "MB moved",
-        "BVH", "geometry",
-    )  # fmt: skip
-    print("A frame: rays, queries, pairs, and what was read of a store (Table 3)")
+    pairs = "traced pairs", "visible", "invisible"
+    head = (*_ROW, "method", "M rays/s", "queries", "multi-queries", *pairs, "MB moved", "BVH", "geometry")
+    print("Rays, queries, pairs, and bytes read from a store, per frame (Table 3)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
 
@@ -329,7 +324,7 @@ def _print_randomisation(turns: list[Turn]) -> None:
         table.append((row["scene"], row["kind"], *map(_ms, mine), f"{mine[-1] / mine[0]:.2f}"))
     for (name, kind), ms in paper.RANDOMISATION.items():
         table.append(_paper(name, kind, *(f"{m:,}" for m in ms), f"{ms[-1] / ms[0]:.2f}"))
-    print("Milliseconds a frame, near, by how directions are rotated from pixel to pixel (Table 5)")
+    print("Milliseconds per frame, near walk, by rotation of directions between pixels (Table 5)")
     head = ("scene", "kind", "none", "18 degrees", "36 degrees", "full", "full / none")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
@@ -341,7 +336,7 @@ def _print_aggressive(turns: list[Turn]) -> None:
         mine, exact = bench.of(turns, **row), bench.of(turns, **{**row, "method": bench.CHCRT})
         error = sum(t.error or 0.0 for t in mine) / len(mine)
         ratio = bench.typical(exact) / bench.typical(mine)
-        if "bytes" in mine[0].told:
+        if "bytes" in mine[0].statistics:
             missed, moved = "", f"{bench.typical(mine, 'bytes') / 1e6:,.1f}"
         else:
             missed = f"{100 * sum(t.differs for t in mine) / max(sum(t.rays for t in mine), 1):.3f}"
@@ -352,51 +347,51 @@ def _print_aggressive(turns: list[Turn]) -> None:
             for threshold, ms in thresholds.items():
                 ratio = thresholds[0][v] / ms[v]
                 table.append(_paper(name, view, f"{threshold} pixels", f"{ms[v]:,}", f"{ratio:.2f}", "", "", ""))
-    print("Diffuse rays where a few rays of each tile are neglected (Table 4); error: mean, of 0 to 255")
-    head = ("scene", "view", "method", "ms", "times as fast", "% rays that differ", "error", "MB read")
+    print("Diffuse rays in aggressive mode (Table 4); error: mean absolute difference on a scale of 0 to 255")
+    head = ("scene", "view", "method", "ms", "speedup", "% rays that differ", "error", "MB read")
     report.print_table(head, table, right=range(3, len(head)), width=_WIDTH)
     report.print_fields([("the paper's error", f"{paper.ERROR} with 20 pixels")])
     print()
 
 
 def _print_ablation(turns: list[Turn]) -> None:
-    """Print what the parts of CHC+RT are worth."""
+    """Print the ablation."""
     table, paged = [], _is_paged(turns)
-    for row, mine in _told(turns):
-        base = bench.of(turns, **dict(zip(_ROW, row)), method=AS_IT_IS)
+    for row, mine in _with_statistics(turns):
+        base = bench.of(turns, **dict(zip(_ROW, row)), method=BASELINE)
         ratio = bench.typical(mine) / bench.typical(base)
         counts = [f"{bench.typical(mine, name):,.0f}" for name in ("queries", "traced pairs", "visible")]
-        read = [f"{sum(t.told['bytes'] for t in mine) / 1e6:,.1f}"] if paged else []
+        read = [f"{sum(t.statistics['bytes'] for t in mine) / 1e6:,.1f}"] if paged else []
         table.append(
             (*row, _ms(bench.first(mine)), _ms(bench.typical(mine)), f"{ratio:.2f}", *counts, *read, f"{len(mine)}")
         )
-    read = ["MB read in all"] if paged else []
+    read = ["total MB read"] if paged else []
     head = (*_ROW, "CHC+RT", "ms first", "ms", "ratio", "queries", "traced pairs", "visible pairs", *read, "frames")
-    print("CHC+RT without its parts and with other parameters: a frame, and how many times as long it takes")
+    print("Ablation: CHC+RT without single features or with other parameters, per frame; ratio of times to default")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
-    told = f"Powerplant takes {paper.SCREEN_HIERARCHY} times as long without the screen hierarchy (Section 6)"
-    report.print_fields([("in the paper", told)])
+    claim = f"the screen hierarchy makes Powerplant {paper.SCREEN_HIERARCHY} times as fast (Section 6)"
+    report.print_fields([("in the paper", claim)])
     print()
 
 
 def _print_store(turns: list[Turn]) -> None:
-    """Print the chunks and bytes that both eviction policies read."""
+    """Print the chunks and bytes read under both eviction policies."""
     table = []
-    for row, mine in _told(turns):
-        begun, after = mine[0].told, bench.later(mine)
-        wanted, loaded, moved = (sum(t.told[n] for t in after) / len(after) for n in ("wanted", "loaded", "bytes"))
-        cells = f"{begun['loaded']:,}", f"{begun['bytes'] / 1e6:,.1f}", _ms(bench.first(mine)), _ms(bench.typical(mine))
+    for row, mine in _with_statistics(turns):
+        start, after = mine[0].statistics, bench.later(mine)
+        requested, loaded, moved = (
+            sum(t.statistics[n] for t in after) / len(after) for n in ("wanted", "loaded", "bytes")
+        )
+        cells = f"{start['loaded']:,}", f"{start['bytes'] / 1e6:,.1f}", _ms(bench.first(mine)), _ms(bench.typical(mine))
         share = f"{100 * hit_rate(after):.2f}"
-        table.append((*row, *cells, f"{wanted:,.1f}", share, f"{loaded:,.1f}", f"{moved / 1e6:,.2f}"))
-    head = (
-        *_ROW, "makes room by", "chunks first", "MB first", "ms first", "ms", "chunks wanted", "% in memory",
-        "chunks read", "MB read",
-    )  # fmt: skip
-    print("A store: the first frame, and the mean of those after it (ms: median)")
+        table.append((*row, *cells, f"{requested:,.1f}", share, f"{loaded:,.1f}", f"{moved / 1e6:,.2f}"))
+    first = "chunks read first", "MB read first", "ms first"
+    head = (*_ROW, "eviction", *first, "ms", "chunks requested", "% resident", "chunks read", "MB read")
+    print("Paging from a store: the first frame, and the mean of later frames (ms: median)")
     report.print_table(head, table, right=range(4, len(head)), width=_WIDTH)
 
 
-PRINT: dict[ChcrtTable, Callable[[list], None]] = {
+PRINT: dict[ChcrtTable, Callable[[list[Any]], None]] = {
     ChcrtTable.scenes: _print_scenes,
     ChcrtTable.times: _print_times,
     ChcrtTable.phases: _print_phases,

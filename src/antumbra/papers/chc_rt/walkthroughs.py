@@ -1,9 +1,11 @@
 """Walkthroughs of the CHC+RT benchmark, their rays, and the methods that trace them [Mattausch et al. 2015, Sec. 7].
 
-The methods are CHC+RT and plain tracing from the root.
+The city has a walk along a street and a bird's-eye view. Any other scene has a few steps from its own camera, and a
+distant view of the whole scene. The methods are CHC+RT and plain tracing from the root. Times cover tracing only: rays
+are generated beforehand, and hits are not shaded.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import islice
 from time import perf_counter
@@ -32,23 +34,20 @@ from ...trace.rays import ray_hits as bounce
 from .. import benchmark_views as views
 from ..benchmark_views import BenchmarkView, real_path, square
 
-# --- Walkthroughs of the CHC+RT benchmark [Mattausch et al. 2015, Sec. 7] ---------------------------------------------
-#
-# The city has a walk along a street and a bird's eye view. Any other scene has a few steps from its own camera, and a
-# view of the whole scene from afar.
+# --- Walkthroughs -----------------------------------------------------------------------------------------------------
 
 
 REAL = ("sanmiguel_lite",)
-"""Folders of $ANTUMBRA_SCENES that are measured if they exist."""
+"""Folders of $ANTUMBRA_SCENES to measure if they exist."""
 
 CITY = "procedural:city?triangles="
 _EYE = 1.7  # height of the eye above the street, in metres
-_LANE = 1.5  # distance from the middle of the street, in metres; there are no cars here
+_LANE = 1.5  # distance from the middle of the street, in metres, clear of cars
 _FIRST, _LAST = 55.0, -5.0  # z of both ends of the walk along the street
 _CITY_REACH, _REACH = 2.0, 1 / 200  # length of AO rays: in metres, or as a share of the scene's diagonal
 _STEP = 1 / 100  # length of a walk from a camera, as a share of the diagonal
 _TURN = np.radians(15.0)
-_NEARER = 0.6  # share of the distance from which the whole bounding sphere is visible: most scenes are flat
+_CLOSER = 0.6  # share of the distance at which the whole bounding sphere is visible, since most scenes are flat
 
 
 class Walk(NamedTuple):
@@ -77,7 +76,7 @@ class WalkPlace(NamedTuple):
 
 
 def default_names(triangles: int) -> list[str]:
-    """The scenes that are measured if none is named."""
+    """The default scenes."""
     return [f"{CITY}{triangles}", *(name for name in REAL if real_path(name))]
 
 
@@ -89,7 +88,7 @@ def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
 def check_in_memory(view: BenchmarkView) -> None:
     """Raise an InputError if the scene is in a store."""
     if isinstance(view.scene, PagedScene):
-        raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
+        raise InputError(f"{view.name}: a store; use --store instead of --scene")
 
 
 def place_of(view: BenchmarkView) -> WalkPlace:
@@ -97,15 +96,15 @@ def place_of(view: BenchmarkView) -> WalkPlace:
     scene, size = view.scene, (view.camera.width, view.camera.height)
     city = scene.name == "city"
     diagonal = float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
-    near = _street(scene, size) if city else _steps(view.camera, _STEP * diagonal)
-    far = _nearer(scene.default_camera(*size))
+    near_cameras = _street(scene, size) if city else _steps(view.camera, _STEP * diagonal)
+    far_camera = _move_closer(scene.default_camera(*size))
     reach = _CITY_REACH if city else _REACH * diagonal
-    walks = Walk("near", *near), Walk("far", far, _turned(far, far.target))
+    walks = Walk("near", *near_cameras), Walk("far", far_camera, _orbited(far_camera, far_camera.target))
     return WalkPlace(view.name, scene, view.lights[0], reach, walks)
 
 
 def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
-    """The first and the last camera along the street that is nearest to the centre of the city."""
+    """The first and last camera along the street nearest to the centre of the city."""
     low, high = scene.bounds
     blocks = round(float(high[0] - low[0]) / PITCH)
     x = _LANE + (PITCH / 2 if blocks % 2 else 0.0)
@@ -115,7 +114,7 @@ def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
 
 
 def _steps(camera: Camera, length: float) -> tuple[Camera, Camera]:
-    """The camera, and the camera after a step ahead and a turn to the side."""
+    """The camera before and after a step ahead and a turn to the side."""
     ahead = camera.target - camera.position
     step = length / np.linalg.norm(ahead) * ahead
     position = camera.position + step
@@ -123,32 +122,30 @@ def _steps(camera: Camera, length: float) -> tuple[Camera, Camera]:
     return camera, Camera(position, target, camera.up, camera.vfov, camera.width, camera.height)
 
 
-def _nearer(camera: Camera) -> Camera:
-    """The camera, moved nearer to its target."""
-    position = camera.target + _NEARER * (camera.position - camera.target)
+def _move_closer(camera: Camera) -> Camera:
+    """The camera, moved closer to its target."""
+    position = camera.target + _CLOSER * (camera.position - camera.target)
     return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
 
 
-def _turned(camera: Camera, centre) -> Camera:
-    """The camera after it has flown a part of a circle around `centre`."""
+def _orbited(camera: Camera, centre: np.ndarray) -> Camera:
+    """The camera, moved along an arc around `centre`."""
     position = _around(camera.position, centre, camera.up)
     return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
 
 
-def _around(point, centre, up) -> np.ndarray:
+def _around(point: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.ndarray:
     """A point, rotated around the axis `up` through `centre`."""
     axis, v = up / np.linalg.norm(up), point - centre
     along = np.dot(v, axis) * axis
     return centre + along + np.cos(_TURN) * (v - along) + np.sin(_TURN) * np.cross(axis, v)
 
 
-# --- The kinds of rays of a frame, and the methods that trace them: CHC+RT, and plain tracing from the root -----------
-#
-# Times are of tracing only. Rays are made before, and their hits are not shaded.
+# --- Ray kinds and methods --------------------------------------------------------------------------------------------
 
 
 PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")
-PASSES, SPP = 20, 16  # rays for each pixel: of AO and of diffuse light; of soft shadows
+PASSES, SPP = 20, 16  # rays per pixel: of AO and of diffuse light each; of soft shadows
 SAMPLER = "halton:36"  # sampler of AO and diffuse rays
 
 PLANS = {
@@ -156,18 +153,18 @@ PLANS = {
     "bsah+packet16": (AO, SOFT),
     "bsah+multifrusta": (PRIMARY, AO, SOFT),
 }
-"""Plan -> the kinds of rays for which it has a method of its own."""
+"""Plan -> the ray kinds that it has a method for."""
 
-Question = CameraRays | RayPass | ShadowQuery
+Query = CameraRays | RayPass | ShadowQuery
 Answer = tuple[np.ndarray, ...]
-"""(bits,) for a shadow query; otherwise (face, t), one for each pixel."""
+"""(bits,) of a shadow query; otherwise (face, t) per pixel."""
 
 
 class FrameRays(NamedTuple):
     """The rays of one frame."""
 
     camera: CameraRays
-    surfaces: Surfaces  # the surfaces that the camera sees
+    surfaces: Surfaces  # the visible surfaces
     shadows: dict[str, ShadowQuery]  # AO and SOFT -> query
     directions: np.ndarray  # directions of the diffuse passes, see `query.ray_passes.Passes`
 
@@ -175,8 +172,8 @@ class FrameRays(NamedTuple):
     def shape(self) -> tuple[int, int]:
         return self.camera.height, self.camera.width
 
-    def questions(self, kind: str) -> Iterator[Question]:
-        """Yield the questions of a frame for a kind of rays, one after the other."""
+    def queries(self, kind: str) -> Iterator[Query]:
+        """Yield the frame's queries for a ray kind."""
         if kind == PRIMARY:
             yield self.camera
         elif kind == DIFFUSE:
@@ -187,7 +184,7 @@ class FrameRays(NamedTuple):
             yield self.shadows[kind]
 
     def rays(self, kind: str) -> int:
-        """The number of rays of a kind in a frame."""
+        """The frame's number of rays of a kind."""
         if kind == PRIMARY:
             return self.camera.width * self.camera.height
         query = self.shadows[SOFT if kind == SOFT else AO]
@@ -195,7 +192,7 @@ class FrameRays(NamedTuple):
 
 
 def frame_rays(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> FrameRays:
-    """The camera's rays, and all rays that start at the surfaces it sees."""
+    """The camera rays, and all rays from the visible surfaces."""
     lights = [AmbientOcclusion(place.reach), place.light]
     samples = [light_samples(lights[0], PASSES, sampler), light_samples(lights[1], SPP)]
     queries = surface_queries(surfaces, lights, samples, threads=threads)
@@ -205,7 +202,7 @@ def frame_rays(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: st
 
 @kernel
 def _pixel_rays(ticket, rays, origins, directions):
-    """Worker: make the rays of rows of pixels."""
+    """Worker: generate the rays of pixel rows."""
     o = rays.origin
     for y in items(ticket):
         for x in range(rays.width):
@@ -215,33 +212,33 @@ def _pixel_rays(ticket, rays, origins, directions):
 
 
 def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
-    """The rays of a camera, one for each pixel."""
+    """The rays of a camera, one per pixel."""
     m = rays.width * rays.height
-    made = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
-    run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, made.origins, made.directions)
-    return made
+    ray_pass = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
+    run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, ray_pass.origins, ray_pass.directions)
+    return ray_pass
 
 
 class Culling:
-    """CHC+RT, with its state from the frame before."""
+    """CHC+RT, with its state from the previous frame."""
 
     def __init__(self, name: str, scheduled: ChcRtState, threads: int, together: int = 1):
         self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
-        self.together = together  # passes of diffuse rays that are traced together
+        self.together = together  # number of diffuse passes traced at once
 
-    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
-        first = questions[0]
+    def answer(self, queries: Sequence[Query], shape: tuple[int, int]) -> list[Answer]:
+        first = queries[0]
         if isinstance(first, ShadowQuery):
             return [(_bits(first, partial(trace_shadow, self.scheduled), self.threads),)]
         if isinstance(first, CameraRays):
             hits = [camera_hits(self.scheduled, first, self.threads)]
         else:
-            hits = nearest_hits(self.scheduled, questions, shape, self.threads)
+            hits = nearest_hits(self.scheduled, queries, shape, self.threads)
         return [(each.face.reshape(-1), each.t.reshape(-1)) for each in hits]
 
 
 class Plain:
-    """A plan that keeps no state and traces from the root."""
+    """A stateless plan that traces from the root."""
 
     def __init__(self, plan: str, bvh: Bvh, tree: BlockTree, threads: int):
         self.name, self.kinds, self.bvh, self.tree, self.threads = plan, PLANS[plan], bvh, tree, threads
@@ -251,48 +248,48 @@ class Plain:
 
     together = 1
 
-    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
-        (question,) = questions
-        if isinstance(question, ShadowQuery):
-            return [(_bits(question, partial(self.tracer.trace, self.prepared), self.threads),)]
-        if self.blocks and isinstance(question, CameraRays):
-            face, t = trace_primary(self.tree, question, self.threads)
+    def answer(self, queries: Sequence[Query], shape: tuple[int, int]) -> list[Answer]:
+        (query,) = queries
+        if isinstance(query, ShadowQuery):
+            return [(_bits(query, partial(self.tracer.trace, self.prepared), self.threads),)]
+        if self.blocks and isinstance(query, CameraRays):
+            face, t = trace_primary(self.tree, query, self.threads)
             return [(face.reshape(-1), t.reshape(-1))]
-        rays = _camera_pass(question, self.threads) if isinstance(question, CameraRays) else question
+        rays = _camera_pass(query, self.threads) if isinstance(query, CameraRays) else query
         return [bounce.nearest_hits(self.bvh, *rays, self.threads)]
 
 
 Method = Culling | Plain
 
 
-def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
+def _bits(query: ShadowQuery, trace: Callable[[ShadowQuery, np.ndarray, int], object], threads: int) -> np.ndarray:
     bits = new_bits(query)
     trace(query, bits, threads)
     return bits
 
 
-def timed(method: Method, asked: FrameRays, kind: str) -> tuple[float, list[Answer]]:
+def timed(method: Method, frame_rays: FrameRays, kind: str) -> tuple[float, list[Answer]]:
     """(seconds to trace the rays of a kind, answers)."""
-    seconds, found, questions = 0.0, list[Answer](), asked.questions(kind)
-    while some := list(islice(questions, method.together)):
+    seconds, answers, queries = 0.0, list[Answer](), frame_rays.queries(kind)
+    while batch := list(islice(queries, method.together)):
         start = perf_counter()
-        found += method.answer(some, asked.shape)
+        answers += method.answer(batch, frame_rays.shape)
         seconds += perf_counter() - start
-    return seconds, found
+    return seconds, answers
 
 
 def differing(one: list[Answer], other: list[Answer]) -> int:
-    """The number of rays for which two methods give different answers."""
+    """The number of rays with different answers by two methods."""
     n = 0
     for a, b in zip(one, other, strict=True):
         if len(a) == 1:
             n += int(np.bitwise_count(a[0] ^ b[0]).sum())
         else:
-            n += int(np.count_nonzero((a[0] != b[0]) | ~_near(a[1], b[1])))
+            n += int(np.count_nonzero((a[0] != b[0]) | ~_close(a[1], b[1])))
     return n
 
 
-def _near(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(m,) bool: where two t are equal, but for rounding: `hit_t` of pictures is within 2**-29 of the t of rays."""
+def _close(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(m,) bool: whether two t are equal up to rounding: `hit_t` of pictures is within 2**-29 of the t of rays."""
     with np.errstate(invalid="ignore"):
         return (one == other) | (np.abs(one - other) <= 2.0**-28 * np.abs(one))
