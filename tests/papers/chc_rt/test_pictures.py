@@ -9,8 +9,8 @@ from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.chc_rt import chcrt_figures as coverage
 from antumbra.papers.chc_rt.chcrt_figures import (
     FIGURES,
-    differences_of,
     culling_state,
+    differences_of,
     name_of,
     options_of,
     shaded,

@@ -1,17 +1,17 @@
 """Measures and draws "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
 
-- Table 1: accesses, tests and time of multi-frusta tracing, compared with packets of 16 rays. Shadow rays and primary
-  rays have tables of their own; the paper's S rows contain the primary rays.
-- Sec. 5.2: packets of 256 rays; they are in Table 1.
-- Table 2: three ways of frustum shrinking.
-- Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, beside 256 samples a pixel.
-- Figure 6: lights from 1/4 to 8 times the edge.
+- Table 1: accesses, tests and time of multi-frusta tracing and of packets of 16 rays. Shadow rays and primary rays have
+  separate tables; the paper's S rows include the primary rays.
+- Sec. 5.2: packets of 256 rays, listed in Table 1.
+- Table 2: three kinds of frustum shrinking.
+- Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, and with 256 samples per pixel.
+- Figure 6: lights with 1/4 to 8 times the edge length.
 - Figure 7: silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
   G-buffer. Marked pixels are retraced with 16 sub-pixels.
 
-The light is a level square whose edge is 1/40 of the scene's diagonal, with 16 samples a pixel. Back faces are culled,
-as published, unless the case says otherwise. Times are processor times of one thread, for tracing alone. Tracers take
-turns. The figures that the paper published stand first.
+The light is a horizontal square with an edge of 1/40 of the scene's diagonal, sampled by 16 rays per pixel. Back faces
+are culled, as published, unless the case says otherwise. Times are CPU times of one thread and cover tracing only, not
+building. Tracers alternate in each round.
 """
 
 import statistics
@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,23 +44,23 @@ from ...trace.primary.primary_rays import trace_primary
 from ..benchmark_views import BenchmarkView, diagonal_of, named_view, real_path, square
 from .packet_baselines import deep_tree, trace_packets
 
-# --- Figures that [Benthin and Wald 2009] published -------------------------------------------------------------------
+# --- Published results ------------------------------------------------------------------------------------------------
 
 
 COLUMNS = ("triangles", "candidates", "box_tests", "triangle_tests")
 """Names of our counters for the paper's #tris, +culling, #AABB and #isec."""
 
 PUBLISHED_TABLE1 = ("1.9-3.7", "5.0-10.1", "14.1-23.8", "1.0-1.4", "3.3-6.1")
-"""The S rows, ranges over the paper's scenes: packets of 16 rays divided by multi-frusta, for COLUMNS and seconds."""
+"""The S rows: ranges over the paper's scenes of packets of 16 rays divided by multi-frusta, for COLUMNS and seconds."""
 
 PUBLISHED_PRIMARY = ("1.5-2.3", "3.0-9.5", "11.8-21", "1.7-3.1", "3.4-7.8")
-"""The same for the P rows of Table 1: primary rays without shading."""
+"""The same for the P rows: primary rays without shading."""
 
 PACKET256 = "-3 to -4 %", "at most 0.5"
-"""Sec. 5.2: what packets of 256 rays change in box tests beside multi-frusta, and how many times as fast they are."""
+"""Sec. 5.2: packets of 256 rays relative to multi-frusta: change in box tests, and speedup."""
 
 EDGES = 0.115
-"""Figure 7: the share of pixels at silhouettes, in the scene Saloon."""
+"""Figure 7: share of pixels at silhouettes, in the scene Saloon."""
 
 PUBLISHED_TABLE2 = {
     "multifrusta:paper": "0 0 0 0",
@@ -70,18 +70,7 @@ PUBLISHED_TABLE2 = {
 }
 """Changes of COLUMNS in per cent, in the scene T-Rex."""
 
-# --- Measures tables of "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009] --------
-#
-# - Table 1: accesses, tests and time of multi-frusta tracing, compared with packets of 16 rays. Shadow rays and
-#   primary
-#   rays have tables of their own; the paper's S rows contain the primary rays.
-# - Sec. 5.2: packets of 256 rays; they are in Table 1.
-# - Table 2: three ways of frustum shrinking.
-# - Figure 6: lights from 1/4 to 8 times the edge.
-#
-# The light is a level square whose edge is 1/40 of the scene's diagonal, with 16 samples a pixel. Back faces are
-# culled, as published, unless the case says otherwise. Times are processor times of one thread. They are of tracing
-# alone, without building trees. Tracers take turns.
+# --- Tables 1 and 2, Figure 6 -----------------------------------------------------------------------------------------
 
 
 SPP = 16
@@ -91,30 +80,30 @@ PRIMARY = {"packet16": trace_packets, "multifrusta": trace_primary}
 TABLE2 = ("multifrusta:paper", "multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full")
 FIGURE6 = ("multifrusta:paper", "multifrusta")
 SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
-"""Edges of the light in Figure 6, relative to the usual one."""
+"""Edge lengths of the light in Figure 6, relative to the default."""
 
 REAL = ("sponza_crytek", "bart_robots")
-EDGE = 40  # the usual edge of the light is 1 / EDGE of the scene's diagonal
+EDGE = 40  # the default edge of the light is 1 / EDGE of the scene's diagonal
 
 Rows = dict[str, dict[str, float]]
 """Tracer -> its counters, and "seconds" if it was timed."""
 
 TraceCall = Callable[[np.ndarray | None], np.ndarray]
-"""Answers a question once; the argument is the counters."""
+"""Traces a query once; the argument is the counters."""
 
 
 class Case(NamedTuple):
-    """A scene that is prepared for all tracers."""
+    """A scene prepared for all tracers."""
 
     name: str
-    view: BenchmarkView  # its light is that of the usual size
+    view: BenchmarkView  # with the default light
     cull_faces: str | None  # the side of triangles that does not block shadow rays
     triangles: Triangles
     gbuffer: GBuffer
     rays: CameraRays
     prepared: dict[str, object]  # tracer -> its acceleration structure
     primary: dict[str, object]  # the same for primary rays
-    light: QuadLight  # the light of the usual size
+    light: QuadLight  # the default light
 
 
 def default_names() -> list[str]:
@@ -133,11 +122,11 @@ def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
     Raises
     ------
     InputError
-        If the light is no square.
+        If the light is not rectangular.
     """
     light, scene = view.lights[0], view.scene
     if not isinstance(light, QuadLight):
-        raise InputError(f"{view.name}: its light is no rectangle, and multi-frusta are measured by one")
+        raise InputError(f"{view.name}: multi-frusta are measured with a rectangular light, and its light is not one")
     corner, u, v = (np.asarray(x, float) for x in (light.corner, light.u, light.v))
     edge = diagonal_of(view.name, scene.bounds) / EDGE
     u, v, centre = (edge * u / np.linalg.norm(u), edge * v / np.linalg.norm(v), corner + (u + v) / 2)
@@ -146,9 +135,9 @@ def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
     triangles = scene.triangles(0.0)
     gbuffer = Renderer(scene).see(triangles, view.camera, None)
     bvh = binned_sah.build(triangles.vertices)
-    walking = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
-    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in walking.values()}}
-    prepared = {name: shared[t.prepare] for name, t in walking.items()}
+    tracers = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
+    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in tracers.values()}}
+    prepared = {name: shared[t.prepare] for name, t in tracers.items()}
     primary = {"packet16": deep_tree(bvh), "multifrusta": block_tree(bvh)}
     rays = view.camera.rays(triangles.origin)
     view = view._replace(lights=[light])
@@ -156,7 +145,7 @@ def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
 
 
 def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
-    """The query of a light whose edge is `size` times the usual one."""
+    """The query of a light with `size` times the default edge."""
     corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
     light = QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v)
     facing = cull_value(case.cull_faces)
@@ -164,19 +153,19 @@ def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
 
 
 def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:
-    """(h, w, 1) uint64: the bits of a query by a tracer, in one thread."""
+    """(h, w, 1) uint64: the bits of a query by a tracer, on one thread."""
     bits = np.zeros((*query.sides.shape, 1), np.uint64)
     TRACERS[tracer].trace(case.prepared[tracer], query, bits, 1, counters, None)
     return bits
 
 
 def see(case: Case, tracer: str, counters: np.ndarray | None = None) -> np.ndarray:
-    """(2, h, w) float64: the face and t that each pixel sees, in one thread."""
+    """(2, h, w) float64: the face and t of each pixel's nearest hit, on one thread."""
     return np.stack(PRIMARY[tracer](case.primary[tracer], case.rays, 1, counters))
 
 
 def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: int) -> Rows:
-    """Measure counters and median seconds of tracers, which take turns. Without rounds there are no seconds.
+    """Measure counters and median seconds of alternating tracers. Without rounds there are no seconds.
 
     Raises
     ------
@@ -192,31 +181,31 @@ def measure_primary(case: Case, rounds: int) -> Rows:
     return {tracer: {**row, "rays": case.gbuffer.face.size} for tracer, row in rows.items()}
 
 
-def _in_turns(name: str, asked: dict[str, TraceCall], rounds: int) -> Rows:
+def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
     results: Rows = {}
-    seconds: dict[str, list[float]] = {tracer: [] for tracer in asked}
-    truth = None
-    for tracer, ask in asked.items():
+    seconds: dict[str, list[float]] = {tracer: [] for tracer in calls}
+    reference = None
+    for tracer, call in calls.items():
         counters = new_counters()
-        found = ask(counters)
-        truth = found if truth is None else truth
-        if not np.array_equal(found, truth):
-            raise RuntimeError(f"{name}: {tracer} and {next(iter(asked))} give different bits")
+        result = call(counters)
+        reference = result if reference is None else reference
+        if not np.array_equal(result, reference):
+            raise RuntimeError(f"{name}: {tracer} and {next(iter(calls))} give different bits")
         results[tracer] = as_dict(counters)
         if rounds:
-            ask(None)  # compile the kernels without counters
+            call(None)  # compile the kernels without counters
     for _ in range(rounds):
-        for tracer, ask in asked.items():
+        for tracer, call in calls.items():
             start = time.thread_time()
-            ask(None)
+            call(None)
             seconds[tracer].append(time.thread_time() - start)
     return {t: {**r, "seconds": statistics.median(seconds[t])} if rounds else r for t, r in results.items()}
 
 
-def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict:
+def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Measure all tables of a case.
 
-    "table 1 primary", "table 1" and "table 2" are Rows; "figure 6" maps edges of the light to Rows.
+    "table 1 primary", "table 1" and "table 2" are Rows; "figure 6" maps relative edge lengths of the light to Rows.
     """
     say(f"{case.name}, Table 1, primary rays")
     primary = measure_primary(case, rounds)
@@ -226,99 +215,95 @@ def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict:
     two = measure(case, TABLE2, query_of(case), rounds)
     six = {}
     for size in SIZES:
-        say(f"{case.name}, Figure 6, a light of {size:g} times the edge")
+        say(f"{case.name}, Figure 6, light edge x {size:g}")
         six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
     return {"table 1 primary": primary, "table 1": one, "table 2": two, "figure 6": six}
 
 
-# --- Figures 5 and 7 of the multi-frusta paper: 16 filtered samples beside 256, and edges that are traced again -------
-#
-# Figure 5 compares visibility: 16 interleaved samples, smoothed by the discontinuity filter, and 256 samples a pixel.
-# Figure 7 marks silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
-# G-buffer. Marked pixels are traced again by 16 sub-pixels.
+# --- Figures 5 and 7: filtered samples, and retraced edges ------------------------------------------------------------
 
 
 MANY = 256
-FRAMES = {
+FRAMES: dict[str, dict[str, Any]] = {
     "16 samples": {"spp": SPP},
     "16 samples, filtered": {"spp": SPP, "filter": True},
     "256 samples": {"spp": MANY},
     "edges retraced": {"spp": SPP, "filter": True, "adaptive": 4 * SPP},
 }
-_PARTS = 3  # a crop's side is the picture's divided by this
+_PARTS = 3  # pictures are cropped to 1 / _PARTS of each side
 
 
 class SoftShadowQuality(NamedTuple):
-    """What Figures 5 and 7 show of a case."""
+    """The data of Figures 5 and 7 for a case."""
 
-    rows: dict[str, dict[str, float]]  # name in FRAMES -> rays, seconds, and errors of the visibility against MANY
-    edges: float  # share of the pixels that see something
+    rows: dict[str, dict[str, float]]  # name in FRAMES -> rays, seconds, and visibility errors relative to MANY
+    edges: float  # share of the pixels with a visible surface
     pictures: dict[str, np.ndarray]  # name -> (h, w, 3) uint8, in the order of the figures
 
 
 def measure_quality(case: Case, say: Callable[[str], None]) -> SoftShadowQuality:
-    """Render the frames of both figures by the default plan, once each."""
+    """Render each frame of both figures once with the default plan."""
     renderer, frames = Renderer(case.view.scene), {}
-    for name, asked in FRAMES.items():
+    for name, options in FRAMES.items():
         say(f"{case.name}, Figures 5 and 7, {name}")
         frames[name] = renderer.render(
-            case.view.camera, case.view.lights, cull_faces=case.cull_faces, antialias=False, **asked
+            case.view.camera, case.view.lights, cull_faces=case.cull_faces, antialias=False, **options
         )
-    seen, many = case.gbuffer.face >= 0, frames["256 samples"]
+    visible, reference = case.gbuffer.face >= 0, frames["256 samples"]
     colours = case.view.scene.colours
-    edge = edges(seen_by(case.gbuffer, case.rays), colours) & seen
-    rows = {name: _row(frame, many, seen) for name, frame in frames.items()}
-    return SoftShadowQuality(rows, float(edge.sum() / max(seen.sum(), 1)), _pictures(frames, edge, seen))
+    edge = edges(seen_by(case.gbuffer, case.rays), colours) & visible
+    rows = {name: _row(frame, reference, visible) for name, frame in frames.items()}
+    return SoftShadowQuality(rows, float(edge.sum() / max(visible.sum(), 1)), _pictures(frames, edge, visible))
 
 
-def _row(frame: Frame, many: Frame, seen: np.ndarray) -> dict[str, float]:
-    wrong = (frame.visibility[0] - many.visibility[0])[seen].astype(float)
-    rms, mean = (float(np.sqrt(np.mean(wrong**2))), float(np.mean(np.abs(wrong)))) if wrong.size else (0.0, 0.0)
+def _row(frame: Frame, reference: Frame, visible: np.ndarray) -> dict[str, float]:
+    error = (frame.visibility[0] - reference.visibility[0])[visible].astype(float)
+    rms, mean = (float(np.sqrt(np.mean(error**2))), float(np.mean(np.abs(error)))) if error.size else (0.0, 0.0)
     return {"rays": frame.rays, "seconds": frame.timings["trace"] + frame.timings["filter"], "rms": rms, "mean": mean}
 
 
-def _pictures(frames: dict[str, Frame], edge: np.ndarray, seen: np.ndarray) -> dict[str, np.ndarray]:
-    exposure = automatic_exposure(frames["256 samples"].image, seen)
-    whole = {name: to_srgb8(frame.image, exposure) for name, frame in frames.items()}
-    marked = whole["16 samples, filtered"] // 2
+def _pictures(frames: dict[str, Frame], edge: np.ndarray, visible: np.ndarray) -> dict[str, np.ndarray]:
+    exposure = automatic_exposure(frames["256 samples"].image, visible)
+    images = {name: to_srgb8(frame.image, exposure) for name, frame in frames.items()}
+    marked = images["16 samples, filtered"] // 2
     marked[edge] = 255, 64, 64
-    crop = _liveliest(frames["256 samples"].visibility[0], seen)
-    left, right = (f"{name} (Fig. 5)" for name in ("16 samples, filtered", "256 samples"))
+    crop = _most_varied_crop(frames["256 samples"].visibility[0], visible)
+    filtered, reference = (f"{name} (Fig. 5)" for name in ("16 samples, filtered", "256 samples"))
     return {
-        left: whole["16 samples, filtered"][crop],
-        right: whole["256 samples"][crop],
+        filtered: images["16 samples, filtered"][crop],
+        reference: images["256 samples"][crop],
         "edges (Fig. 7)": marked,
-        "edges retraced (Fig. 7)": whole["edges retraced"],
+        "edges retraced (Fig. 7)": images["edges retraced"],
     }
 
 
-def _liveliest(visibility: np.ndarray, seen: np.ndarray) -> tuple[slice, slice]:
-    """The part of the picture whose visibility varies the most."""
-    h, w = (max(n // _PARTS, 1) for n in seen.shape)
+def _most_varied_crop(visibility: np.ndarray, visible: np.ndarray) -> tuple[slice, slice]:
+    """The part of the picture with the highest variance of visibility."""
+    h, w = (max(n // _PARTS, 1) for n in visible.shape)
     parts = [(slice(y * h, y * h + h), slice(x * w, x * w + w)) for y in range(_PARTS) for x in range(_PARTS)]
-    return max(parts, key=lambda part: float((visibility[part] * seen[part]).var()))
+    return max(parts, key=lambda part: float((visibility[part] * visible[part]).var()))
 
 
-# --- Draws Figures 5 to 7 of the multi-frusta paper: pictures of each scene, and curves over the light's size ---------
+# --- Draws Figures 5 to 7 ---------------------------------------------------------------------------------------------
 
 
 _STYLES = dict(zip(FIGURE6, ("-", "--")))
-_PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle and 16 rays"))
+_PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle with 16 rays"))
 
 
-def write_plot(found: dict[str, tuple[dict, SoftShadowQuality]], path: Path) -> None:
-    """Write a plot: Figure 6 at the top, and below a row for each scene with Figures 5 and 7.
+def write_plot(scenes: dict[str, tuple[dict[str, Any], SoftShadowQuality]], path: Path) -> None:
+    """Write a plot: Figure 6 at the top, and below it a row per scene with Figures 5 and 7.
 
-    found : name of the scene -> (its tables, its quality)
+    scenes : name of the scene -> (its tables, its quality)
     """
     from matplotlib.figure import Figure
 
-    sheet = Figure(figsize=(14.0, 4.5 + 3.7 * len(found)), layout="constrained")
-    above, below = sheet.subfigures(2, 1, height_ratios=[4.5, 3.7 * len(found)])
+    sheet = Figure(figsize=(14.0, 4.5 + 3.7 * len(scenes)), layout="constrained")
+    above, below = sheet.subfigures(2, 1, height_ratios=[4.5, 3.7 * len(scenes)])
     for panel, (counter, label) in zip(above.subplots(1, 2), _PANELS):
-        _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in found.items()}, counter, label)
-    panels = below.subplots(len(found), 4, squeeze=False)
-    for row, (name, (_, quality)) in zip(panels, found.items()):
+        _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in scenes.items()}, counter, label)
+    panels = below.subplots(len(scenes), 4, squeeze=False)
+    for row, (name, (_, quality)) in zip(panels, scenes.items()):
         for panel, (title, picture) in zip(row, quality.pictures.items()):
             panel.imshow(picture, interpolation="nearest")
             panel.set_title(f"{name}: {title}", fontsize=9)
@@ -327,8 +312,8 @@ def write_plot(found: dict[str, tuple[dict, SoftShadowQuality]], path: Path) -> 
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw_sizes(panel, scenes: dict[str, dict], counter: str, label: str) -> None:
-    """Draw a counter over the light's size: a colour for each scene, a style for each tracer."""
+def _draw_sizes(panel: Any, scenes: dict[str, dict[str, Rows]], counter: str, label: str) -> None:
+    """Draw a counter over the light's size: a colour per scene, a line style per tracer."""
     for k, (name, sizes) in enumerate(scenes.items()):
         edges = [float(size) for size in sizes]
         for tracer, style in _STYLES.items():
@@ -337,6 +322,6 @@ def _draw_sizes(panel, scenes: dict[str, dict], counter: str, label: str) -> Non
     panel.set_xscale("log", base=2)
     panel.set_yscale("log")
     panel.set_xticks(edges, [f"{edge:g}" for edge in edges])
-    panel.set(xlabel="edge of the light / the usual one (Fig. 6)", ylabel=f"{label}, millions")
+    panel.set(xlabel="edge length of the light, relative (Fig. 6)", ylabel=f"{label}, millions")
     panel.grid(alpha=0.3)
     panel.legend(fontsize=8)

@@ -1,15 +1,15 @@
-"""Packets that multi-frusta tracing is compared with [Benthin and Wald 2009, Sec. 5.1 and 5.2].
+"""Packet tracers, the baselines of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1 and 5.2].
 
 `packet256` traces 16 packets of 16 shadow rays together through the shallow tree. Packets of 16 primary rays are the
 baseline of the primary rows of Table 1.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ...bvh.block_tree import BlockTree, block_pointers, block_tree
-from ...bvh.nodes import block_leaf, box_at, slot_at
+from ...bvh.nodes import Bvh, block_leaf, box_at, slot_at
 from ...kernels.exact.filters import is_nearer, meets
 from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -34,6 +34,7 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, dot, rows
 from ...query.gbuffer import pixel_direction, pixel_ray
 from ...query.raster_setup import eye_plane, plane_t
+from ...query.shadow_query import ShadowQuery
 from ...scene.camera import CameraRays
 from ...trace.counters import (
     BOX_TESTS,
@@ -86,19 +87,16 @@ from ...trace.packets.ray_tile import (
 from ...trace.triangle_tests import DEFERRED, length1, seen_from, triangle_in
 from .published_frusta import FRUSTA_FLOATS, WORK, entered_nearer, make_frusta, open_frusta, prefers_right, trace_block
 
-# ---------------------------------------------------------------------------------------------------------------------
-# `packet256`: traces 16 packets of 16 shadow rays together through the shallow tree [Benthin and Wald 2009, Sec.
-# 5.2].
+# --- `packet256`: 16 packets of 16 shadow rays (Sec. 5.2) -------------------------------------------------------------
 #
-# At each node, the rays of every active packet are tested against both children. This gives two new masks of packets.
-# The
-# child that more rays enter first comes first. The tree, corner culling and the ray tests at leaves are those of
+# At each node, the rays of every active packet are tested against both children, which gives two new packet masks. The
+# child that more rays enter first is traversed first. The tree, corner culling and the ray tests at leaves are those of
 # `multifrusta:paper`; only the traversal differs. A packet holds one receiver's rays to its samples.
 
 
 _PACKET = 24 * 16  # float32 words of a packet: r and k of its slab bounds
-_WAYS = 4  # int32 words of a packet: whether all rays have the same signs, and the near plane of each axis
-_ALL_PACKETS, _ALL_WAYS = 16 * _PACKET, 16 * _WAYS
+_PLANES = 4  # int32 words of a packet: whether all rays have the same signs, and the near plane of each axis
+_ALL_PACKETS, _ALL_PLANES = 16 * _PACKET, 16 * _PLANES
 
 
 @inlined
@@ -114,8 +112,8 @@ def _bound(packet, at):
 
 
 @inlined
-def _uniform(packet, ways, axis):
-    plane = np.int64(get(ways, 1 + axis))
+def _uniform(packet, planes, axis):
+    plane = np.int64(get(planes, 1 + axis))
     return Uniform(_bound(packet, 64 * axis), _bound(packet, 64 * axis + 32), plane, 2 - plane)
 
 
@@ -126,14 +124,14 @@ def _mixed(packet, axis):
 
 
 @kernel
-def _prepare_packet(rays, r, packet, ways):
+def _prepare_packet(rays, r, packet, planes):
     """Store the constants of the slab tests of packet r."""
     s = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), open_rays(rays, r))
-    put(ways, 0, 1 if s.uniform else 0)
+    put(planes, 0, 1 if s.uniform else 0)
     if s.uniform:
-        put(ways, 1, s.ux.near_plane)
-        put(ways, 2, s.uy.near_plane)
-        put(ways, 3, s.uz.near_plane)
+        put(planes, 1, s.ux.near_plane)
+        put(planes, 2, s.uy.near_plane)
+        put(planes, 3, s.uz.near_plane)
         _keep_bounds(packet, 0, (s.ux.near, s.ux.far, s.uy.near, s.uy.far, s.uz.near, s.uz.far))
     else:
         _keep_bounds(packet, 0, s.mx)
@@ -142,37 +140,37 @@ def _prepare_packet(rays, r, packet, ways):
 
 
 @kernel
-def _prepare(rays, alive, packets, ways):
+def _prepare(rays, alive, packets, planes):
     while alive != 0:
         r = lowest_bit(alive)
         alive &= alive - 1
-        _prepare_packet(rays, r, ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS))
+        _prepare_packet(rays, r, ptr_at(packets, r * _PACKET), ptr_at(planes, r * _PLANES))
 
 
 @inlined
-def _entry(nodes, at, packet, ways):
-    """(bits of a packet's rays that meet a box, the entry t of each ray). at: index in `nodes` of the box's lower x."""
+def _entry(nodes, at, packet, planes):
+    """(bits of a packet's rays that hit a box, entry t of each ray); `at`: index in `nodes` of the box's lower x."""
     end = splat16(np.float32(1.0))
-    if get(ways, 0) != 0:
-        x, y, z = _uniform(packet, ways, 0), _uniform(packet, ways, 1), _uniform(packet, ways, 2)
-        near, far = span_uniform(nodes, at, x, y, z, end)
+    if get(planes, 0) != 0:
+        x, y, z = _uniform(packet, planes, 0), _uniform(packet, planes, 1), _uniform(packet, planes, 2)
+        t_near, t_far = span_uniform(nodes, at, x, y, z, end)
     else:
-        near, far = span_mixed(nodes, at, _mixed(packet, 0), _mixed(packet, 1), _mixed(packet, 2), end)
-    return bits(near <= far), near
+        t_near, t_far = span_mixed(nodes, at, _mixed(packet, 0), _mixed(packet, 1), _mixed(packet, 2), end)
+    return bits(t_near <= t_far), t_near
 
 
 @inlined
-def _packets_in(tree, at, rays, packets, ways, counters):
-    """(left, right, turn): bits of the packets with an unblocked ray that meets each child's box; right child first?"""
+def _packets_in(tree, at, rays, packets, planes, counters):
+    """(left, right, turn): bits of the packets with an unblocked ray that hits each child; right child first?"""
     waiting, in_left, in_right, votes = at.mask, np.int64(0), np.int64(0), np.int64(0)
     count(counters, NODES, 1)
     while waiting != 0:
         r = lowest_bit(waiting)
         waiting &= waiting - 1
         count(counters, BOX_TESTS, 2)
-        packet, way, alive = ptr_at(packets, r * _PACKET), ptr_at(ways, r * _WAYS), open_rays(rays, r)
-        a, near_a = _entry(tree.nodes, box_at(at.link, 0), packet, way)
-        b, near_b = _entry(tree.nodes, box_at(at.link, 1), packet, way)
+        packet, packet_planes, alive = ptr_at(packets, r * _PACKET), ptr_at(planes, r * _PLANES), open_rays(rays, r)
+        a, near_a = _entry(tree.nodes, box_at(at.link, 0), packet, packet_planes)
+        b, near_b = _entry(tree.nodes, box_at(at.link, 1), packet, packet_planes)
         if a & alive != 0:
             in_left |= np.int64(1) << r
         if b & alive != 0:
@@ -182,13 +180,13 @@ def _packets_in(tree, at, rays, packets, ways, counters):
 
 
 @kernel
-def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
-    """Continue the traversal. Return whether it must go on after deferred tests are settled."""
+def _walk(tree, rays, frusta, packets, planes, facing, work, scratch, counters):
+    """Continue the traversal. Return whether it must resume after the deferred tests are resolved."""
     alive = open_frusta(rays)
     at = popped(tree.links, saved(scratch.at, alive), scratch.stack, alive)
     while at.mask != 0:
         if at.link >= 0:
-            in_left, in_right, turn = _packets_in(tree, at, rays, packets, ways, counters)
+            in_left, in_right, turn = _packets_in(tree, at, rays, packets, planes, counters)
             at = entered_nearer(tree.links, at, in_left, in_right, turn, scratch.stack)
         else:
             if np.int64(get(scratch.deferred, 0)) > DEFERRED:
@@ -205,23 +203,30 @@ def _walk(tree, rays, frusta, packets, ways, facing, work, scratch, counters):
 def _trace_packets(ticket, arrays, query, samples, job, out, counters):
     """Worker: trace tiles."""
     scratch = scratch_in(stack_f32(SCRATCH_FLOATS), stack_i32(SCRATCH_INTS))
-    own, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
-    packets, ways = stack_f32(_ALL_PACKETS), stack_i32(_ALL_WAYS)
-    tree, mine = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    memory, work = stack_f32(FRUSTA_FLOATS), stack_f32(WORK)
+    packets, planes = stack_f32(_ALL_PACKETS), stack_i32(_ALL_PLANES)
+    tree, totals = block_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     chunk, places = query_chunk_in(query, samples, job), ptr(out)
     for n in items(ticket):
-        rays = start_tile(job, chunk, n, scratch, places, mine)
-        frusta, alive = make_frusta(chunk, samples, job, rays, own), open_frusta(rays)
-        _prepare(rays, alive, packets, ways)
+        rays = start_tile(job, chunk, n, scratch, places, totals)
+        frusta, alive = make_frusta(chunk, samples, job, rays, memory), open_frusta(rays)
+        _prepare(rays, alive, packets, planes)
         save(scratch.at, root(alive))
-        while _walk(tree, rays, frusta, packets, ways, chunk.query.facing, work, scratch, mine):
-            settle(tree, chunk, rays, scratch, mine)
-        settle(tree, chunk, rays, scratch, mine)
+        while _walk(tree, rays, frusta, packets, planes, chunk.query.facing, work, scratch, totals):
+            settle(tree, chunk, rays, scratch, totals)
+        settle(tree, chunk, rays, scratch, totals)
         finish_tile(chunk, rays, places)
-    add_counters(counters, mine)
+    add_counters(counters, totals)
 
 
-def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    tree: BlockTree,
+    query: ShadowQuery,
+    bits: np.ndarray,
+    threads: int | None = None,
+    counters: np.ndarray | None = None,
+    progress: Any = None,
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     tree : BlockTree
@@ -231,24 +236,24 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     trace_tiles(_trace_packets, tree, query, True, bits, threads, counters, progress)
 
 
-# --- Packets of 16 primary rays: the baseline of the primary rows of Table 1 [Benthin and Wald 2009, Sec. 5.1] --------
+# --- Packets of 16 primary rays (Sec. 5.1) ----------------------------------------------------------------------------
 #
-# A packet holds the rays of 4 x 4 pixels. It goes down the builder's own deep tree, the nearer child first. Each ray
-# goes only as far as its nearest hit so far. Triangles are tested one by one, each against the 16 rays. Float32 leaves
-# out what surely misses. Float64 computes the t of hits, and the contract's predicate decides the rest. So the hits
-# are those of `trace.primary.primary_rays.trace_primary`, bit for bit.
+# A packet holds the rays of 4 x 4 pixels. It traverses the builder's own deep tree, nearer child first, with each ray
+# clipped at its nearest hit so far. Triangles are tested one by one against the 16 rays: float32 rejects certain misses,
+# float64 computes the t of hits, and the contract's predicate decides the rest. The hits are therefore those of
+# `trace.primary.primary_rays.trace_primary`, bit for bit.
 
 
 _F = np.float32
 _FAR = 48
 _FLOATS = 64
-_BEYOND = GROW * GROW  # once for rounding t, once as exits grow
+_BEYOND = GROW * GROW  # one factor for the rounding of t, one because exit t are enlarged
 
 
 class PrimaryPacket(NamedTuple):
     """The rays of 4 x 4 pixels and their nearest hits so far, as pointers to memory of 16 lanes."""
 
-    rows: F32Ptr  # float32, 4 rows: directions x, y, z; t beyond which nothing is nearer
+    rows: F32Ptr  # float32, 4 rows: directions x, y, z; t beyond which no hit is nearer
     t: F64Ptr  # float64, inf: no hit
     face: I32Ptr  # int32, -1: no hit
     x0: int  # first pixel
@@ -262,7 +267,7 @@ def _pixel(packet, lane):
 
 @kernel
 def _load(rays, packet):
-    """Write the rays of a packet. Return bits of its rays; the others repeat the first."""
+    """Write the rays of a packet. Return the bits of its rays; other lanes repeat the first ray."""
     alive = np.int64(0)
     for lane in range(16):
         x, y = _pixel(packet, lane)
@@ -285,8 +290,8 @@ def _origins(rays):
 
 @inlined
 def _signs(d, lanes, far):
-    """(bits of the rays that surely meet a triangle's line of sight, bits of those that may be nearer than `far`)."""
-    # Eq. (7) of docs/design/exactness.md, for rays without an end
+    """(bits of the rays whose lines certainly hit a triangle, bits of those with a possible hit nearer than `far`)."""
+    # Eq. (7) of docs/design/exactness.md, for infinite rays
     e2, e1, dn = dot(d, lanes.cp), dot(d, lanes.qc), dot(d, lanes.n)
     e0, t, e, te = dn - e1 - e2, lanes.t, lanes.e, lanes.te
     low, high = minimum(minimum(e0, e1), e2), maximum(maximum(e0, e1), e2)
@@ -298,7 +303,7 @@ def _signs(d, lanes, far):
 
 @kernel
 def _keep_hits(tree, slot, rays, packet, sure, maybe):
-    """Keep a triangle for those rays in `maybe` (bits) that it is nearest to; those in `sure` meet it."""
+    """Record a triangle as nearest hit of those rays in `maybe` (bits) where it is; those in `sure` certainly hit it."""
     plane, prim = eye_plane(tree.corners, slot, rays.origin), get(tree.prim_ids, slot)
     while maybe != 0:
         lane = lowest_bit(maybe)
@@ -345,30 +350,32 @@ def _trace_packet(tree, alive, rays, packet, waiting, counters):
 @kernel
 def _trace_primary_packets(ticket, arrays, rays, face, t, counters):
     """Worker: trace packets."""
-    tree, mine, across = block_pointers(arrays), cleared(stack_i64(N_COUNTERS)), (rays.width + 3) // 4
+    tree, totals, across = block_pointers(arrays), cleared(stack_i64(N_COUNTERS)), (rays.width + 3) // 4
     memory, ts, faces = stack_f32(_FLOATS), stack_f64(16), stack_i32(16)
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     for n in items(ticket):
         packet = PrimaryPacket(memory, ts, faces, n % across * 4, n // across * 4)
         alive = _load(rays, packet)
-        _trace_packet(tree, alive, rays, packet, waiting, mine)
+        _trace_packet(tree, alive, rays, packet, waiting, totals)
         while alive != 0:
             lane = lowest_bit(alive)
             alive &= alive - 1
             x, y = _pixel(packet, lane)
-            count(mine, RAYS, 1)
+            count(totals, RAYS, 1)
             put(ptr(face), y * rays.width + x, get(faces, lane))
             put(ptr(t), y * rays.width + x, get(ts, lane))
-    add_counters(counters, mine)
+    add_counters(counters, totals)
 
 
-def deep_tree(bvh, threads=None) -> BlockTree:
-    """The tree of a `Bvh`, with its own leaves as blocks."""
+def deep_tree(bvh: Bvh, threads: int | None = None) -> BlockTree:
+    """The tree of a `Bvh`, with the BVH's leaves as blocks."""
     return block_tree(bvh, threads, block=1)
 
 
-def trace_packets(tree: BlockTree, rays: CameraRays, threads=None, counters=None) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest hits (face, t) of the pixel-centre rays, as `trace_primary` gives them."""
+def trace_packets(
+    tree: BlockTree, rays: CameraRays, threads: int | None = None, counters: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest hits (face, t) of the pixel-centre rays, as from `trace_primary`."""
     face, t = np.empty((rays.height, rays.width), np.int32), np.empty((rays.height, rays.width))
     ticket = new_ticket(-(-rays.width // 4) * -(-rays.height // 4), 64)
     counters = new_counters() if counters is None else counters
