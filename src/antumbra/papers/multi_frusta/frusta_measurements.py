@@ -4,7 +4,7 @@
   separate tables; the paper's S rows include the primary rays.
 - Sec. 5.2: packets of 256 rays, listed in Table 1.
 - Table 2: three kinds of frustum shrinking.
-- Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, and with 256 samples per pixel.
+- Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, and with 256 samples.
 - Figure 6: lights with 1/4 to 8 times the edge length.
 - Figure 7: silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
   G-buffer. Marked pixels are retraced with 16 sub-pixels.

@@ -239,8 +239,8 @@ def trace_shadow(
 # --- Packets of 16 primary rays (Sec. 5.1) ----------------------------------------------------------------------------
 #
 # A packet holds the rays of 4 x 4 pixels. It traverses the builder's own deep tree, nearer child first, with each ray
-# clipped at its nearest hit so far. Triangles are tested one by one against the 16 rays: float32 rejects certain misses,
-# float64 computes the t of hits, and the contract's predicate decides the rest. The hits are therefore those of
+# clipped at its nearest hit so far. Triangles are tested one by one against the 16 rays: float32 rejects certain
+# misses, float64 computes the t of hits, and the contract's predicate decides the rest. The hits are therefore those of
 # `trace.primary.primary_rays.trace_primary`, bit for bit.
 
 
@@ -303,7 +303,7 @@ def _signs(d, lanes, far):
 
 @kernel
 def _keep_hits(tree, slot, rays, packet, sure, maybe):
-    """Record a triangle as nearest hit of those rays in `maybe` (bits) where it is; those in `sure` certainly hit it."""
+    """Record a triangle for the rays in `maybe` (bits) whose nearest hit it is; those in `sure` certainly hit it."""
     plane, prim = eye_plane(tree.corners, slot, rays.origin), get(tree.prim_ids, slot)
     while maybe != 0:
         lane = lowest_bit(maybe)

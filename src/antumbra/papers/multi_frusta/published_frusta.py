@@ -98,7 +98,7 @@ from ...trace.triangle_tests import (
 
 @inlined
 def prefers_right(near_left, near_right, both):
-    """The number of lanes of `both` (bits) that enter the right child's box first, minus the number of those that do not.
+    """The number of lanes of `both` (bits) that enter the right child's box first, minus the number of the others.
 
     near_left, near_right : f32x16, entry t of the children's boxes
     """
@@ -107,7 +107,7 @@ def prefers_right(near_left, near_right, both):
 
 @inlined
 def entered_nearer(links, at, in_left, in_right, turn, stack):
-    """Go to the left child, or to the right one if `turn`, and push the other; `in_...`: bits of the lanes that hit it."""
+    """Go to the left child, or the right one if `turn`, and push the other; `in_...`: bits of the lanes that hit it."""
     if turn:
         return entered_first(links, at, link_at(at.link, 1), in_right, in_left, stack)
     return entered_first(links, at, link_at(at.link, 0), in_left, in_right, stack)
@@ -116,8 +116,8 @@ def entered_nearer(links, at, in_left, in_right, turn, stack):
 # --- Frusta from 16 receivers to all of their samples (Sec. 4) --------------------------------------------------------
 #
 # A receiver's samples lie in a rectangle [a_low, a_high] x [b_low, b_high] of the light's patch, with points
-# base + a u + b v. The segments to its four corners are the *corner rays* (Sec. 4.2, 4.4). The box of the samples bounds
-# the directions for the traversal (Sec. 4.1). Lanes are receivers.
+# base + a u + b v. The segments to its four corners are the *corner rays* (Sec. 4.2, 4.4). The box of the samples
+# bounds the directions for the traversal (Sec. 4.1). Lanes are receivers.
 #
 # Rounding moves samples and corners off their exact positions on the patch, along every axis by a few units in the last
 # place of |base| + |u| + |v|. `OFF` bounds both errors together (16 units), and a corner ray culls samples only by a
@@ -309,11 +309,11 @@ def _missed(frusta, lanes, triangle, wide):
 
 @kernel
 def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
-    """Bits of the frusta in `mask` that may hit triangle i of a block; writes the data for their ray tests to `work`."""
-    memory = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
+    """Bits of the frusta in `mask` that may hit triangle i of a block; writes data for their ray tests to `work`."""
+    on_triangle = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
     origins, triangle = rows(rays.tile.origins, 0, 16), _triangle(block, i)
     lanes = seen_from(origins, load16(frusta.memory, SPAN), triangle)
-    active = mask & ~memory & ~_turned_away(lanes, facing)
+    active = mask & ~on_triangle & ~_turned_away(lanes, facing)
     if active == 0:
         return active
     v = triangle.v
@@ -367,8 +367,8 @@ def trace_block(tree, link, mask, rays, frusta, facing, work, deferred, counters
 # --- Traversal (Sec. 3 and 4) -----------------------------------------------------------------------------------------
 #
 # The tracer `multifrusta` is this package's own variant. Here, 16 frusta traverse a shallow tree together; each starts
-# at one receiver and spans the whole light. At leaves, corner rays cull frusta, then the 16 rays of a frustum are tested
-# side by side. A frustum ends when all its rays are blocked.
+# at one receiver and spans the whole light. At leaves, corner rays cull frusta, then the 16 rays of a frustum are
+# tested side by side. A frustum ends when all its rays are blocked.
 #
 # Differences from the paper:
 #
