@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 from antumbra.papers.peers import peer_measurements as contenders
 from antumbra.papers.peers.peer_measurements import EmbreeModes, built_embree
-from antumbra.papers.peers.ray_contest import ORDERS, Contender, PeerRays, one_by_one, packets
+from antumbra.papers.peers.ray_contest import ORDERS, Contender, PeerRays, packets, valid_ids
 from common import has_embree, installed
 from peers import mitsuba_rays, open3d_rays
 
@@ -36,14 +36,14 @@ def mitsuba_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
             lambda blocked, ids=ids: mitsuba_rays.occluded_of(rays, ids, blocked),
         )
         for order in ORDERS
-        for ids in [one_by_one(packets(rays, order))]
+        for ids in [valid_ids(packets(rays, order))]
         for coherent in (False, True)
     ]
 
 
 def open3d_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
     """The contender that calls test_occlusions, with all samples of a pixel in sequence."""
-    ids = one_by_one(packets(rays, "samples"))
+    ids = valid_ids(packets(rays, "samples"))
     return [
         Contender(
             "Open3D",

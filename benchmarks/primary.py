@@ -62,7 +62,7 @@ def measure(view, options) -> list[dict]:
         for threads in options.threads:
             contenders = our_contenders(tree, triangles, rays, threads)
             contenders += embree_contenders(built, asked, ("pixels",), True, threads)
-            results, faces = contest(contenders, asked.asked, options.rounds, options.clock, progress)
+            results, faces = contest(contenders, asked.active, options.rounds, options.clock, progress)
             progress("")
             case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}
             case |= {"clock": options.clock, "hit": float((faces >= 0).mean())}

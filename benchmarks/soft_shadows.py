@@ -64,12 +64,12 @@ def measure_light(view, size, prepared, built, others, options) -> list[dict]:
     light = view.lights[size]
     query = query_of(view.triangles, view.camera, light, options.spp, thread_count(None))
     rays = shadow_rays(query)
-    n, edge, found = int(rays.asked.sum()), float(np.linalg.norm(light.u)), []
+    n, edge, found = int(rays.active.sum()), float(np.linalg.norm(light.u)), []
     for threads in options.threads:
         contenders = [our_contender(plan, scene, query, threads) for plan, scene in prepared.items()]
         contenders += embree_contenders(built, rays, ORDERS, False, threads)
         contenders += [c for make, scene in others for c in make(scene, rays, threads)]
-        results, blocked = contest(contenders, rays.asked, options.rounds, options.clock, progress)
+        results, blocked = contest(contenders, rays.active, options.rounds, options.clock, progress)
         progress("")
         case = {"scene": view.name, "triangles": len(view.triangles.vertices), "light": size, "edge": edge}
         case |= {"threads": threads, "clock": options.clock, "occluded": float(blocked.mean())}

@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_contest import PeerRays, gathered
+from antumbra.papers.peers.ray_contest import PeerRays, ray_array
 
 VARIANT = "llvm_ad_rgb"
 
@@ -64,7 +64,7 @@ class MitsubaScene:
     def write(self, rays: PeerRays, ids: np.ndarray):
         """The rays with these ids, (n,), as a Mitsuba ray. 16 consecutive rays are a packet (8 without AVX-512)."""
         mitsuba, drjit = library()
-        columns = [mitsuba.Float(np.ascontiguousarray(column)) for column in gathered(rays, ids).T]
+        columns = [mitsuba.Float(np.ascontiguousarray(column)) for column in ray_array(rays, ids).T]
         ray = mitsuba.Ray3f(mitsuba.Point3f(*columns[:3]), mitsuba.Vector3f(*columns[3:]), rays.tmax, 0.0, [])
         drjit.eval(ray)
         drjit.sync_thread()

@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_contest import PeerRays, gathered
+from antumbra.papers.peers.ray_contest import PeerRays, ray_array
 
 
 @cache
@@ -41,7 +41,7 @@ class Open3DScene:
 
     def write(self, rays: PeerRays, ids: np.ndarray):
         """The rays with these ids, (n,), as an Open3D tensor."""
-        return library().core.Tensor(gathered(rays, ids))
+        return library().core.Tensor(ray_array(rays, ids))
 
     def trace(self, tensor, tmax: float, threads=None):
         """Trace a result of `write`; return a tensor of bool. This is the timed call."""

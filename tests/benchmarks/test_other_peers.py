@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.papers.peers.ray_contest import ORDERS, one_by_one, packets
+from antumbra.papers.peers.ray_contest import ORDERS, packets, valid_ids
 from peer_scenes import rays_through, soup, truth
 from peers import mitsuba_rays, open3d_rays
 
@@ -21,7 +21,7 @@ def needed(peer):
 def test_mitsuba(order, coherent):
     needed(mitsuba_rays)
     rays = rays_through(1.0)
-    ids = one_by_one(packets(rays, order))
+    ids = valid_ids(packets(rays, order))
     scene = mitsuba_rays.MitsubaScene(soup(), robust=True)
     blocked = scene.trace(scene.write(rays, ids), coherent)
     np.testing.assert_array_equal(mitsuba_rays.occluded_of(rays, ids, blocked), truth(soup(), rays))
@@ -31,7 +31,7 @@ def test_mitsuba(order, coherent):
 def test_open3d():
     needed(open3d_rays)
     rays = rays_through(1.0)
-    ids = one_by_one(packets(rays, "samples"))
+    ids = valid_ids(packets(rays, "samples"))
     scene = open3d_rays.Open3DScene(soup(), 2)
     blocked = scene.trace(scene.write(rays, ids), rays.tmax, 2)
     np.testing.assert_array_equal(open3d_rays.occluded_of(rays, ids, blocked), truth(soup(), rays))

@@ -26,6 +26,6 @@ def rays_through(tmax: float) -> PeerRays:
 def truth(vertices, rays: PeerRays) -> np.ndarray:
     """(rays,) bool: whether each ray is blocked, by brute force; False for a ray that is not asked."""
     origins = np.repeat(rays.origins, rays.each, 0)
-    blocked = oracle.occluded(vertices, origins, rays.directions, tmax=rays.tmax) & rays.asked
-    assert 0.1 < blocked[rays.asked].mean() < 0.9
+    blocked = oracle.occluded(vertices, origins, rays.directions, tmax=rays.tmax) & rays.active
+    assert 0.1 < blocked[rays.active].mean() < 0.9
     return blocked

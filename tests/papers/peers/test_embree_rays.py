@@ -5,7 +5,7 @@ import pytest
 
 import oracle
 from antumbra.kernels.jit import kernel
-from antumbra.papers.peers.ray_contest import ORDERS, one_by_one, packets
+from antumbra.papers.peers.ray_contest import ORDERS, packets, valid_ids
 from peer_scenes import rays_through, soup, truth
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
@@ -16,7 +16,7 @@ from antumbra.papers.peers.embree import FLUSH, control
 
 
 def ids_of(rays, order, lanes):
-    return packets(rays, order, lanes) if lanes > 1 else one_by_one(packets(rays, order))
+    return packets(rays, order, lanes) if lanes > 1 else valid_ids(packets(rays, order))
 
 
 @pytest.fixture(params=[None, "avx2"])
@@ -42,8 +42,8 @@ def test_nearest_hit(scene, lanes):
     embree_rays.trace(scene, records, threads=2)
     _, expected = oracle.closest_hit(soup(), np.repeat(rays.origins, rays.each, 0), rays.directions)
     found = embree_rays.faces_of(rays, records)
-    assert (found[rays.asked] >= 0).any() and (found[rays.asked] < 0).any()
-    np.testing.assert_array_equal(found, np.where(rays.asked, expected, -1))
+    assert (found[rays.active] >= 0).any() and (found[rays.active] < 0).any()
+    np.testing.assert_array_equal(found, np.where(rays.active, expected, -1))
 
 
 def test_device_uses_no_more_than_it_is_told():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.papers.peers.ray_contest import LANES, ORDERS, PeerRays, blocks, one_by_one, packets, primary_rays
+from antumbra.papers.peers.ray_contest import LANES, ORDERS, PeerRays, blocks, packets, primary_rays, valid_ids
 from antumbra.query.gbuffer import pixel_direction
 from antumbra.scene.camera import Camera
 
@@ -30,7 +30,7 @@ def test_packets_hold_each_ray_that_is_asked_once(order, lanes):
     rays = some_rays()
     ids = packets(rays, order, lanes)
     assert ids.shape[1] == lanes
-    assert sorted(one_by_one(ids)) == np.nonzero(rays.asked)[0].tolist()
+    assert sorted(valid_ids(ids)) == np.nonzero(rays.active)[0].tolist()
     assert (ids >= 0).any(1).all()
     for row in ids:
         live = row[row >= 0]
@@ -42,4 +42,4 @@ def test_primary_rays_are_those_of_the_pixels():
     found = primary_rays(rays)
     expected = [pixel_direction.py_func(rays, x, y) for y in range(3) for x in range(5)]
     np.testing.assert_array_equal(found.directions, np.array(expected))
-    assert found.asked.all() and found.tmax == np.inf
+    assert found.active.all() and found.tmax == np.inf

@@ -1,8 +1,8 @@
-"""Embree beside the default plan: soft shadows on the same rays (``antumbra bench peers``).
+"""Compares the default plan with Embree: soft shadows on the same rays (``antumbra bench peers``).
 
-- `ray_contest`: the same rays for all contenders; times them in turns, and compares their answers
-- `embree`: the library inside the wheel embreex, through its C interface
-- `peer_measurements`: our plans and the modes of Embree as contenders; measures and plots them
+- `ray_contest`: shares rays among contenders, times them alternately, and compares their answers
+- `embree`: Embree from the embreex wheel, through its C interface
+- `peer_measurements`: measures and plots our plans and the modes of Embree
 
-The scripts in `benchmarks/` measure more peers and more queries with these modules.
+The scripts in `benchmarks/` use these modules for more peers and queries.
 """

@@ -1,7 +1,22 @@
-"""Embree, for comparisons: the library inside the ``embreex`` wheel, called through its C interface.
+"""Embree, for comparisons: the library in the ``embreex`` wheel, called through its C interface.
 
-Ray sets are traced in compiled loops on all threads: one ray or a packet of 4, 8 or 16 per call. Embree requires
-denormals to be off in threads that trace; ours must be on again afterwards.
+Ray sets are traced in compiled loops on all threads, with one ray or a packet of 4, 8 or 16 per call::
+
+    records = write(rays, packets(rays, "pixels"))  # not timed; a trace overwrites its records
+    trace(scene, records, coherent=True)  # timed
+    blocked = occluded_of(rays, records)
+
+The wheel's own Python classes cannot choose the build quality, time the build alone, or trace without Python in the
+loop; the library's C functions can. A kernel calls `Functions` directly, with addresses as integers::
+
+    occluded1 = functions().occluded1  # a module global, not an argument
+
+    @numba.njit(nogil=True)
+    def trace(scene, rays, n, arguments):
+        for i in range(n):
+            occluded1(scene, rays + 48 * i, arguments)  # sets tfar of a blocked ray to -inf
+
+Embree requires denormals to be off in tracing threads; our kernels require them to be on, so they are restored.
 """
 
 import ctypes
@@ -10,13 +25,14 @@ import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import ArrayLike
 
 from ...bvh.nodes import aligned_empty
 from ...errors import InputError
@@ -24,8 +40,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from .ray_contest import PeerRays, ray_set
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Switches denormals off for the calling thread, as Embree requires for tracing. Ours must be on again afterwards.
+# --- Denormals --------------------------------------------------------------------------------------------------------
 
 
 FLUSH = 0x8040  # MXCSR: flush to zero, denormals are zero
@@ -54,7 +69,7 @@ def control(typingctx):
 
 @intrinsic
 def set_control(typingctx, value):
-    """Set the MXCSR register of this thread. This does nothing on processors other than x86."""
+    """Set the MXCSR register of this thread; no-op on processors other than x86."""
 
     def codegen(context, builder, sig, values):
         if _X86:
@@ -66,28 +81,19 @@ def set_control(typingctx, value):
     return types.void(value), codegen
 
 
-# --- Embree, for comparisons: the library inside the ``embreex`` wheel, called through its C interface ----------------
-#
-# The wheel's own Python classes cannot choose the build quality, time the build alone, or trace without Python in the
-# loop. The C functions of the library can. A kernel calls `Functions` directly, with addresses as integers::
-#
-#     occluded1 = functions().occluded1  # a global of the module, not an argument
-#
-#     @numba.njit(nogil=True)
-#     def trace(scene, rays, n, arguments):
-#         for i in range(n):
-#             occluded1(scene, rays + 48 * i, arguments)  # sets tfar of a blocked ray to -inf
+# --- Library, devices and scenes --------------------------------------------------------------------------------------
 
 
 QUALITIES = {"low": 0, "medium": 1, "high": 2}
 """Name -> RTCBuildQuality: Morton codes, binned SAH, SAH with spatial splits."""
 
 REFIT = 3
-"""The RTCBuildQuality that keeps the tree of a dynamic scene and only updates its boxes."""
+"""The RTCBuildQuality that refits the tree of a dynamic scene."""
 
 DYNAMIC, COMPACT, ROBUST = 1, 2, 4  # RTCSceneFlags
 RAY_WORDS, HIT_WORDS = 12, 24
-"""4-byte words of an RTCRay and of an RTCRayHit. Embree 4.3 and newer write 21 of the latter, padded to 16 bytes."""
+"""Sizes of an RTCRay and of an RTCRayHit in 4-byte words. Embree 4.3 and newer write 21 of the latter, padded to a
+multiple of 16 bytes."""
 
 _COHERENT = 1 << 16  # RTCRayQueryFlags
 _VERSION, _NATIVE = 0, {16: 34, 8: 33, 4: 32}  # RTCDeviceProperty: version; whether packets of 16, 8, 4 rays are native
@@ -111,19 +117,18 @@ _SIGNATURES = {
     "rtcAttachGeometry": (_UINT, [_POINTER, _POINTER]),
     "rtcCommitScene": (None, [_POINTER]),
     "rtcReleaseScene": (None, [_POINTER]),
-    **{f"rtc{ask}1": (None, [_POINTER] * 3) for ask in ("Intersect", "Occluded")},
-    **{f"rtc{ask}{rays}": (None, [_POINTER] * 4) for ask in ("Intersect", "Occluded") for rays in (4, 8, 16)},
+    **{f"rtc{query}1": (None, [_POINTER] * 3) for query in ("Intersect", "Occluded")},
+    **{f"rtc{query}{rays}": (None, [_POINTER] * 4) for query in ("Intersect", "Occluded") for rays in (4, 8, 16)},
 }
 
 
 class Functions(NamedTuple):
-    """Functions that a kernel may call; all arguments are addresses. For structures see ``embree4/rtcore_ray.h``."""
+    """Functions for kernels to call; all arguments are addresses. ``embree4/rtcore_ray.h`` has the structures."""
 
     intersect1: object  # (scene, RTCRayHit, arguments)
     occluded1: object  # (scene, RTCRay, arguments)
-    intersect4: (
-        object  # (valid mask, scene, RTCRayHit4, arguments); mask: 4 int32, -1 for a valid ray; aligned to 16 bytes
-    )
+    # Packets have a valid mask: an int32 per ray, -1 if the ray is valid.
+    intersect4: object  # (valid mask, scene, RTCRayHit4, arguments), aligned to 16 bytes
     occluded4: object  # (valid mask, scene, RTCRay4, arguments)
     intersect8: object  # the same for 8 rays, aligned to 32 bytes
     occluded8: object  # the same for 8 rays, aligned to 32 bytes
@@ -132,7 +137,7 @@ class Functions(NamedTuple):
 
 
 class Arguments(ctypes.Structure):
-    """RTCIntersectArguments and RTCOccludedArguments, which have the same layout. `arguments` makes one."""
+    """RTCIntersectArguments or RTCOccludedArguments, which have the same layout; made by `arguments`."""
 
     _fields_ = (
         ("flags", ctypes.c_uint),
@@ -144,7 +149,7 @@ class Arguments(ctypes.Structure):
 
 
 def arguments(coherent: bool) -> Arguments:
-    """Arguments for coherent or incoherent rays. Keep the object while ``ctypes.addressof`` of it is in use."""
+    """Arguments for coherent or incoherent rays. Keep the object alive while its ``ctypes.addressof`` is in use."""
     return Arguments(_COHERENT if coherent else 0, 0xFFFFFFFF, None, None, None)
 
 
@@ -163,10 +168,10 @@ def library() -> ctypes.CDLL:
     except ImportError:
         raise InputError("Embree is not installed: pip install 'antumbra[peers]'") from None
     folder = Path(embreex.__file__).parent
-    found = sorted(p for d in (folder, folder.parent / "embreex.libs", folder / ".dylibs") for p in d.glob("*embree4*"))
-    if not found:
-        raise InputError(f"embreex in {folder} holds no Embree 4: pip install 'antumbra[peers]'")
-    lib = ctypes.CDLL(str(found[0]))
+    paths = sorted(p for d in (folder, folder.parent / "embreex.libs", folder / ".dylibs") for p in d.glob("*embree4*"))
+    if not paths:
+        raise InputError(f"embreex in {folder} contains no Embree 4: pip install 'antumbra[peers]'")
+    lib = ctypes.CDLL(str(paths[0]))
     for name, (result, parameters) in _SIGNATURES.items():
         function = getattr(lib, name)
         function.restype, function.argtypes = result, parameters
@@ -176,14 +181,15 @@ def library() -> ctypes.CDLL:
 def functions() -> Functions:
     """The query functions, for calls in kernels."""
     lib = library()
-    return Functions(*(getattr(lib, f"rtc{ask}{rays}") for rays in (1, 4, 8, 16) for ask in ("Intersect", "Occluded")))
+    queries = "Intersect", "Occluded"
+    return Functions(*(getattr(lib, f"rtc{query}{rays}") for rays in (1, 4, 8, 16) for query in queries))
 
 
 class Device:
     """An Embree device; close it after its scenes.
 
-    threads : threads that build; None: all cores
-    isa : "sse2", "sse4.2", "avx", "avx2" or "avx512", the highest that Embree may use; None: the processor's
+    threads : number of build threads; None: all cores
+    isa : highest instruction set for Embree to use: "sse2", "sse4.2", "avx", "avx2" or "avx512"; None: the processor's
     """
 
     def __init__(self, threads: int | None = None, isa: str | None = None):
@@ -203,10 +209,10 @@ class Device:
         return next((rays for rays, number in _NATIVE.items() if self._property(number)), 1)
 
     def _property(self, number: int) -> int:
-        return library().rtcGetDeviceProperty(self.handle, number)
+        return int(library().rtcGetDeviceProperty(self.handle, number))
 
     def check(self) -> None:
-        """Raise a RuntimeError if Embree had an error since the last check."""
+        """Raise a RuntimeError if Embree has reported an error since the last check."""
         code = library().rtcGetDeviceError(self.handle)
         if code:
             raise RuntimeError(f"Embree reports error {code}")
@@ -214,15 +220,15 @@ class Device:
     def close(self) -> None:
         library().rtcReleaseDevice(self.handle)
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
 class EmbreeScene:
-    """A triangle mesh that Embree has built.
+    """A triangle mesh built by Embree.
 
     Parameters
     ----------
@@ -238,10 +244,17 @@ class EmbreeScene:
     handle : int
         Address of the RTCScene.
     build_seconds : float
-        Wall time of ``rtcCommitScene`` alone. Vertices and indices are copied into Embree's buffers before.
+        Wall time of ``rtcCommitScene`` alone, without copying vertices and indices into Embree's buffers.
     """
 
-    def __init__(self, device: Device, vertices, faces=None, quality: str = "medium", flags: int = 0):
+    def __init__(
+        self,
+        device: Device,
+        vertices: ArrayLike,
+        faces: ArrayLike | None = None,
+        quality: str = "medium",
+        flags: int = 0,
+    ):
         if quality not in QUALITIES:
             raise InputError(f"quality is {quality!r}; it must be one of {', '.join(QUALITIES)}")
         vertices = np.ascontiguousarray(vertices, np.float32).reshape(-1, 3)
@@ -264,14 +277,14 @@ class EmbreeScene:
         device.check()
 
     def fill(self, vertices: np.ndarray) -> None:
-        """Copy other vertices, as many as before, into Embree's buffer. Call `build_again` afterwards."""
+        """Replace the vertices in Embree's buffer by as many others. Call `build_again` afterwards."""
         vertices = np.ascontiguousarray(vertices, np.float32)
         if vertices.nbytes != self._bytes:
-            raise ValueError(f"{vertices.nbytes} bytes of vertices where {self._bytes} are")
+            raise ValueError(f"vertices have {vertices.nbytes} bytes; the buffer has {self._bytes}")
         ctypes.memmove(self._vertices, vertices.ctypes.data, vertices.nbytes)
 
     def build_again(self, refit: bool = False) -> None:
-        """Build again from the present vertices, or refit (DYNAMIC scenes only). Sets `build_seconds`."""
+        """Rebuild from the current vertices, or refit (DYNAMIC scenes only). Sets `build_seconds`."""
         lib = library()
         start = time.perf_counter()
         if refit:
@@ -283,28 +296,24 @@ class EmbreeScene:
         self._device.check()
 
     def close(self) -> None:
-        library().rtcReleaseScene(self.handle)  # this also releases the geometry
+        library().rtcReleaseScene(self.handle)  # also releases the geometry
 
-    def __enter__(self):
+    def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 
-def _copy(lib, geometry, kind, form, rows: np.ndarray) -> int:
-    """Make a buffer of the geometry that holds these rows of three 4-byte numbers; return its address."""
-    buffer = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
+def _copy(lib: ctypes.CDLL, geometry: int, kind: int, form: int, rows: np.ndarray) -> int:
+    """Copy rows of three 4-byte numbers into a new buffer of the geometry; return its address."""
+    buffer: int = lib.rtcSetNewGeometryBuffer(geometry, kind, 0, form, 12, len(rows))
     if buffer:
         ctypes.memmove(buffer, rows.ctypes.data, rows.nbytes)
     return buffer
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Traces ray sets by Embree: a ray or a packet of 4, 8 or 16 for each call, in compiled loops on all threads. ::
-#
-# records = write(rays, packets(rays, "pixels"))  # not timed; a trace changes its records, so each needs new ones
-# trace(scene, records, coherent=True)  # timed blocked = occluded_of(rays, records)
+# --- Ray sets ---------------------------------------------------------------------------------------------------------
 
 
 _TFAR, _FACE, _GEOMETRY = 8, 17, 18  # words of a record
@@ -314,18 +323,20 @@ _RAYS_AT_A_TIME = 4096
 class Records(NamedTuple):
     """Rays in Embree's layout, in the order of `ids`."""
 
-    memory: np.ndarray  # float32: (n, words) for single rays; (n, 1 + words, lanes): the valid mask, then the packet
-    ids: np.ndarray  # (n,) or (n, lanes) int32: ray ids, -1 in a lane that is not valid
-    work: Callable  # the compiled loop
+    memory: (
+        np.ndarray
+    )  # float32: (n, words) of single rays; (n, 1 + words, lanes) of packets, with their valid mask first
+    ids: np.ndarray  # (n,) or (n, lanes) int32: ray ids, -1 in invalid lanes
+    work: Callable[..., None]  # the compiled loop
 
 
 @cache
-def _loop(ask: str, lanes: int, size: int):
+def _loop(query: str, lanes: int, size: int) -> Callable[..., None]:
     """A compiled worker that calls "intersect" or "occluded" on each record of `size` bytes.
 
-    It holds addresses of this process, so it is not cached on disk.
+    It contains addresses of this process, so it is not cached on disk.
     """
-    call, valid = getattr(functions(), f"{ask}{lanes}"), 4 * lanes
+    call, valid = getattr(functions(), f"{query}{lanes}"), 4 * lanes
 
     @numba.njit(nogil=True)
     def one(scene, record, args):
@@ -350,33 +361,33 @@ def _loop(ask: str, lanes: int, size: int):
 
 
 @inlined
-def _write_ray(flat, whole, at, step, rays, i):
-    """Write an RTCRay whose words are `step` apart. The caller writes the words after it."""
+def _write_ray(floats, ints, at, step, rays, i):
+    """Write an RTCRay with words `step` apart; the caller writes the words after it."""
     for k in range(3):
-        flat[at + k * step] = rays.origins[i // rays.each, k]
-        flat[at + (4 + k) * step] = rays.directions[i, k]
-    flat[at + 3 * step] = flat[at + 7 * step] = 0.0  # tnear, time
-    flat[at + 8 * step] = rays.tmax
-    whole[at + 9 * step], whole[at + 10 * step], whole[at + 11 * step] = -1, 0, 0  # mask, id, flags
+        floats[at + k * step] = rays.origins[i // rays.each, k]
+        floats[at + (4 + k) * step] = rays.directions[i, k]
+    floats[at + 3 * step] = floats[at + 7 * step] = 0.0  # tnear, time
+    floats[at + 8 * step] = rays.tmax
+    ints[at + 9 * step], ints[at + 10 * step], ints[at + 11 * step] = -1, 0, 0  # mask, id, flags
 
 
 @kernel
-def _write(ticket, flat, whole, words, ids, rays):
+def _write(ticket, floats, ints, words, ids, rays):
     """Worker: write the records of ids, (n, lanes)."""
     lanes = ids.shape[1]
-    size = len(flat) // len(ids)
+    size = len(floats) // len(ids)
     for i in items(ticket):
         for lane in range(lanes):
             at = i * size + lane
             if lanes > 1:
-                whole[at] = -1 if ids[i, lane] >= 0 else 0
+                ints[at] = -1 if ids[i, lane] >= 0 else 0
                 at += lanes
-            _write_ray(flat, whole, at, lanes, rays, max(ids[i, lane], 0))
+            _write_ray(floats, ints, at, lanes, rays, max(ids[i, lane], 0))
             for k in range(RAY_WORDS, words):
-                whole[at + k * lanes] = -1  # no hit
+                ints[at + k * lanes] = -1  # no hit
 
 
-def write(rays: PeerRays, ids: np.ndarray, hits: bool = False, threads=None) -> Records:
+def write(rays: PeerRays, ids: np.ndarray, hits: bool = False, threads: int | None = None) -> Records:
     """New records of the rays with these ids: (n,) for single rays, (n, lanes) from `packets` for packets.
 
     hits : whether to find the closest hit, not any hit
@@ -384,24 +395,24 @@ def write(rays: PeerRays, ids: np.ndarray, hits: bool = False, threads=None) -> 
     words, lanes = HIT_WORDS if hits else RAY_WORDS, 1 if ids.ndim == 1 else ids.shape[1]
     shape = (len(ids), words) if lanes == 1 else (len(ids), 1 + words, lanes)
     size = int(np.prod(shape[1:]))
-    # If Embree has no kernel for a packet, rtcOccludedN reads an RTCRayHitN, beyond the end of the last record.
-    flat = aligned_empty((len(ids) * size + HIT_WORDS * lanes,), "f4")[: len(ids) * size]
+    # If Embree has no kernel for a packet size, rtcOccludedN reads an RTCRayHitN, past the end of the last record.
+    floats = aligned_empty((len(ids) * size + HIT_WORDS * lanes,), "f4")[: len(ids) * size]
     columns = ids.reshape(-1, lanes)
-    run(_write, thread_count(threads), new_ticket(len(ids), _RAYS_AT_A_TIME), flat, flat.view(np.int32), words, columns,
-        rays)  # fmt: skip
-    return Records(flat.reshape(shape), ids, _loop("intersect" if hits else "occluded", lanes, 4 * size))
+    ticket = new_ticket(len(ids), _RAYS_AT_A_TIME)
+    run(_write, thread_count(threads), ticket, floats, floats.view(np.int32), words, columns, rays)
+    return Records(floats.reshape(shape), ids, _loop("intersect" if hits else "occluded", lanes, 4 * size))
 
 
-def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads=None) -> None:
+def trace(scene: EmbreeScene, records: Records, coherent: bool = False, threads: int | None = None) -> None:
     """Trace the records in place. `coherent` sets RTC_RAY_QUERY_FLAG_COHERENT."""
     args, n = arguments(coherent), len(records.ids)
     chunk = _RAYS_AT_A_TIME if records.ids.ndim == 1 else _RAYS_AT_A_TIME // records.ids.shape[1]
-    run(records.work, thread_count(threads), new_ticket(n, chunk), scene.handle, records.memory.ctypes.data,
-        ctypes.addressof(args))  # fmt: skip
+    memory, address = records.memory.ctypes.data, ctypes.addressof(args)
+    run(records.work, thread_count(threads), new_ticket(n, chunk), scene.handle, memory, address)
 
 
 def _words(records: Records, which: int) -> tuple[np.ndarray, np.ndarray]:
-    """(ids, one word of each ray's record)."""
+    """(ids, one word of each record)."""
     if records.ids.ndim == 1:
         return records.ids, records.memory[:, which]
     valid = records.ids >= 0
@@ -409,7 +420,7 @@ def _words(records: Records, which: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def occluded_of(rays: PeerRays, records: Records) -> np.ndarray:
-    """(rays,) bool by ray id: the answers in traced records; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers in traced records; False for rays without a record."""
     out = np.zeros(len(rays.directions), bool)
     ids, tfar = _words(records, _TFAR)
     out[ids] = tfar < 0.0
@@ -425,8 +436,14 @@ def faces_of(rays: PeerRays, records: Records) -> np.ndarray:
     return out
 
 
-def occluded(scene: EmbreeScene, origins, directions, tmax=np.inf, threads=None) -> np.ndarray:
-    """(n,) bool: Embree's answers for rays, (n, 3) each, traced one by one."""
+def occluded(
+    scene: EmbreeScene,
+    origins: ArrayLike,
+    directions: ArrayLike,
+    tmax: float = np.inf,
+    threads: int | None = None,
+) -> np.ndarray:
+    """(n,) bool: whether Embree finds each ray occluded; origins and directions (n, 3), traced one by one."""
     rays = ray_set(origins, directions, tmax)
     records = write(rays, np.arange(len(rays.directions), dtype=np.int32), threads=threads)
     trace(scene, records, threads=threads)

@@ -1,10 +1,10 @@
-"""Measures soft shadows by plans of ours and by Embree in all its modes: the same rays, in turns, in one process."""
+"""Measures soft shadows with our plans and with all modes of Embree: same rays, alternating runs, one process."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,10 +17,9 @@ from ...scene.lights import Light
 from .. import benchmark_views as views
 from ..benchmark_views import BenchmarkView, real_path, square
 from . import embree
-from . import embree as embree_rays
-from .ray_contest import ORDERS, OURS, Contender, PeerRays, contest, one_by_one, packets, query_of, rows, shadow_rays
+from .ray_contest import ORDERS, OURS, Contender, PeerRays, contest, packets, query_of, rows, shadow_rays, valid_ids
 
-# --- Contenders for the shadow rays of a query: plans of ours, and Embree in all its modes ----------------------------
+# --- Contenders -------------------------------------------------------------------------------------------------------
 
 
 BUILDS = [("medium", 0), ("high", 0), ("medium", embree.ROBUST), ("high", embree.ROBUST)]
@@ -28,23 +27,23 @@ _ISA_NAMES = {16: "AVX-512", 8: "AVX2 or AVX", 4: "SSE"}
 
 
 class EmbreeModes(NamedTuple):
-    """A mesh that Embree has built in several ways."""
+    """A mesh built by Embree in all ways of BUILDS."""
 
-    scenes: dict[tuple[str, int], embree.EmbreeScene]  # (quality, flags) of BUILDS -> scene; empty without Embree
+    scenes: dict[tuple[str, int], embree.EmbreeScene]  # (quality, flags) -> scene; empty without Embree
     width: int  # rays of Embree's largest native packet
 
 
-def our_contender(plan: Plan, prepared, query: ShadowQuery, threads: int) -> Contender:
-    """A plan, from the query to its array of bits. `prepared` is what ``plan.tracer.prepare`` has made."""
+def our_contender(plan: Plan, prepared: Any, query: ShadowQuery, threads: int) -> Contender:
+    """A plan, timed from the query to its array of bits. `prepared` is the result of ``plan.tracer.prepare``."""
     h, w = query.sides.shape
     spp = query.samples.shape[1]
 
-    def run(_):
+    def run(_: None) -> np.ndarray:
         bits = np.zeros((h, w, -(-spp // 64)), np.uint64)
         plan.tracer.trace(prepared, query, bits, threads, None, None)
         return bits
 
-    def answer(bits):
+    def answer(bits: np.ndarray) -> np.ndarray:
         octets = bits.astype("<u8", copy=False).view(np.uint8)
         return np.unpackbits(octets, axis=-1, count=spp, bitorder="little").view(bool).ravel()
 
@@ -52,7 +51,7 @@ def our_contender(plan: Plan, prepared, query: ShadowQuery, threads: int) -> Con
 
 
 @contextmanager
-def built_embree(vertices, isa: str | None = None) -> Iterator[EmbreeModes]:
+def built_embree(vertices: np.ndarray, isa: str | None = None) -> Iterator[EmbreeModes]:
     """Embree's scenes of triangles, (n, 3, 3) float32, built in all ways of BUILDS."""
     with embree.Device(isa=isa) as device:
         scenes: dict[tuple[str, int], embree.EmbreeScene] = {}
@@ -75,16 +74,16 @@ def describe_embree(isa: str | None = None) -> str:
 def embree_contenders(
     built: EmbreeModes, rays: PeerRays, orders: Sequence[str], hits: bool, threads: int
 ) -> list[Contender]:
-    """Contenders for every build, by single rays and by packets in `orders`, coherent and not.
+    """Contenders for every build, with single rays and with packets in `orders`, with and without the coherent flag.
 
-    Packets wider than `built.width` are left out, because Embree would trace them ray by ray.
+    Packets wider than `built.width` are skipped, because Embree would trace them ray by ray.
 
     hits : whether to find the closest hit, not any hit
     """
     if not built.scenes:
         return []
     by = {order: packets(rays, order, built.width) for order in orders}
-    kinds = [(1, "", one_by_one(by[orders[-1]]))]  # all samples of a pixel in sequence
+    kinds = [(1, "", valid_ids(by[orders[-1]]))]  # all samples of a pixel in sequence
     kinds += [(built.width, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
     modes = ((*build, *kind, coherent) for build in BUILDS for kind in kinds for coherent in (False, True))
     return [_embree_contender(built, rays, hits, threads, *mode) for mode in modes]
@@ -95,44 +94,44 @@ def _embree_contender(
 ) -> Contender:
     function = f"{'rtcIntersect' if hits else 'rtcOccluded'}{lanes}"
     robust = " robust" if flags & embree.ROBUST else ""
-    read = embree_rays.faces_of if hits else embree_rays.occluded_of
+    read = embree.faces_of if hits else embree.occluded_of
     scene = built.scenes[quality, flags]
 
-    def run(records):
-        embree_rays.trace(scene, records, coherent, threads)
+    def run(records: embree.Records) -> embree.Records:
+        embree.trace(scene, records, coherent, threads)
         return records
 
     return Contender(
         f"Embree {function}{robust}",
         f"{function}{how} {quality}{robust}{' coherent' if coherent else ''}",
-        lambda: embree_rays.write(rays, ids, hits),
+        lambda: embree.write(rays, ids, hits),
         run,
         lambda records: read(rays, records),
     )
 
 
-# --- Measures soft shadows by plans of ours and by Embree: the same rays, in turns, in one process --------------------
+# --- Measurement ------------------------------------------------------------------------------------------------------
 
 
 REAL = ("sponza_crytek",)
-"""Folders of $ANTUMBRA_SCENES that are measured if they exist."""
+"""Folders of $ANTUMBRA_SCENES to measure if they exist."""
 
 EDGE = 40
-"""The edge of a light at the place that an info.json names is the scene's diagonal divided by this."""
+"""The edge of a light placed by an info.json is 1 / EDGE of the scene's diagonal."""
 
 Say = Callable[[str], None]
 
 
 class PeerBuild(NamedTuple):
-    """The time of a build."""
+    """The time of one build."""
 
     scene: str
     method: str
-    seconds: float  # wall time; of ours, with the blocks of the tracer
+    seconds: float  # wall time; ours includes the tracer's blocks
 
 
 def default_names() -> list[str]:
-    """The scenes that are measured if none is named."""
+    """The default scenes."""
     return [*(name for name in REAL if real_path(name)), "forest"]
 
 
@@ -141,8 +140,10 @@ def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
     return views.named_view(name, size, square(EDGE), REAL)
 
 
-def measure(view: BenchmarkView, plan: Plan, spp: int, threads: Sequence[int], rounds: int, say: Say):
-    """(the rows of `contest.rows` for each number of threads, `Built` of all builds) of a view's first light."""
+def measure(
+    view: BenchmarkView, plan: Plan, spp: int, threads: Sequence[int], rounds: int, say: Say
+) -> tuple[list[dict[str, Any]], list[PeerBuild]]:
+    """(rows of `ray_contest.rows` for each thread count, all builds) for a view's first light."""
     triangles = view.scene.triangles(0.0)
     vertices = triangles.vertices
     say(f"{view.name}, building")
@@ -152,41 +153,41 @@ def measure(view: BenchmarkView, plan: Plan, spp: int, threads: Sequence[int], r
     light = view.lights[0]
     query = query_of(triangles, view.camera, light, spp, thread_count(None))
     rays = shadow_rays(query)
-    n, found = int(rays.asked.sum()), []
+    n, contest_rows = int(rays.active.sum()), []
     with built_embree(vertices) as built:
         for (quality, robust), scene in built.scenes.items():
             builds.append(PeerBuild(view.name, f"Embree {quality}{' robust' * bool(robust)}", scene.build_seconds))
         for count in threads:
             contenders = [our_contender(plan, prepared, query, count)]
             contenders += embree_contenders(built, rays, ORDERS, False, count)
-            tell = lambda text, count=count: say(f"{view.name}, {count} thread(s): {text}")
-            results, blocked = contest(contenders, rays.asked, rounds, "wall", tell)
+            report = lambda text, count=count: say(f"{view.name}, {count} thread(s): {text}")
+            results, blocked = contest(contenders, rays.active, rounds, "wall", report)
             case = {"scene": view.name, "triangles": len(vertices), "light": type(light).__name__, "edge": _edge(light)}
-            found += rows({**case, "threads": count, "occluded": float(blocked.mean())}, results, n)
-    return found, builds
+            contest_rows += rows({**case, "threads": count, "occluded": float(blocked.mean())}, results, n)
+    return contest_rows, builds
 
 
 def _edge(light: Light) -> float | None:
     return float(np.linalg.norm(light.u)) if hasattr(light, "u") else None
 
 
-def finalists(found: Iterable[dict]) -> list[dict]:
-    """The rows of ours, and of the fastest modes of Embree, which were timed in turns."""
-    return [row for row in found if row["rounds"]]
+def finalists(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Our rows, and those of Embree's fastest modes, which were measured in rounds."""
+    return [row for row in rows if row["rounds"]]
 
 
-# --- Draws the rates of the contenders as bars ------------------------------------------------------------------------
+# --- Plot -------------------------------------------------------------------------------------------------------------
 
 
-def write_plot(rows: list[dict], path: Path) -> None:
-    """Write a plot with a panel for each scene and number of threads."""
+def write_plot(rows: list[dict[str, Any]], path: Path) -> None:
+    """Write a bar plot of rates with a panel per scene and thread count."""
     from matplotlib.figure import Figure
 
-    shown = finalists(rows)
-    cases = list(dict.fromkeys((row["scene"], row["threads"]) for row in shown))
+    measured = finalists(rows)
+    cases = list(dict.fromkeys((row["scene"], row["threads"]) for row in measured))
     sheet = Figure(figsize=(8.0, 2.4 * len(cases)), layout="constrained")
     for panel, case in zip(sheet.subplots(len(cases), squeeze=False)[:, 0], cases):
-        mine = [row for row in shown if (row["scene"], row["threads"]) == case][::-1]
+        mine = [row for row in measured if (row["scene"], row["threads"]) == case][::-1]
         colours = ["tab:blue" if row["family"] == OURS else "0.7" for row in mine]
         panel.barh([row["contender"] for row in mine], [row["mrays"] for row in mine], color=colours)
         panel.set_title(f"{case[0]}, {case[1]} thread(s)", fontsize=9)
