@@ -42,7 +42,7 @@ from peers.embree_frames import Hits, Shadow, light_points, shadows
 PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")
 """Our plans. The bits of all methods are compared with those of the last plan."""
 
-MADE = ("atrium", "city")
+PROCEDURAL = ("atrium", "city")
 """Procedural scenes that are made in several sizes."""
 
 BUILDS = [(quality, flags) for quality in ("low", "medium") for flags in (0, embree.DYNAMIC)]
@@ -279,7 +279,7 @@ def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
     report.print_table(head, table, right=(1, *range(4, len(head))), width=_WIDTH)
     fields = []
     ours, *others = dict.fromkeys(r.method for r in rows)
-    for name in MADE:
+    for name in PROCEDURAL:
         for method in others:
             sizes, theirs = curve(rows, name, method)
             seconds = curve(rows, name, ours)[1]
@@ -348,7 +348,7 @@ def main() -> None:
     rows: list[Rebuilt] = []
     for name in [str(path) for path in options.scene] or default_names():
         rows += rebuild(with_point(named_view(name, size)), "", options.frames, threads, options.rounds, say)
-    for name in MADE:
+    for name in PROCEDURAL:
         for text in options.sizes.split(","):
             rows += rebuild(sized(name, parse_count(text, "--sizes"), size), name, 1, threads, options.rounds, say)
     say("")

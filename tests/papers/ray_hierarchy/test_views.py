@@ -10,7 +10,7 @@ from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
-    MADE,
+    PROCEDURAL,
     MUSEUM,
     ROBOTS,
     default_names,
@@ -46,12 +46,12 @@ def scenes(tmp_path, monkeypatch):
 
 
 def test_scenes_that_are_there(scenes, monkeypatch):
-    assert default_names() == list(MADE)
+    assert default_names() == list(PROCEDURAL)
     scenes("synthetic_garden_foxes")
     scenes(ROBOTS)
     assert default_names() == [ROBOTS, "synthetic_garden_foxes"]
     monkeypatch.delenv("ANTUMBRA_SCENES")
-    assert default_names() == list(MADE)
+    assert default_names() == list(PROCEDURAL)
 
 
 def test_robots_move(scenes):

@@ -8,7 +8,7 @@ import trimesh
 
 from antumbra.errors import InputError
 from antumbra.papers import benchmark_views as views
-from antumbra.papers.srdh.srdh_measurements import MADE, default_names, named_view
+from antumbra.papers.srdh.srdh_measurements import PROCEDURAL, default_names, named_view
 
 INFO = {"up": [0, 1, 0], "camera": {"position": [0, 1, 5], "target": [0, 1, 0], "vfov": 50}, "light": [1.0, 2.0, 3.0]}
 
@@ -30,9 +30,9 @@ def scenes(tmp_path, monkeypatch):
 
 
 def test_real_scenes_where_they_are(scenes, monkeypatch):
-    assert default_names() == ["zdm2", MADE[0]]
+    assert default_names() == ["zdm2", PROCEDURAL[0]]
     monkeypatch.delenv("ANTUMBRA_SCENES")
-    assert default_names() == list(MADE)
+    assert default_names() == list(PROCEDURAL)
 
 
 def test_camera_and_light_are_those_of_info(scenes):

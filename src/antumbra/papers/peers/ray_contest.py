@@ -174,9 +174,9 @@ def contest(
         say(f"round {turn + 1} of {rounds}")
         for i in finalists:
             laps[i].append(_timed(contenders[i], CLOCKS[clock])[0])
-    return [
-        ContestResult(c, first_seconds[i], seconds.get(i, []), differs[i]) for i, c in enumerate(contenders)
-    ], reference
+    assert reference is not None
+    results = [ContestResult(c, first_seconds[i], laps.get(i, []), differs[i]) for i, c in enumerate(contenders)]
+    return results, reference
 
 
 def _timed(contender: Contender, clock: Callable[[], float]) -> tuple[float, Any]:

@@ -1,7 +1,7 @@
 """Marks grid cells for pre-BVH culling: as published, and a convex region for comparison.
 
 As published, cells are marked along lines between cells, with all their neighbours [Selgrad et al. 2015, Sec. 3.2]. The
-convex region around receivers and light is what the paper's grid improves on (Fig. 2b).
+convex region around receivers and light is the baseline that the paper's grid improves on (Fig. 2b).
 """
 
 from itertools import product
@@ -12,24 +12,23 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...techniques.culling.culling_grid import PAD, cell_at
 
-# --- Marks cells as published: along lines between cells, with all neighbours [Selgrad et al. 2015, Sec. 3.2] ---------
+# --- Lines between cells ----------------------------------------------------------------------------------------------
 #
-# The module walks a line from the centre of every source cell to the centre of every destination cell [Amanatides and
-# Woo
-# 1987]. It marks each cell on the line with its one-ring. This is conservative. Take a point of a segment between two
-# cells, and the point of the line at the same parameter. They are at most half a cell apart on each axis.
+# A line is walked from the centre of every source cell to the centre of every destination cell [Amanatides and Woo
+# 1987], and each cell on it is marked with its one-ring. This is conservative: points with the same parameter on this
+# line and on any segment between the two cells are at most half a cell apart on each axis.
 #
-# The module `techniques.culling.culling_grid` marks fewer cells in less time. This one serves for comparison.
+# `techniques.culling.culling_grid` marks fewer cells in less time; this serves for comparison.
 
 
 def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:
-    """(m, 3) int64: the cells that (k, 2, 3) boxes overlap, without repetitions."""
-    held = np.zeros((grid.n,) * 3, np.bool_)
+    """(m, 3) int64: the distinct cells that (k, 2, 3) boxes overlap."""
+    overlapped = np.zeros((grid.n,) * 3, np.bool_)
     ranges = np.empty(boxes.shape, np.int64)
     _write_ranges(boxes.astype(np.float32), grid, ranges)
     for low, high in ranges:
-        held[low[0] : high[0] + 1, low[1] : high[1] + 1, low[2] : high[2] + 1] = True
-    return np.argwhere(held)
+        overlapped[low[0] : high[0] + 1, low[1] : high[1] + 1, low[2] : high[2] + 1] = True
+    return np.argwhere(overlapped)
 
 
 @kernel
@@ -51,12 +50,12 @@ def _first_crossing(a, b):
 
 
 @inlined
-def _walk(ax, ay, az, bx, by, bz, met):
+def _walk(ax, ay, az, bx, by, bz, marked):
     """Mark the cells on the line from the centre of cell a to the centre of cell b."""
     sx, tx, dx = _first_crossing(ax, bx)
     sy, ty, dy = _first_crossing(ay, by)
     sz, tz, dz = _first_crossing(az, bz)
-    met[ax, ay, az] = 1
+    marked[ax, ay, az] = 1
     while min(tx, ty, tz) < 1.0:
         if tx <= ty and tx <= tz:
             ax, tx = ax + sx, tx + dx
@@ -64,54 +63,53 @@ def _walk(ax, ay, az, bx, by, bz, met):
             ay, ty = ay + sy, ty + dy
         else:
             az, tz = az + sz, tz + dz
-        met[ax, ay, az] = 1
+        marked[ax, ay, az] = 1
 
 
 @kernel
-def _walk_all(ticket, sources, ends, met):
-    """Worker: walk the lines from each source cell. All threads write 1, so their order does not matter."""
+def _walk_all(ticket, sources, ends, marked):
+    """Worker: walk the lines from each source cell. All threads write 1, so order does not matter."""
     for i in items(ticket):
         for k in range(len(ends)):
-            _walk(sources[i, 0], sources[i, 1], sources[i, 2], ends[k, 0], ends[k, 1], ends[k, 2], met)
+            _walk(sources[i, 0], sources[i, 1], sources[i, 2], ends[k, 0], ends[k, 1], ends[k, 2], marked)
 
 
 def mark_lines(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
-    """Mark cells like `swept.mark_hulls`, for a grid that holds the targets too.
+    """Mark cells like `mark_hulls`, for a grid that includes the targets.
 
-    The paper has no lights that move with the receiver. For such lights, all cells are marked.
+    The paper has no lights that move with the receiver; for these, all cells are marked.
     """
     if targets.relative:
         marked[:] = 1
         return
-    starts, met = _cells_of(sources, grid), np.zeros_like(marked)
-    run(_walk_all, threads, new_ticket(len(starts), 1), starts, _cells_of(targets.boxes, grid), met)
+    starts, lines = _cells_of(sources, grid), np.zeros_like(marked)
+    run(_walk_all, threads, new_ticket(len(starts), 1), starts, _cells_of(targets.boxes, grid), lines)
     for axis in range(3):  # the one-ring, axis by axis
-        met = np.moveaxis(met, axis, 0)
-        ring = met.copy()
-        ring[1:] |= met[:-1]
-        ring[:-1] |= met[1:]
-        met = np.moveaxis(ring, 0, axis)
-    marked |= met
+        lines = np.moveaxis(lines, axis, 0)
+        ring = lines.copy()
+        ring[1:] |= lines[:-1]
+        ring[:-1] |= lines[1:]
+        lines = np.moveaxis(ring, 0, axis)
+    marked |= lines
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Marks a convex region around receivers and light: what the paper's grid improves on [Selgrad et al. 2015, Fig. 2b].
+# --- Convex region ----------------------------------------------------------------------------------------------------
 #
-# The region is bounded by pairs of parallel planes in 13 directions: the axes, and the diagonals of faces and of the
-# cube. It encloses all sources and targets, and so the segments between them.
+# The region is bounded by pairs of parallel planes in 13 directions: the axes, and the diagonals of the cube and its
+# faces. It encloses all sources and targets, and therefore the segments between them.
 
 
 _DIRECTIONS = np.array([d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)], float)
 
 
 def _spans(boxes: np.ndarray) -> np.ndarray:
-    """(2, 13) float64: the least and the largest coordinate of (m, 2, 3) boxes along each direction."""
+    """(2, 13) float64: minimum and maximum of (m, 2, 3) boxes along each direction."""
     along = boxes[:, :, None] * _DIRECTIONS
     return np.stack([along.min(1).sum(-1).min(0), along.max(1).sum(-1).max(0)])
 
 
 def _cells(grid) -> np.ndarray:
-    """(3, n, 2) float64: the first and the last coordinate of each cell along each axis, rounded outwards."""
+    """(3, n, 2) float64: the bounds of each cell along each axis, rounded outwards."""
     low, high = grid.bounds.astype(np.float64)[:, :3, None]
     scale = grid.scale.astype(np.float64)[:3, None]
     size = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
@@ -122,10 +120,10 @@ def _cells(grid) -> np.ndarray:
 
 
 def mark_convex(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
-    """Mark cells like `swept.mark_hulls`: all cells that the region meets."""
-    near, ends = _spans(sources), _spans(targets.boxes)
-    far = near + ends if targets.relative else ends
-    low, high = np.minimum(near[0], far[0]), np.maximum(near[1], far[1])
+    """Mark cells like `mark_hulls`: all cells that the region overlaps."""
+    source_spans, target_spans = _spans(sources), _spans(targets.boxes)
+    end_spans = source_spans + target_spans if targets.relative else target_spans
+    low, high = np.minimum(source_spans[0], end_spans[0]), np.maximum(source_spans[1], end_spans[1])
     cells, pad = _cells(grid), 3.0 * PAD * max(np.abs(low).max(), np.abs(high).max())
     inside = np.ones(marked.shape, np.bool_)
     for direction, least, most in zip(_DIRECTIONS, low - pad, high + pad):

@@ -1,8 +1,12 @@
 """Measures, prints and draws the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2, 7].
 
-The four views are reconstructed from the paper's pictures. For Table 4, a procedural city that sways, and a camera that
-flies, take the place of the paper's video. Tables show the paper's figures, of a GPU, in brackets. Figure 7 shows time
-to image over samples, relative to BSAH, with a row for each tracer.
+The four views are reconstructed from the paper's pictures. In Table 4, a swaying procedural city with a flying camera
+replaces the paper's video: every triangle above the ground moves in every frame, so nothing from an earlier frame can
+be reused unchanged. Tables show the paper's results, measured on a GPU, in brackets. Figure 7 shows time to image over
+samples, relative to BSAH, with a row per tracer.
+
+As in the paper, time to image covers culling, building and tracing, but not the G-buffer and shading. All methods use
+the same tracer and alternate within each round; the median of the rounds counts.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -29,8 +33,7 @@ from ...techniques.culling.pre_bvh_culling import STEPS, cull
 from ..benchmark_views import digest, real_path
 from .cell_marking import mark_convex, mark_lines
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Figures that the pre-BVH culling paper measured on a GPU [Selgrad et al. 2015, Tables 1 to 4], in milliseconds.
+# --- Published results, in milliseconds on a GPU ----------------------------------------------------------------------
 
 
 METHODS = {
@@ -40,7 +43,7 @@ METHODS = {
     "TL-LBVH culled": "grid32+tl-lbvh",
     "BSAH": "bsah",
 }
-"""The paper's name of a method -> part of a plan."""
+"""The paper's name of a method -> culler and builder of a plan."""
 
 TIME_TO_IMAGE = {
     "Figure 3": {
@@ -72,7 +75,7 @@ TIME_TO_IMAGE = {
         "BSAH": (0.0, 879.400, 9.041, 888.441, 969.810, 1783.500),
     },
 }
-"""Table 3: view -> method -> times of culling, building, tracing 1 sample, and sums with 1, 10 and 100 samples."""
+"""Table 3: view -> method -> times of culling, building and tracing 1 sample, and totals with 1, 10 and 100 samples."""
 
 DETAILS = {
     "Figure 3": (2.158, 0.734, 0.387, 0.122, 0.638, 0.231),
@@ -80,10 +83,10 @@ DETAILS = {
     "Figure 5": (3.035, 1.539, 0.344, 0.133, 0.562, 0.220),
     "Figure 6": (4.554, 1.623, 0.403, 0.126, 1.570, 0.251),
 }
-"""Tables 1 and 2: view -> times of the G-buffer, of the final blit, and of the steps of culling."""
+"""Tables 1 and 2: view -> times of the G-buffer, the final blit, and the culling steps."""
 
 REMAINING = {"Figure 3": 0.45, "Figure 4": 0.60, "Figure 5": 0.60, "Figure 6": 0.04}
-"""Captions of Figures 3 to 6: the share of the triangles that are left."""
+"""Captions of Figures 3 to 6: share of remaining triangles."""
 
 GRIDS = {
     16: (0.34, 0.319, 0.074, 4.323, 4.716, 15.464, 15.430, 95.601, 11.496),
@@ -92,13 +95,13 @@ GRIDS = {
     128: (0.17, 0.904, 11.880, 8.515, 21.299, 8.989, 12.889, 49.942, 10.095),
     256: (0.16, 2.995, 534.021, 16.388, 553.404, 8.458, 12.538, 46.145, 9.874),
 }
-"""Table 4: grid -> (share of the triangles that are left, then times). The times are of sources, marking, triangles and
-all culling; of building and tracing with LBVH; of building and tracing with TL-LBVH."""
+"""Table 4: grid -> (share of remaining triangles, times of sources, marking, triangles and all culling, of building and
+tracing with LBVH, and of building and tracing with TL-LBVH)."""
 
-WHOLE = (42.161, 17.020, 261.186, 12.167)
+UNCULLED = (42.161, 17.020, 261.186, 12.167)
 """Table 4, without culling: times of building and tracing with LBVH, and with TL-LBVH."""
 
-# --- The four views of the pre-BVH culling paper, reconstructed from its pictures; `video` has its animation ----------
+# --- Views ------------------------------------------------------------------------------------------------------------
 
 
 _SPONZA = {
@@ -122,8 +125,8 @@ class CullingView(NamedTuple):
 def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: int) -> list[CullingView]:
     """The views of Figures 3 to 5, in Crytek's Sponza, and of Figure 6, in a procedural cellar.
 
-    Sponza is a file in centimetres, or $ANTUMBRA_SCENES/sponza_crytek/scene.glb. Without it, one view of the procedural
-    atrium, with as many triangles, takes the place of the first three.
+    Sponza is a file in centimetres, or $ANTUMBRA_SCENES/sponza_crytek/scene.glb. Without it, a view of the procedural
+    atrium with as many triangles replaces the first three.
     """
     cellar = procedural("cellar", triangles=cellar_triangles)
     last = CullingView("Figure 6", cellar, cellar.cameras[0].resized(*size), list(cellar.lights))
@@ -132,13 +135,13 @@ def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: 
         atrium = procedural("atrium", triangles=262_267)
         return [CullingView("atrium", atrium, atrium.cameras[0].resized(*size), list(atrium.lights)), last]
     if not path.exists():
-        raise InputError(f"{path}: there is no such file; name Crytek's Sponza, or leave --sponza out")
+        raise InputError(f"{path}: no such file; give Crytek's Sponza, or omit --sponza")
     scene = load(path)
     return [_in_sponza(figure, scene, size) for figure in _SPONZA] + [last]
 
 
-def _in_sponza(figure: str, scene: Scene, size) -> CullingView:
-    """A view in Sponza, with two area lights: a large one over the open roof, and a smaller one behind the camera."""
+def _in_sponza(figure: str, scene: Scene, size: tuple[int, int]) -> CullingView:
+    """A view in Sponza with two area lights, a large one above the open roof and a smaller one behind the camera."""
     position, target = (np.array(p) for p in _SPONZA[figure])
     above = QuadLight((-900.0, 1400.0, -250.0), (1800.0, 0.0, 0.0), (0.0, 0.0, 450.0), intensity=2e6)
     ahead = (target - position) / np.linalg.norm(target - position)
@@ -150,20 +153,17 @@ def _in_sponza(figure: str, scene: Scene, size) -> CullingView:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# An animated procedural scene for Table 4, in place of the paper's video: a city that sways, and a camera that flies.
-#
-# Every triangle above the ground moves in every frame, so nothing of an earlier frame can be used as it is.
+# --- Animation --------------------------------------------------------------------------------------------------------
 
 
 FIGURE = "video"
 SECONDS = 4.0  # length of the animation
-_SWAY = 0.02  # of the height above the ground, at most
-_FLIGHT = 0.6  # of the way from the first camera to its target, at the end
+_SWAY = 0.02  # largest displacement, as a share of the height above the ground
+_FLIGHT = 0.6  # length of the flight, as a share of the distance from the first camera to its target
 
 
 class Swaying:
-    """The geometry of a still scene, moved sideways in proportion to its height (see `scene.mesh.Source`)."""
+    """The geometry of a static scene, displaced sideways in proportion to height (see `scene.mesh.Source`)."""
 
     duration = SECONDS
 
@@ -188,7 +188,7 @@ class Swaying:
 
 
 def video_views(triangles: int, frames: int, size: tuple[int, int]) -> list[CullingView]:
-    """The frames of the animation, as views of one scene of about so many triangles."""
+    """The frames of the animation, as views of one scene with about `triangles` triangles."""
     still = procedural("city", triangles=triangles)
     scene = Scene(Swaying(still), name="swaying city")
     return [_frame(scene, still, time, size) for time in np.linspace(0.0, SECONDS, frames, endpoint=False).tolist()]
@@ -202,27 +202,23 @@ def _frame(scene: Scene, still: Scene, time: float, size: tuple[int, int]) -> Cu
     return CullingView(FIGURE, scene, camera, list(still.lights), time)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Measures the tables and the plot of the pre-BVH culling paper [Selgrad et al. 2015, Tables 1 to 4, Fig. 2, 7].
-#
-# As in the paper, time to image is the time of culling, building and tracing, without the G-buffer and the shading.
-# All methods use the same tracer and take turns within each round. The median of the rounds counts.
+# --- Measurements -----------------------------------------------------------------------------------------------------
 
 
-SAMPLES = (1, 10, 100)  # samples for each pixel and light
+SAMPLES = (1, 10, 100)  # samples per pixel and light
 HULLS, LINES, CONVEX = "hulls", "as published", "convex region"
 MARKINGS: dict[str, dict[str, Any]] = {
     HULLS: {},
     LINES: {"mark": mark_lines, "whole": True},
     CONVEX: {"mark": mark_convex},
 }
-"""Way to mark cells -> extra arguments of `cull`. The convex region is that of Fig. 2b."""
+"""Marking method -> extra arguments of `cull`. The convex region is that of Fig. 2b."""
 
 USUAL = {HULLS: (32,), LINES: (32,), CONVEX: (32,)}
-"""Way to mark cells -> the grids of Tables 1 and 2, and of Fig. 2."""
+"""Marking method -> grids of Tables 1 and 2, and of Fig. 2."""
 
 VIDEO = {HULLS: (16, 32, 64, 128, 256), LINES: (16, 32, 64)}
-"""Way to mark cells -> the grids of Table 4. Marking by lines takes too long in finer grids."""
+"""Marking method -> grids of Table 4. Marking by lines takes too long in finer grids."""
 
 BUILDERS = ("lbvh", "tl-lbvh")
 
@@ -238,7 +234,7 @@ class TimeToImage(NamedTuple):
     cull: float
     build: float
     trace: dict[int, float]  # samples -> seconds
-    remaining: float  # share of the triangles that are in the BVH
+    remaining: float  # share of the triangles in the BVH
     bits: bytes  # digest of the answer
 
     def total(self, spp: int) -> float:
@@ -246,12 +242,12 @@ class TimeToImage(NamedTuple):
 
 
 class GridRow(NamedTuple):
-    """One grid in one view: seconds, and the share of the triangles that are left."""
+    """One grid in one view: seconds, and share of remaining triangles."""
 
     figure: str
-    grid: int  # cells along an axis; 0: no culling
+    grid: int  # cells per axis; 0: no culling
     marked: str  # a key of MARKINGS; empty: no culling
-    remaining: float  # share of the triangles that are left
+    remaining: float  # share of remaining triangles
     steps: dict[str, float]  # step of STEPS -> seconds
     build: dict[str, float]  # builder+tracer -> seconds; empty if not measured
     trace: dict[str, float]  # builder+tracer -> seconds with one sample
@@ -264,7 +260,7 @@ def times_to_image(
     renderers = {m: Renderer(view.scene, f"{part}+{tracer}", threads) for m, part in METHODS.items()}
     seconds: dict[str, dict[Any, list[float]]] = {m: {} for m in METHODS}
     bits: dict[str, bytes] = {}
-    for turn in range(-1, rounds):  # the first turn only warms up
+    for turn in range(-1, rounds):  # the first is a warm-up
         for method, renderer in renderers.items():
             for spp in SAMPLES if turn >= 0 else SAMPLES[:1]:
                 say(f"{view.figure}, {method}, {tracer}, {spp} samples, round {max(turn, 0) + 1} of {rounds}")
@@ -276,15 +272,15 @@ def times_to_image(
                         seconds[method].setdefault(phase, []).append(frame.timings[phase])
                     seconds[method].setdefault(spp, []).append(frame.timings["trace"])
                 bits[method] = digest(frame.bits)
-    left = _remaining(view, renderers["LBVH culled"])
-    found = []
+    remaining = _remaining(view, renderers["LBVH culled"])
+    rows = []
     for method, times in seconds.items():
         middle = {key: median(values) for key, values in times.items()}
-        share = left if METHODS[method].startswith("grid") else 1.0
+        share = remaining if METHODS[method].startswith("grid") else 1.0
         phases = (middle[phase] for phase in ("gbuffer", "shade", "cull", "build"))
         trace = {spp: middle[spp] for spp in SAMPLES}
-        found.append(TimeToImage(view.figure, tracer, method, *phases, trace, share, bits[method]))
-    return found
+        rows.append(TimeToImage(view.figure, tracer, method, *phases, trace, share, bits[method]))
+    return rows
 
 
 def _queries(view: CullingView, renderer: Renderer, spp: int):
@@ -302,10 +298,10 @@ def _remaining(view, renderer) -> float:
 def grid_rows(
     view: CullingView, grids: dict[str, Sequence[int]], tracers: Sequence[str], threads: int, rounds: int, say
 ) -> list[GridRow]:
-    """Measure culling in one view with `grids`, as USUAL or VIDEO.
+    """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
-    With `tracers`, the times to build and to trace are measured too, for all triangles first, and then for those that
-    each grid marked by `HULLS` leaves.
+    With `tracers`, build and trace times are measured too: first for all triangles, then for those that remain with
+    each grid marked by `HULLS`.
     """
     renderers = {f"{b}+{t}": Renderer(view.scene, f"{b}+{t}", threads) for b in BUILDERS for t in tracers or ["single"]}
     triangles, queries = _queries(view, next(iter(renderers.values())), 1)
@@ -318,14 +314,14 @@ def grid_rows(
             laps = [_steps(triangles, queries, threads, n, options) for _ in range(rounds + 1)][1:]
             culled = cull(triangles, queries, threads, n=n, **options)
             steps = {step: median(lap[step] for lap in laps) for step in STEPS}
-            asked = accelerators if marked == HULLS else {}
-            times = _all_traced(asked, triangles, culled, queries, rounds)
+            timed = accelerators if marked == HULLS else {}
+            times = _all_traced(timed, triangles, culled, queries, rounds)
             rows.append(GridRow(view.figure, n, marked, len(culled.kept) / len(triangles.vertices), steps, *times))
     return rows if tracers else rows[1:]
 
 
 def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
-    """Cull once; return the seconds of each step."""
+    """The seconds of each step of culling."""
     last, seconds = perf_counter(), dict.fromkeys(STEPS, 0.0)
 
     def lap(step: str) -> None:
@@ -339,7 +335,7 @@ def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
 
 
 def _all_traced(accelerators, triangles, culled, queries, rounds) -> tuple[dict[str, float], dict[str, float]]:
-    """The medians of `_traced` for each plan: (seconds to build, seconds to trace)."""
+    """(seconds to build, seconds to trace) of each plan, the medians of `_traced`."""
     build, trace = {}, {}
     for plan, accelerator in accelerators.items():
         times = [_traced(accelerator, triangles, culled, queries) for _ in range(rounds)]
@@ -348,7 +344,7 @@ def _all_traced(accelerators, triangles, culled, queries, rounds) -> tuple[dict[
 
 
 def _traced(accelerator: Accelerator, triangles, culled, queries) -> tuple[float, float]:
-    """(seconds to build a BVH of the triangles that are left, seconds to trace the queries)."""
+    """(seconds to build a BVH of the remaining triangles, seconds to trace the queries)."""
     start = perf_counter()
     ready = accelerator.build(triangles, culled)
     built = perf_counter()
@@ -358,15 +354,12 @@ def _traced(accelerator: Accelerator, triangles, culled, queries) -> tuple[float
 
 
 def seconds_a_sample(t: TimeToImage) -> float:
-    """Seconds of each further sample."""
+    """Seconds per additional sample."""
     return (t.trace[SAMPLES[-1]] - t.trace[SAMPLES[0]]) / (SAMPLES[-1] - SAMPLES[0])
 
 
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
-    """The number of samples from which `slow` is as fast as `fast`; inf if it never is (Fig. 7).
-
-    `slow` takes longer to build.
-    """
+    """The number of samples from which `slow`, which takes longer to build, is as fast as `fast`; inf if never (Fig. 7)."""
     first = SAMPLES[0]
     behind = slow.total(first) - fast.total(first)
     gain = seconds_a_sample(fast) - seconds_a_sample(slow)
@@ -376,7 +369,7 @@ def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
 
 
 def mean_rows(rows: Iterable[GridRow]) -> list[GridRow]:
-    """The means over all views, for each grid."""
+    """The means over all views for each grid."""
     groups: dict[tuple[int, str], list[GridRow]] = {}
     for row in rows:
         groups.setdefault((row.grid, row.marked), []).append(row)
@@ -392,7 +385,7 @@ def _mean(rows: list[GridRow]) -> GridRow:
     return GridRow("mean", rows[0].grid, rows[0].marked, mean(r.remaining for r in rows), *parts)
 
 
-# --- Prints the tables of the pre-BVH culling paper for people, with the paper's figures in brackets ------------------
+# --- Tables -----------------------------------------------------------------------------------------------------------
 
 
 _WIDTH = 150  # width of the tables, in characters
@@ -402,7 +395,7 @@ _STEPS = {
     "triangles": "determine triangles",
     "pack": "scan and pack triangles",
 }
-"""Step of culling -> its name in Tables 1 and 2."""
+"""Culling step -> its name in Tables 1 and 2."""
 
 
 def _ms(seconds: float) -> str:
@@ -410,33 +403,33 @@ def _ms(seconds: float) -> str:
 
 
 def _beside(ours: str, theirs: float | None, digits: int = 1) -> str:
-    """Our figure, with the paper's in brackets if there is one."""
+    """Our result, with the paper's in brackets if there is one."""
     return ours if theirs is None else f"{ours} ({theirs:.{digits}f})"
 
 
 def print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
-    """Print Tables 1 and 2: every step of every view, by each tracer."""
+    """Print Tables 1 and 2: all steps for each view and tracer."""
     columns = list(dict.fromkeys((t.figure, t.tracer) for t in times))
     parts = [_details(*column, times, grids) for column in columns]
     table = [(name, *(part[name] for part in parts)) for name in parts[0]]
     head = ("ms", *(f"{figure}, {tracer}" for figure, tracer in columns))
-    print("Every step with one sample (Tables 1 and 2; the paper's figures, of a GPU, in brackets)")
+    print("All steps with one sample (Tables 1 and 2; in brackets the paper's results on a GPU)")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
 def _details(figure: str, tracer: str, times, grids) -> dict[str, str]:
-    """The column of one view and tracer: name of a row -> times."""
-    own = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
+    """The column of one view and tracer: row name -> times."""
+    methods = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
     grid = next(r for r in grids if r.figure == figure and r.marked == HULLS)
     theirs, totals = DETAILS.get(figure, (None,) * 6), TIME_TO_IMAGE.get(figure, {})
-    first = own["LBVH"]
+    first = methods["LBVH"]
     rows = {
         "render G-buffer": _beside(_ms(first.gbuffer), theirs[0]),
         "shading (final blit)": _beside(_ms(first.shade), theirs[1]),
     }
     for (step, name), ms in zip(_STEPS.items(), theirs[2:]):
         rows[name] = _beside(_ms(grid.steps[step]), ms)
-    for method, t in own.items():
+    for method, t in methods.items():
         ms = totals.get(method, (None,) * 3)
         if t.cull:
             rows[f"{method}: all culling"] = _beside(_ms(t.cull), ms[0])
@@ -455,53 +448,52 @@ def print_times(times: list[TimeToImage]) -> None:
         for k, spp in enumerate(SAMPLES):
             ratio = 100 * theirs[t.method][3 + k] / theirs["LBVH"][3 + k] if theirs else None
             ratios.append(_beside(f"{100 * t.total(spp) / first.total(spp):.0f}", ratio, 0))
-        caught = "" if t is last else f"{break_even(last, t):.0f}"
+        even = "" if t is last else f"{break_even(last, t):.0f}"
         seconds = t.cull, t.build, t.trace[SAMPLES[0]], *(t.total(spp) for spp in SAMPLES)
-        rows.append((t.figure, t.tracer, t.method, *map(_ms, seconds), *ratios, caught))
-    sums, ratios = ([f"{name} {spp} spp" for spp in SAMPLES] for name in ("sum", "% of LBVH"))
-    head = ("view", "tracer", "method", "cull", "build", "trace 1 spp", *sums, *ratios, "BSAH even at")
-    print("Time to image, ms (Table 3 and Figure 7; the paper's figures in brackets)")
+        rows.append((t.figure, t.tracer, t.method, *map(_ms, seconds), *ratios, even))
+    totals, ratios = ([f"{name} {spp} spp" for spp in SAMPLES] for name in ("total", "% of LBVH"))
+    head = ("view", "tracer", "method", "cull", "build", "trace 1 spp", *totals, *ratios, "BSAH breaks even, spp")
+    print("Time to image, ms (Table 3 and Figure 7; the paper's results in brackets)")
     report.print_table(head, rows, right=range(3, len(head)), width=_WIDTH)
 
 
 def print_regions(grids: list[GridRow]) -> None:
-    """Print the triangles that are left in a convex region, and by a grid (Figure 2, captions of Figures 3 to 6)."""
+    """Print the remaining triangles with a convex region and with grids (Figure 2, captions of Figures 3 to 6)."""
     figures, table = list(dict.fromkeys(r.figure for r in grids)), []
     for figure in figures:
-        left = {r.marked: f"{100 * r.remaining:.1f}" for r in grids if r.figure == figure}
+        shares = {r.marked: f"{100 * r.remaining:.1f}" for r in grids if r.figure == figure}
         theirs = REMAINING.get(figure)
-        published = _beside(left[LINES], None if theirs is None else 100 * theirs, 0)
-        table.append((figure, left[CONVEX], published, left[HULLS]))
+        published = _beside(shares[LINES], None if theirs is None else 100 * theirs, 0)
+        table.append((figure, shares[CONVEX], published, shares[HULLS]))
     head = ("view", "convex region (Figure 2b)", "as published (Figure 2d)", "hulls (grid32)")
-    print("Triangles that are left, in percent, with 32 cells an axis (the paper's figures in brackets)")
+    print("Remaining triangles, %, with 32 cells per axis (the paper's results in brackets)")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
 def print_grids(rows: list[GridRow], tracers: list[str]) -> None:
-    """Print Table 4, with the paper's figures in brackets."""
+    """Print Table 4, with the paper's results in brackets."""
     table = []
     for r in rows:
-        theirs = GRIDS[r.grid] if r.grid else (None, None, None, None, None, *WHOLE)
+        theirs = GRIDS[r.grid] if r.grid else (None, None, None, None, None, *UNCULLED)
         share = _beside(f"{100 * r.remaining:.0f}", 100 * theirs[0] if r.grid else None, 0)
         steps = ["", "", ""]
         if r.grid:
             parts = r.steps["sources"], r.steps["mark"], r.steps["triangles"] + r.steps["pack"]
             steps = [_beside(_ms(part), ms) for part, ms in zip(parts, theirs[1:4])]
         total = _beside(_ms(sum(r.steps.values())), theirs[4]) if r.grid else ""
-        built = []
+        times = []
         for builder, ms in zip(BUILDERS, (theirs[5:7], theirs[7:9])):
             plans = [f"{builder}+{tracer}" for tracer in tracers]
-            built.append(_beside(_ms(r.build[plans[0]]), ms[0]) if r.build else "")
-            built += [_beside(_ms(r.trace[plan]), ms[1]) if r.trace else "" for plan in plans]
-        table.append((str(r.grid or "none"), r.marked, share, *steps, total, *built))
+            times.append(_beside(_ms(r.build[plans[0]]), ms[0]) if r.build else "")
+            times += [_beside(_ms(r.trace[plan]), ms[1]) if r.trace else "" for plan in plans]
+        table.append((str(r.grid or "none"), r.marked, share, *steps, total, *times))
     names = [name for b in BUILDERS for name in (f"build {b}", *(f"{t}, 1 spp" for t in tracers))]
-    head = ("grid", "marked by", "% left", "sources", "mark", "triangles", "all culling", *names)
-    print("Grids, ms, means over the frames of an animated city (Table 4; the paper's, of another scene, in brackets)")
+    head = ("grid", "marking", "% remaining", "sources", "mark", "triangles", "all culling", *names)
+    print("Grids, ms, means over the frames of an animated city (Table 4; in brackets the paper's, for another scene)")
     report.print_table(head, table, right=(0, *range(2, len(head))), width=_WIDTH)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Draws Figure 7 of the pre-BVH culling paper: time to image over samples, relative to BSAH; a row for each tracer.
+# --- Plot -------------------------------------------------------------------------------------------------------------
 
 
 def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
@@ -512,7 +504,7 @@ def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
 
 
 def write_plot(times: list[TimeToImage], path: Path) -> None:
-    """Write a plot with a panel for each view and tracer. A dot marks where BSAH breaks even with a method."""
+    """Write Figure 7 with a panel per view and tracer. A dot marks where BSAH breaks even with a method."""
     from matplotlib.figure import Figure
 
     figures, tracers = (list(dict.fromkeys(getattr(t, name) for t in times)) for name in ("figure", "tracer"))
@@ -536,5 +528,5 @@ def _draw(panel, methods: dict[str, TimeToImage]) -> None:
         if t is not last and even <= spp[-1]:
             panel.plot(even, 1.0, "o", color=line.get_color())
     title = f"{last.figure}, {last.tracer}"
-    panel.set(xscale="log", title=title, xlabel="samples a pixel and light", ylim=(0, None))
+    panel.set(xscale="log", title=title, xlabel="samples per pixel and light", ylim=(0, None))
     panel.grid(alpha=0.3)

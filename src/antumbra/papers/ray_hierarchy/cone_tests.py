@@ -121,10 +121,10 @@ def _beside(cos, sin, p, length, z, others, heights):
     others, heights : the same for all three corners
     """
     s = cos / length
-    found = (length > _NEAR) & (cos > _F(0.0))
+    separated = (length > _NEAR) & (cos > _F(0.0))
     for k in range(3):
-        found = found & (fma(dot(p, others[k]), s, -(sin * heights[k])) > _E)
-    return found
+        separated = separated & (fma(dot(p, others[k]), s, -(sin * heights[k])) > _E)
+    return separated
 
 
 @inlined
@@ -139,10 +139,10 @@ def _in_shadow(group, ways, row):
     z = _along(group, ways, row, at), _along(group, ways, row, at + 3), _along(group, ways, row, at + 6)
     p = _across(row, at, w, z[0]), _across(row, at + 3, w, z[1]), _across(row, at + 6, w, z[2])
     limit = cos - _E
-    found = (cos <= _F(0.0)) & (z[0] < limit) & (z[1] < limit) & (z[2] < limit)
+    missed = (cos <= _F(0.0)) & (z[0] < limit) & (z[1] < limit) & (z[2] < limit)
     for k in range(3):
-        found = found | _beside(cos, sin, p[k], square_root(dot(p[k], p[k])), z[k], p, z)
-    return found
+        missed = missed | _beside(cos, sin, p[k], square_root(dot(p[k], p[k])), z[k], p, z)
+    return missed
 
 
 @inlined
@@ -157,12 +157,12 @@ def possible_cones(group, row, ways, alive, spheres):
     """Bits of the `alive` cones of a group with rays that the triangle may block."""
     if spheres:
         return bits(_meets_sphere(group, ways, row)) & alive
-    found = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
-    found = bits(found & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12))
-    found &= alive
-    if found != 0 and whole(row, EXACT) != 0:
-        found &= ~bits(_in_shadow(group, ways, row))
-    return found
+    possible = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
+    possible = bits(possible & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12))
+    possible &= alive
+    if possible != 0 and whole(row, EXACT) != 0:
+        possible &= ~bits(_in_shadow(group, ways, row))
+    return possible
 
 
 @inlined
@@ -180,5 +180,5 @@ def covered_cones(group, row, ways):
     """Bits of the cones whose rays are all blocked by the triangle (early accept, Sec. 3.3)."""
     if whole(row, COVERS) == 0:
         return np.int64(0)
-    found = _all_beyond(group, ways, row, INNER) & _all_beyond(group, ways, row, INNER + 4)
-    return bits(found & _all_beyond(group, ways, row, INNER + 8) & _all_beyond(group, ways, row, INNER + 12))
+    covered = _all_beyond(group, ways, row, INNER) & _all_beyond(group, ways, row, INNER + 4)
+    return bits(covered & _all_beyond(group, ways, row, INNER + 8) & _all_beyond(group, ways, row, INNER + 12))

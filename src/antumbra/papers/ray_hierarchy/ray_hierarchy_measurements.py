@@ -72,7 +72,7 @@ MOVING = (ROBOTS, MUSEUM)
 """Folders of $ANTUMBRA_SCENES whose vertex frames are used. All other folders give their still scene.glb."""
 
 REAL = (*MOVING, "sponza_crytek", "synthetic_garden_foxes")
-MADE = ("atrium", "forest")
+PROCEDURAL = ("atrium", "forest")
 """Procedural scenes for machines without the real ones. Neither moves."""
 
 MUSEUM_NAME = "subdivided museum"
@@ -106,7 +106,7 @@ class PictureCase(NamedTuple):
 def default_names() -> list[str]:
     """The scenes that are measured if none is named."""
     real = [name for name in REAL if real_path(name, "frames.npy" if name in MOVING else "scene.glb")]
-    return real or list(MADE)
+    return real or list(PROCEDURAL)
 
 
 def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
@@ -243,13 +243,13 @@ def measure(
     def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
         camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
         say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
-        asked = {"spp": 1, "time": picture.time, "counters": counters, "cull_faces": cull_faces}
-        return renderer.render(camera, [picture.light], **asked)
+        options = {"spp": 1, "time": picture.time, "counters": counters, "cull_faces": cull_faces}
+        return renderer.render(camera, [picture.light], **options)
 
     frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, threads))
     if not frame.rays:
         raise InputError(f"{picture.name}: the camera sees nothing; choose a scene whose camera sees something")
-    seen = _seen(picture, frame)
+    rays = _picture_rays(picture, frame)
     predicted = {n: _predicted(*(trace(n, r, part, True) for part in SHRINK)) for n, r in renderers.items()}
     counted = {n: trace(n, r, counters=True) for n, r in renderers.items() if predicted[n][0] <= limit}
     laps: dict[str, list[float]] = {name: [] for name in counted}
@@ -265,7 +265,7 @@ def measure(
             cost = cost._replace(nodes=nodes, passed=passed, tests=tests)
             cost = cost._replace(seconds=median(laps[name]), bits=digest(counted[name].bits))
         costs.append(cost)
-    return seen, costs
+    return rays, costs
 
 
 def _counts(frame: Frame) -> tuple[int, int, int]:
@@ -282,15 +282,15 @@ def _predicted(smallest: Frame, small: Frame) -> tuple[float, float]:
     return float(growth * small.timings["trace"]), float(growth * nodes)
 
 
-def _seen(picture: PictureCase, frame: Frame) -> PictureRays:
+def _picture_rays(picture: PictureCase, frame: Frame) -> PictureRays:
     blocked = int(np.bitwise_count(frame.bits[0]).sum())
-    shown = picture.name, picture.of, picture.frame, picture.scene.n_triangles
-    return PictureRays(*shown, frame.rays, blocked, digest(frame.bits))
+    fields = picture.name, picture.of, picture.frame, picture.scene.n_triangles
+    return PictureRays(*fields, frame.rays, blocked, digest(frame.bits))
 
 
-def answers(seen: Iterable[PictureRays], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
+def answers(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[tuple[str, bytes]]:
     """(picture, digest) of all answers, for `papers.benchmark_views.agree`."""
-    return [(s.picture, s.bits) for s in seen] + [(c.picture, c.bits) for c in costs if c.bits is not None]
+    return [(s.picture, s.bits) for s in pictures] + [(c.picture, c.bits) for c in costs if c.bits is not None]
 
 
 def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
@@ -301,8 +301,8 @@ def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
 def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
     """The variant that visits the fewest nodes, the first one of equals; "" if all were left out."""
     costs = list(costs)
-    found = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
-    return min(found, key=lambda c: c.nodes or 0).variant if found else ""
+    measured = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
+    return min(measured, key=lambda c: c.nodes or 0).variant if measured else ""
 
 
 def cut(
@@ -315,22 +315,22 @@ def cut(
 
     fields : names of the measured and of the predicted field
     """
-    costs, found, (field, predicted) = list(costs), [], fields
+    costs, cuts, (field, predicted) = list(costs), [], fields
     for a in (c for c in costs if c.variant == unsorted):
         b = getattr(of(costs, a.picture, sorted_), field)
         if b:
             value = getattr(a, predicted if a.nodes is None else field)
-            found.append((value / b, a.picture, a.nodes is not None))
-    return max(found, default=(np.nan, "", False))
+            cuts.append((value / b, a.picture, a.nodes is not None))
+    return max(cuts, default=(np.nan, "", False))
 
 
-def relative_costs(seen: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]) -> list[RelativeCost]:
+def relative_costs(pictures: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]) -> list[RelativeCost]:
     """The variants of Figure 7 beside BEST, for each scene, over the pictures where both were measured."""
-    seen, costs, rows = list(seen), list(costs), []
-    for name in dict.fromkeys(s.of for s in seen):
-        pictures = [s.picture for s in seen if s.of == name]
+    pictures, costs, rows = list(pictures), list(costs), []
+    for name in dict.fromkeys(s.of for s in pictures):
+        names = [s.picture for s in pictures if s.of == name]
         for variant in variants:
-            pairs = [(of(costs, p, variant), of(costs, p, BEST)) for p in pictures]
+            pairs = [(of(costs, p, variant), of(costs, p, BEST)) for p in names]
             both = [(a, b) for a, b in pairs if a.nodes and b.nodes]
             if both:
                 ratios = [
@@ -341,11 +341,11 @@ def relative_costs(seen: Iterable[PictureRays], costs: Iterable[Cost], variants:
     return rows
 
 
-def spreads(seen: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:
+def spreads(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:
     """The spreads of each animation with at least two frames, and of each variant that was measured in two of them."""
-    seen, costs, rows = list(seen), list(costs), []
-    for name in dict.fromkeys(s.of for s in seen if s.frame is not None):
-        frames = [s.picture for s in seen if s.of == name]
+    pictures, costs, rows = list(pictures), list(costs), []
+    for name in dict.fromkeys(s.of for s in pictures if s.frame is not None):
+        frames = [s.picture for s in pictures if s.of == name]
         for variant in PLANS:
             every = [of(costs, picture, variant).seconds for picture in frames]
             some = [s for s in every if s is not None]
@@ -367,24 +367,24 @@ _FIGURES = (
 """(title, variants) of the rows of the plot."""
 
 
-def write_plot(seen: list[PictureRays], costs: list[Cost], path: Path) -> None:
+def write_plot(pictures: list[PictureRays], costs: list[Cost], path: Path) -> None:
     """Write a plot of the nodes and the time of each variant in each picture, a row for each figure."""
     from matplotlib.figure import Figure
 
-    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(seen)), 10.0), layout="constrained")
+    sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(pictures)), 10.0), layout="constrained")
     panels = sheet.subplots(len(_FIGURES), 2, sharex=True)
     for (nodes, time), (title, variants) in zip(panels, _FIGURES):
         nodes.set_title(title)
         time.set_title(title)
-        _draw_pictures(nodes, seen, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
-        _draw_pictures(time, seen, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
+        _draw_pictures(nodes, pictures, costs, variants, ("nodes", "predicted_nodes"), "nodes tested, millions", 1e-6)
+        _draw_pictures(time, pictures, costs, variants, ("seconds", "predicted"), "trace, ms", 1e3)
         nodes.legend(fontsize=8)
     with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
 def _draw_pictures(
-    panel, seen: list[PictureRays], costs: list[Cost], variants: tuple[str, ...], fields, label: str, scale: float
+    panel, pictures: list[PictureRays], costs: list[Cost], variants: tuple[str, ...], fields, label: str, scale: float
 ) -> None:
     """Draw each variant in a colour. Lines join the frames of an animation.
 
@@ -394,22 +394,22 @@ def _draw_pictures(
     for variant in variants:
         k = list(PLANS).index(variant)
         style = {"color": f"C{k}", "marker": _MARKERS[k % 8], "markersize": 4}
-        for x, cost in enumerate(of(costs, s.picture, variant) for s in seen):
+        for x, cost in enumerate(of(costs, s.picture, variant) for s in pictures):
             if cost.nodes is None:
                 panel.plot(x, scale * getattr(cost, predicted), fillstyle="none", **style)
-        for start, end in _runs(seen):
-            values = [getattr(of(costs, s.picture, variant), field) for s in seen[start:end]]
+        for start, end in _runs(pictures):
+            values = [getattr(of(costs, s.picture, variant), field) for s in pictures[start:end]]
             heights = [float("nan") if v is None else scale * v for v in values]
             name = variant if start == 0 else None
             panel.plot(range(start, end), heights, label=name, **style)
-    names = [s.picture for s in seen]
-    panel.set_xticks(range(len(seen)), names, rotation=40, ha="right", rotation_mode="anchor", fontsize=8)
+    names = [s.picture for s in pictures]
+    panel.set_xticks(range(len(pictures)), names, rotation=40, ha="right", rotation_mode="anchor", fontsize=8)
     panel.set_yscale("log")
     panel.set_ylabel(label)
     panel.grid(alpha=0.3)
 
 
-def _runs(seen: list[PictureRays]) -> list[tuple[int, int]]:
+def _runs(pictures: list[PictureRays]) -> list[tuple[int, int]]:
     """(first, end) of runs of pictures: frames of the same animation, or a single picture."""
-    starts = [k for k, s in enumerate(seen) if k == 0 or s.frame is None or s.of != seen[k - 1].of]
-    return list(zip(starts, [*starts[1:], len(seen)]))
+    starts = [k for k, s in enumerate(pictures) if k == 0 or s.frame is None or s.of != pictures[k - 1].of]
+    return list(zip(starts, [*starts[1:], len(pictures)]))

@@ -50,14 +50,14 @@ from ..published_methods import BUILDERS, ORDERS
 REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
 """Folders of $ANTUMBRA_SCENES that are measured if they exist. Each has a scene.glb and an info.json."""
 
-MADE = ("blinds", "cellar", "atrium")
+PROCEDURAL = ("blinds", "cellar", "atrium")
 """Procedural scenes. The first is always measured, the others only if there is no real scene."""
 
 
 def default_names() -> list[str]:
     """The scenes that are measured if none is named."""
     real = [name for name in REAL if real_path(name)]
-    return [*real, MADE[0]] if real else list(MADE)
+    return [*real, PROCEDURAL[0]] if real else list(PROCEDURAL)
 
 
 def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
