@@ -117,7 +117,7 @@ def test_ray_hierarchies_for_people_and_the_plot(hierarchy, tmp_path):
     assert done.code == 0 and "the same by all methods" in done.out, done.err
     for part in ("Figures 6 and 7", "bart_robots, 0.02 s", "Figure 6b", "steadiest in bart_robots", "(Figure 7;"):
         assert part in done.out
-    assert "camera that stands still" in done.out
+    assert "static camera" in done.out
     assert (tmp_path / "cones.png").stat().st_size > 10_000
 
 

@@ -359,7 +359,7 @@ def seconds_a_sample(t: TimeToImage) -> float:
 
 
 def break_even(slow: TimeToImage, fast: TimeToImage) -> float:
-    """The number of samples from which `slow`, which takes longer to build, is as fast as `fast`; inf if never (Fig. 7)."""
+    """The number of samples from which `slow`, with its longer build, is as fast as `fast`; inf if never (Fig. 7)."""
     first = SAMPLES[0]
     behind = slow.total(first) - fast.total(first)
     gain = seconds_a_sample(fast) - seconds_a_sample(slow)

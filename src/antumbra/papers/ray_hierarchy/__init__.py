@@ -2,5 +2,5 @@
 
 - `cone_hierarchy`: nodes as cones with a common apex, and the tracers ``cones:...``
 - `cone_tests`: tests of triangles against cones
-- `ray_hierarchy_measurements`: views, published figures, measurements and plots
+- `ray_hierarchy_measurements`: views, published results, measurements and plots
 """

@@ -1,6 +1,7 @@
 """Ray hierarchies of cones with a common apex [Olsson and Assarsson 2011], and the tracers ``cones:...``.
 
-The tracers are the report's variants, and any other combination of the options.
+A cone has a unit axis w and a half-angle a in [0, pi], and stores the lengths of its shortest and longest ray (Sec.
+4.3). The tracers are the report's variants and all other combinations of the options.
 """
 
 from typing import NamedTuple
@@ -18,18 +19,15 @@ from ...techniques.rayhierarchy.ray_leaves import block_of
 from ...techniques.tracer_options import RayHierarchyOptions
 from .cone_tests import TINY, covered_cones, possible_cones, unit_of, write_cone_row
 
-# --- Nodes of a ray hierarchy as cones with a common apex [Olsson and Assarsson 2011] ---------------------------------
-#
-# A cone has a unit axis w and a half-angle a in [0, pi]. It stores the lengths of its shortest and its longest ray
-# (Sec. 4.3).
+# --- Nodes ------------------------------------------------------------------------------------------------------------
 
 
-ROWS = 7  # rows of a node: x, y and z of the axis, cos a, sin a, lengths of the shortest and the longest ray
+ROWS = 7  # rows of a node: x, y and z of the axis, cos a, sin a, lengths of the shortest and longest ray
 _MORE, _LESS = np.float64(1.0 + 2.0**-20), np.float64(1.0 - 2.0**-20)
 
 
 class Cones(NamedTuple):
-    """Nodes of a hierarchy; see `nodes`."""
+    """The node type of a hierarchy of cones; selects the overloads below."""
 
     rows: int = ROWS
 
@@ -43,19 +41,19 @@ def _plus(a, b):
 def _wider(w, axis, c, s, cos, sin):
     """(cosine, sine) of the larger of two angles to `w`: that of (c, s), and that of a cone's far side.
 
-    The cone has the unit vector `axis`, and `cos` and `sin` of its half-angle.
+    The cone is given by its unit axis, and `cos` and `sin` of its half-angle.
     """
     n = cross(w, axis)
     across, along = np.sqrt(dot(n, n)), dot(w, axis)
     far, side = along * cos - across * sin, across * cos + along * sin
-    if side < 0.0:  # an angle of more than pi: all directions
+    if side < 0.0:  # the angle exceeds pi: all directions
         return np.float64(-1.0), np.float64(0.0)
     return (far, side) if far < c else (c, s)
 
 
 @inlined
 def _put_cone(group, ways, lane, w, c, s, shortest, longest):
-    """Write a cone. Its angle and its range of lengths grow a little, to cover rounding."""
+    """Write a cone. Its angle and its range of lengths are enlarged slightly to cover rounding."""
     for k in range(3):
         put(group, k * ways + lane, w[k])
     put(group, 3 * ways + lane, max(c - 2.0**-22 * (s + 2.0**-22), -1.0))
@@ -66,7 +64,7 @@ def _put_cone(group, ways, lane, w, c, s, shortest, longest):
 
 @inlined
 def _ray_of(view, leaves, at):
-    """(direction from the apex, length) of the ray to the receiver at index `at` of a leaf."""
+    """(direction from the apex, length) of the ray to receiver `at` of a leaf."""
     p = leaves.origins
     x, y, z = get(p, at), get(p, at + leaves.ways), get(p, at + 2 * leaves.ways)
     return unit_of(relative(view, (np.float64(x), np.float64(y), np.float64(z))))
@@ -74,7 +72,7 @@ def _ray_of(view, leaves, at):
 
 @kernel
 def _cone_of_leaf(view, leaves, leaf, group, lane):
-    """Write the cone around the rays of a leaf; return whether the leaf has any."""
+    """Write the cone around the rays of a leaf; return whether the leaf has rays."""
     ways, z, lanes = leaves.ways, np.float64(0.0), np.int64(get(leaves.lanes, leaf))
     w, first = (z, z, z), 3 * block_of(leaves, leaf) * ways
     for i in range(ways):
@@ -107,7 +105,7 @@ def _axis(children, ways, i):
 def _angle(children, ways, i):
     """(cosine, sine) of a cone's half-angle.
 
-    They follow from the smaller of the stored numbers, because in float32 the larger one is less accurate.
+    They are computed from the smaller of the stored values, because the larger is less accurate in float32.
     """
     cos, sin = np.float64(get(children, 3 * ways + i)), np.float64(get(children, 4 * ways + i))
     if cos > sin:
@@ -184,31 +182,31 @@ def _covered(nodes, group, row, ways, among):
         return lambda nodes, group, row, ways, among: covered_cones(group, row, ways) & among
 
 
-# --- The tracers ``cones:...``: the report's variants, and any other combination of the options -----------------------
+# --- Tracers ----------------------------------------------------------------------------------------------------------
 
 
 _EXCLUDE = ("spheres", "precise"), ("spheres", "boxes"), ("precise", "boxes"), ("spheres", "early-accept")
 
 _WORDS = {
-    "spheres": "four-way cones in the order of the screen, tested against bounding spheres of triangles",
-    "precise": "four-way cones in the order of the screen, tested against triangles",
-    "boxes": "the same, boxes in the light's projection instead of cones",
-    "wide": "the same, sixteen children to a node",
-    "sorted": "the same, rays sorted by direction",
-    "blocks": "the same, blocks of 4 x 4 pixels sorted, sixteen children to a node",
-    "early-accept": "the same, cones that a triangle covers are done",
-    "two-pass": "the same, good occluders first",
-    "backface": "the same, triangles that face culling lets through are dropped at once",
-    "shared": "the same, one traversal for all samples of a light",
-    "shafts": "the same, shafts instead where a light is as large as what it lights",
-    "clustered": "the same, triangles in Morton order",
+    "spheres": "four-way cones in screen order, tested against bounding spheres of triangles",
+    "precise": "four-way cones in screen order, tested against triangles",
+    "boxes": "the same, with boxes in the light's projection instead of cones",
+    "wide": "the same, with sixteen children per node",
+    "sorted": "the same, with rays sorted by direction",
+    "blocks": "the same, with sorted blocks of 4 x 4 pixels and sixteen children per node",
+    "early-accept": "the same, but accepts all rays of a cone at once where a triangle covers it",
+    "two-pass": "the same, with good occluders first",
+    "backface": "the same, but drops triangles that face culling makes transparent before the traversal",
+    "shared": "the same, with one traversal for all samples of a light",
+    "shafts": "the same, with shafts where a light is as large as the receivers",
+    "clustered": "the same, with triangles in Morton order",
 }
 
 
 def with_words(*words: str) -> RayHierarchyOptions:
-    """The options that the words name.
+    """The options named by the words.
 
-    Without "boxes", nodes are the report's cones. Without "spheres", they are tested precisely (Sec. 3.2).
+    Without "boxes", nodes are the report's cones; without "spheres", tests are precise (Sec. 3.2).
     """
     flags = {word.replace("-", "_"): True for word in words if word not in ("boxes", "precise")}
     return RayHierarchyOptions(nodes=None if "boxes" in words else Cones, **flags)
@@ -225,11 +223,11 @@ _TABLE_1_WORDS = {
 }
 
 TABLE_1 = {name: with_words(*words) for name, words in _TABLE_1_WORDS.items()}
-"""The variants that the report evaluates, by the report's names."""
+"""The variants that the report evaluates, by its names."""
 
 
 def with_culling(name: str) -> str:
-    """The plan of a variant of Table 1 that drops culled faces before the traversal, as the report does (Sec. 3.6)."""
+    """The plan of a Table 1 variant that drops culled faces before the traversal, as in the report (Sec. 3.6)."""
     return ":".join(("cones", *_TABLE_1_WORDS[name], "backface"))
 
 
@@ -237,11 +235,11 @@ CONES: dict[str, tuple[RayHierarchyOptions, str]] = {
     **{f"cones:{word}": (with_words(word), text) for word, text in _WORDS.items()},
     **{f"cones:{name}": (options, f"the report's variant {name}") for name, options in TABLE_1.items()},
 }
-"""Name -> (options, description)."""
+"""Tracer -> (options, description)."""
 
 
 def combination(name: str) -> RayHierarchyOptions | None:
-    """The options of a name such as ``cones:spheres:sorted``; None if it is no such name.
+    """The options of a name such as ``cones:spheres:sorted``; None for other names.
 
     Each word may occur once, in any order.
 
@@ -255,12 +253,12 @@ def combination(name: str) -> RayHierarchyOptions | None:
         return None
     for one, other in _EXCLUDE:
         if one in words and other in words:
-            raise InputError(f"tracer {name!r}: {one!r} and {other!r} exclude each other; leave one of them out")
+            raise InputError(f"tracer {name!r}: {one!r} and {other!r} exclude each other; omit one of them")
     return with_words(*words)
 
 
 def find_combination(text: str) -> tuple[str, Tracer] | None:
-    """(canonical name, tracer) of a combination of options.
+    """(canonical name, tracer) of a combination of options; None for other names.
 
     The canonical name has its words in the order of `_WORDS`.
     """

@@ -1,12 +1,12 @@
 """Tests a triangle against cones: the precise test, the sphere test, and the test for covered cones.
 
-They are those of [Olsson and Assarsson 2011, Sec. 3.2 and 3.3]. Let n be a unit vector, w and a the axis and half-angle
-of a cone, and c = n . w. The largest extent of the cone along n, as a share of a ray's length, is
+The tests are those of [Olsson and Assarsson 2011, Sec. 3.2 and 3.3]. Let n be a unit vector, w and a the axis and
+half-angle of a cone, and c = n . w. The largest extent of the cone along n, as a share of a ray's length, is
 
     cos(acos(c) - a) = c cos a + sqrt(1 - c^2) sin a
 
-or 1 if n is in the cone. So a plane is tested without a projection. The distances of Sec. 3.2 follow: -c / sin a is an
-edge's distance from the centre of the unit circle. Tests are conservative: error bounds make a cone "possible".
+or 1 if n is in the cone, so planes are tested without a projection. The distances of Sec. 3.2 follow: -c / sin a is an
+edge's distance from the centre of the unit circle. Tests are conservative: within the error bounds, a cone is possible.
 """
 
 import numpy as np
@@ -27,19 +27,19 @@ from ...techniques.rayhierarchy.shadow_planes import (
 )
 
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
-"""Places in a row. SPHERE: the triangle's bounding sphere. It has the unit vector to its centre, its radius relative to
-the centre's distance, and the distance of its nearest point. DIRECTIONS: the unit vectors to the corners. EXACT:
-whether all rays end in the apex."""
+"""Offsets in a row. SPHERE: the triangle's bounding sphere, with the unit vector to its centre, its radius relative to
+the centre's distance, and the distance of its nearest point. DIRECTIONS: unit vectors to the corners. EXACT: whether
+all rays end at the apex."""
 
 _F = np.float32
 _E = _F(2.0**-20)  # exceeds the rounding error of products of unit vectors
 TINY = np.float64(1e-30)  # shorter vectors have no direction
-_NEAR = _F(2.0**-10)  # a corner that is nearer to a cone's axis gives no tangential plane
+_NEAR = _F(2.0**-10)  # corners closer to a cone's axis define no tangential plane
 
 
 @inlined
 def unit_of(v):
-    """(v / |v|, |v|); a vector without length becomes 0."""
+    """(v / |v|, |v|); a vector of zero length becomes 0."""
     length = np.sqrt(dot3(v, v))
     s = 1.0 / length if length > TINY else np.float64(0.0)
     return (v[0] * s, v[1] * s, v[2] * s), length
@@ -57,7 +57,7 @@ def _put_plane(row, at, plane):
 
 @kernel
 def write_cone_row(view, shape, row):
-    """Write the row of a triangle's `Shape`. Return True: no triangle is rejected here."""
+    """Write the row of a triangle's `Shape`. Return True, since this rejects no triangle."""
     corners = shape.a, shape.b, shape.c
     for k in range(4):
         _put_plane(row, OUTER + 4 * k, shape.outer[k])
@@ -80,7 +80,7 @@ def write_cone_row(view, shape, row):
 
 @inlined
 def _along(group, ways, row, at):
-    """f32x16: n . w of the vector n at index `at` of a row."""
+    """f32x16: n . w for the vector n at offset `at` of a row."""
     y = fma(load16(group, ways), number16(row, at + 1), load16(group, 2 * ways) * number16(row, at + 2))
     return fma(load16(group, 0), number16(row, at), y)
 
@@ -93,7 +93,7 @@ def _sine(c):
 
 @inlined
 def _may_reach(group, ways, row, at):
-    """mask16 of the cones that may have a ray end on the positive side of the outer plane at index `at` of a row."""
+    """mask16 of the cones with a possible ray end on the positive side of the outer plane at offset `at` of a row."""
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = select(c >= cos - _E, splat16(_F(1.0)), fma(c, cos, _sine(c) * sin)) + _E
     m = number16(row, at + 3)
@@ -103,7 +103,7 @@ def _may_reach(group, ways, row, at):
 
 @inlined
 def _meets_sphere(group, ways, row):
-    """mask16 of the cones that the sphere may meet [Roger et al. 2007]."""
+    """mask16 of the cones that the sphere may intersect [Roger et al. 2007]."""
     z = _along(group, ways, row, SPHERE)
     x = number16(row, SPHERE) - z * load16(group, 0)
     y = number16(row, SPHERE + 1) - z * load16(group, ways)
@@ -129,10 +129,10 @@ def _beside(cos, sin, p, length, z, others, heights):
 
 @inlined
 def _in_shadow(group, ways, row):
-    """mask16 of the cones that miss the triangle: a tangential plane separates them, or a wide cone leaves it outside.
+    """mask16 of the cones that miss the triangle: separated by a tangential plane, or wide with the triangle outside.
 
-    The distances from the edges alone do not reject cones in the "triangle shadow", near a corner. A cone wider than a
-    half-space is the complement of a convex cone. It misses the triangle if all corners lie in this convex cone.
+    Distances from the edges alone do not reject cones in the "triangle shadow", near a corner. A cone wider than a
+    half-space is the complement of a convex cone, and misses the triangle if all corners lie in this convex cone.
     """
     w, cos, sin = rows(group, 0, ways), load16(group, 3 * ways), load16(group, 4 * ways)
     at = DIRECTIONS
@@ -147,7 +147,7 @@ def _in_shadow(group, ways, row):
 
 @inlined
 def _across(row, at, w, z):
-    """`Vec`: the component of a corner's direction at right angles to the axes."""
+    """`Vec3`: the component of a corner's direction perpendicular to the axes."""
     x, y = number16(row, at) - z * w.x, number16(row, at + 1) - z * w.y
     return Vec3(x, y, number16(row, at + 2) - z * w.z)
 
@@ -167,7 +167,7 @@ def possible_cones(group, row, ways, alive, spheres):
 
 @inlined
 def _all_beyond(group, ways, row, at):
-    """mask16 of the cones whose rays all end on the positive side of the inner plane at index `at` (Sec. 3.3)."""
+    """mask16 of the cones whose rays all end on the positive side of the inner plane at offset `at` (Sec. 3.3)."""
     c, cos, sin = _along(group, ways, row, at), load16(group, 3 * ways), load16(group, 4 * ways)
     k = fma(c, cos, -(_sine(c) * sin)) - _E
     narrow = (c > _F(0.0)) & (cos > _F(0.0)) & (k > _F(0.0))

@@ -1,7 +1,14 @@
 """Measures and draws Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011].
 
-Views are BART's robots in motion, its museum from four places, and still scenes. The published figures were measured on
-a GPU (Sec. 5, Tables 1 and 2).
+The views are frames of BART's robots, its museum from four viewpoints, and static scenes, each with one point light.
+The report follows BART's own camera through the robots' city; here the camera is static, because the scene folder has
+no camera path.
+
+Each variant builds cones from the shadow rays of a picture, one per pixel, and traces the triangles through them. Times
+are of the phase `trace` of a frame, which includes building the cones. Variants alternate within each round, and the
+median of the rounds counts. Smaller pictures predict the time of a variant, which is skipped if it would take too long.
+
+The published results were measured on a GPU (Sec. 5, Tables 1 and 2).
 """
 
 from collections.abc import Callable, Iterable
@@ -22,19 +29,17 @@ from .. import benchmark_views as views
 from ..benchmark_views import BenchmarkView, digest, info_view, point, real_path
 from .cone_hierarchy import with_culling
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Figures that the report on ray hierarchies measured on a GPU [Olsson and Assarsson 2011, Sec. 5, Tables 1 and 2].
+# --- Published results ------------------------------------------------------------------------------------------------
 
 
 VARIANTS = ("Spheres", "SpheresSorted", "Precise", "PreciseSorted", "PreciseSEA", "PreciseEATP", "PreciseSEATP")
-"""Table 1: sphere tests or precise tests; rays in the picture's order or sorted (S); with early accept (EA); with two
-passes (TP)."""
+"""Table 1: sphere tests or precise tests; rays in image order or sorted (S); early accept (EA); two passes (TP)."""
 
 MEASURED = VARIANTS[:4]
-"""The variants of Figure 6 and Table 2. The others are in Figure 7, beside PreciseSorted."""
+"""The variants of Figure 6 and Table 2. Figure 7 compares the others with PreciseSorted."""
 
 FIGURE7 = VARIANTS[3:]
-"""The variants of Figure 7: more culling, and more time."""
+"""The variants of Figure 7: fewer nodes, but more time."""
 
 NODES = {
     "Spheres": (19.89e6, 317.91e6, 5.77e6, 2199.22e6),
@@ -42,7 +47,7 @@ NODES = {
     "Precise": (17.58e6, 292.84e6, 2.25e6, 2163.30e6),
     "PreciseSorted": (0.82e6, 2.24e6, 2.20e6, 1.97e6),
 }
-"""Table 2: cones visited in four views of the museum. The third has the most screen coherence, the last the least."""
+"""Table 2: visited cones in four views of the museum. The third has the most screen coherence, the last the least."""
 
 MILLISECONDS = {
     "Spheres": (29.40, 446.10, 10.53, 3771.55),
@@ -50,35 +55,32 @@ MILLISECONDS = {
     "Precise": (38.50, 557.91, 8.26, 4172.61),
     "PreciseSorted": (10.65, 13.40, 12.63, 12.60),
 }
-"""Table 2: time of the shadows in the same views, in milliseconds."""
+"""Table 2: shadow times in the same views, in milliseconds."""
 
 
 def published_cut(unsorted: str, sorted_: str, table: dict[str, tuple[float, ...]] = NODES) -> float:
-    """The ratio of a table without and with sorting, in the view where sorting helps most.
+    """The ratio of a table's values without and with sorting, in the view where sorting helps most.
 
     The report's text says "up to three orders of magnitude fewer nodes" and "over two orders of magnitude faster".
     """
     return max(a / b for a, b in zip(table[unsorted], table[sorted_]))
 
 
-# --- Views of the ray hierarchy benchmark: BART's robots in motion, its museum from four places, and still scenes -----
-#
-# BART's own camera walks through the robots' city, and the report follows it. Here the camera of the robots stands
-# still, because their folder has no camera path. Each picture has one point light.
+# --- Views ------------------------------------------------------------------------------------------------------------
 
 
 ROBOTS, MUSEUM = "bart_robots", "bart_museum8_subdivided"
 MOVING = (ROBOTS, MUSEUM)
-"""Folders of $ANTUMBRA_SCENES whose vertex frames are used. All other folders give their still scene.glb."""
+"""Folders of $ANTUMBRA_SCENES with vertex frames; the other folders have a static scene.glb."""
 
 REAL = (*MOVING, "sponza_crytek", "synthetic_garden_foxes")
 PROCEDURAL = ("atrium", "forest")
-"""Procedural scenes for machines without the real ones. Neither moves."""
+"""Procedural static scenes, for machines without the real ones."""
 
 MUSEUM_NAME = "subdivided museum"
-"""The report has BART's museum at its finest tessellation. This one is a coarse one with its triangles subdivided."""
+"""The report uses BART's museum at its finest tessellation; this is a coarse one with subdivided triangles."""
 
-STILL_CAMERA = "The robots are seen by a camera that stands still: their folder has no camera path"
+STILL_CAMERA = "The robots have a static camera, because their folder has no camera path"
 
 _MUSEUM = {
     "hall": (1.0, None),
@@ -86,17 +88,16 @@ _MUSEUM = {
     "wall": (1.0, ((1.8, 1.8, 1.2), (5.0, 1.6, -0.8), 60.0)),
     "in the cloud": (1.75, ((-0.6, 2.7, 0.6), (0.5, 2.4, -0.6), 75.0)),
 }
-"""Place -> (seconds, (position, target, vfov) of the camera, None: from info.json), in the order of Table 2. The first
-and the third see large surfaces. The others see the far wall between hundreds of small triangles that hang in the air.
-"""
+"""Viewpoint -> (seconds, (position, target, vfov) of the camera, or None: from info.json), in the order of Table 2. The
+first and third show large surfaces; the others show the far wall behind hundreds of small floating triangles."""
 
 
 class PictureCase(NamedTuple):
-    """A scene at one moment."""
+    """A scene at one time."""
 
     name: str
     of: str  # name of the scene
-    frame: int | None  # number within an animation; None: the scene is still, or each picture has another camera
+    frame: int | None  # frame number in an animation; None: static scene, or a different camera in each picture
     scene: Scene
     camera: Camera
     light: Light
@@ -104,7 +105,7 @@ class PictureCase(NamedTuple):
 
 
 def default_names() -> list[str]:
-    """The scenes that are measured if none is named."""
+    """The default scenes."""
     real = [name for name in REAL if real_path(name, "frames.npy" if name in MOVING else "scene.glb")]
     return real or list(PROCEDURAL)
 
@@ -118,7 +119,7 @@ def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
 
 
 def with_point(view: BenchmarkView) -> BenchmarkView:
-    """The view with a single light: a point in the centre of its first light."""
+    """The view with a single point light, at the centre of its first light."""
     light, bounds = view.lights[0], view.scene.bounds
     patch = light.patch(view.scene.origin, float(np.linalg.norm(bounds[1] - bounds[0])))
     middle = patch.base + (patch.u + patch.v) / 2 if light.domain == "square" else patch.base
@@ -126,12 +127,12 @@ def with_point(view: BenchmarkView) -> BenchmarkView:
 
 
 def times_of(scene: Scene, frames: int) -> list[float]:
-    """`frames` times, spread evenly over the animation; a single time for a still scene."""
+    """`frames` times, evenly spaced over the animation; 0 alone for a static scene."""
     return np.linspace(0.0, scene.duration, frames).tolist() if scene.animated else [0.0]
 
 
 def pictures(view: BenchmarkView, frames: int) -> list[PictureCase]:
-    """The pictures of a view: the museum from four places, another animation in `frames` frames, a still scene once."""
+    """The pictures of a view: the museum from four viewpoints, `frames` frames of another animation, or one picture."""
     name, scene, camera, (light, *_) = view
     if name == MUSEUM:
         return [
@@ -144,34 +145,32 @@ def pictures(view: BenchmarkView, frames: int) -> list[PictureCase]:
     return [PictureCase(f"{name}, {t:.2f} s", name, k, scene, camera, light, t) for k, t in enumerate(times)]
 
 
-def _placed(camera: Camera, where) -> Camera:
+_Viewpoint = tuple[tuple[float, float, float], tuple[float, float, float], float]
+
+
+def _placed(camera: Camera, where: _Viewpoint | None) -> Camera:
     if where is None:
         return camera
     position, target, vfov = where
     return Camera(position, target, camera.up, vfov, camera.width, camera.height)
 
 
-# --- Measures Figures 6 and 7 and Table 2 of the report on ray hierarchies [Olsson and Assarsson 2011] ----------------
-#
-# Each variant makes cones from the shadow rays of a picture, one for each pixel, and traces the triangles through
-# them. Times are of the phase `trace` of a frame, which includes making the cones. Variants take turns within each
-# round. The median of the rounds counts. Smaller pictures predict the time of a variant; if it is too long, the
-# variant is left out.
+# --- Measurements -----------------------------------------------------------------------------------------------------
 
 
 OURS, BEST = "cones", "PreciseSorted"
 PLANS = {OURS: "cones", **{name: f"cones:{name}" for name in VARIANTS}}
-"""Variant -> plan: our variant, then those of Table 1 by the report's names."""
+"""Variant -> plan: our variant, then those of Table 1."""
 
 CULLING_PLANS = {OURS: "cones", **{name: with_culling(name) for name in VARIANTS}}
-"""The same, if faces are culled: all drop culled faces before the traversal."""
+"""The same with face culling: all drop culled faces before the traversal."""
 
 REFERENCE = "lbvh+single"
-"""All variants must have the bits of this plan."""
+"""All variants must return the bits of this plan."""
 
 SHRINK = (8, 4)
-"""Divisors of the width and the height for the smaller pictures, which are traced first. The prediction assumes that
-nodes and seconds grow with every doubling by the same factor as between these two, but not faster than the rays."""
+"""Divisors of the width and height for the smaller pictures, which are traced first. The prediction assumes that each
+doubling multiplies nodes and seconds by the same factor as between these two, but by no more than the rays."""
 
 
 class PictureRays(NamedTuple):
@@ -187,21 +186,21 @@ class PictureRays(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """The cost of one variant in one picture. None: it was left out, because it would have taken too long."""
+    """The cost of one variant in one picture; None if it was skipped because it would have taken too long."""
 
     picture: str
     variant: str  # a key of PLANS
     predicted: float  # seconds, predicted from smaller pictures
     predicted_nodes: float
-    nodes: int | None = None  # pairs of a triangle and a cone that were tested
-    tests: int | None = None  # ray tests, of up to 16 rays each
+    nodes: int | None = None  # tested pairs of a triangle and a cone
+    tests: int | None = None  # ray tests of up to 16 rays
     seconds: float | None = None  # time of the phase `trace`
     bits: bytes | None = None  # digest of the answer
-    passed: int | None = None  # tested pairs that may meet
+    passed: int | None = None  # tested pairs with a possible intersection
 
 
 class RelativeCost(NamedTuple):
-    """Medians over the pictures of a scene: how many times the nodes and the time of BEST a variant takes."""
+    """A variant's nodes and time relative to BEST, as medians over the pictures of a scene."""
 
     of: str
     variant: str
@@ -216,8 +215,8 @@ class Spread(NamedTuple):
 
     of: str
     variant: str
-    frames: int  # frames that were measured
-    missing: int  # frames that were left out
+    frames: int  # measured frames
+    missing: int  # skipped frames
     median: float
     ratio: float  # longest / shortest
     quartiles: float  # third quartile - first quartile
@@ -234,17 +233,18 @@ def measure(
 ) -> tuple[PictureRays, list[Cost]]:
     """Measure all variants in one picture; InputError if its camera sees nothing.
 
-    limit : the most seconds that a variant may take
-    cull_faces : the side of triangles, seen from a receiver, that does not block; "back" is as published
+    limit : maximum seconds per variant
+    cull_faces : triangle side, as seen from the receiver, that does not block; "back" is as published
     """
     plans = PLANS if cull_faces is None else CULLING_PLANS
     renderers = {name: Renderer(picture.scene, plan, threads) for name, plan in plans.items()}
 
-    def trace(name: str, renderer: Renderer, shrink=1, counters=False) -> Frame:
+    def trace(name: str, renderer: Renderer, shrink: int = 1, counters: bool = False) -> Frame:
         camera = picture.camera.resized(*(max(n // shrink, 1) for n in (picture.camera.width, picture.camera.height)))
         say(f"{picture.name}, {name}, {camera.width} x {camera.height}")
-        options = {"spp": 1, "time": picture.time, "counters": counters, "cull_faces": cull_faces}
-        return renderer.render(camera, [picture.light], **options)
+        return renderer.render(
+            camera, [picture.light], spp=1, time=picture.time, counters=counters, cull_faces=cull_faces
+        )
 
     frame = trace(REFERENCE, Renderer(picture.scene, REFERENCE, threads))
     if not frame.rays:
@@ -255,7 +255,7 @@ def measure(
     laps: dict[str, list[float]] = {name: [] for name in counted}
     for turn in range(rounds):
         for name, first in counted.items():
-            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # slow variants have one round
+            if turn == 0 or (turn + 1) * first.timings["trace"] <= limit:  # slow variants run once
                 laps[name].append(trace(name, renderers[name]).timings["trace"])
     costs = []
     for name in PLANS:
@@ -299,7 +299,7 @@ def of(costs: Iterable[Cost], picture: str, variant: str) -> Cost:
 
 
 def fewest(costs: Iterable[Cost], picture: str, among: Iterable[str]) -> str:
-    """The variant that visits the fewest nodes, the first one of equals; "" if all were left out."""
+    """The first variant that visits the fewest nodes; "" if all were skipped."""
     costs = list(costs)
     measured = [c for c in (of(costs, picture, variant) for variant in among) if c.nodes is not None]
     return min(measured, key=lambda c: c.nodes or 0).variant if measured else ""
@@ -310,10 +310,10 @@ def cut(
 ) -> tuple[float, str, bool]:
     """The largest reduction of nodes, or of another field, by sorting, as (ratio, picture, measured).
 
-    `measured` is False if the unsorted variant was left out, so that its nodes are predicted. The result is
-    (nan, "", False) if the sorted variant visited no node.
+    `measured` is False if the unsorted variant was skipped and its value is predicted. The result is (nan, "", False)
+    if the sorted variant visited no nodes.
 
-    fields : names of the measured and of the predicted field
+    fields : names of the measured and the predicted field
     """
     costs, cuts, (field, predicted) = list(costs), [], fields
     for a in (c for c in costs if c.variant == unsorted):
@@ -324,8 +324,10 @@ def cut(
     return max(cuts, default=(np.nan, "", False))
 
 
-def relative_costs(pictures: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]) -> list[RelativeCost]:
-    """The variants of Figure 7 beside BEST, for each scene, over the pictures where both were measured."""
+def relative_costs(
+    pictures: Iterable[PictureRays], costs: Iterable[Cost], variants: Iterable[str]
+) -> list[RelativeCost]:
+    """The variants of Figure 7 relative to BEST, for each scene, over the pictures where both were measured."""
     pictures, costs, rows = list(pictures), list(costs), []
     for name in dict.fromkeys(s.of for s in pictures):
         names = [s.picture for s in pictures if s.of == name]
@@ -342,7 +344,7 @@ def relative_costs(pictures: Iterable[PictureRays], costs: Iterable[Cost], varia
 
 
 def spreads(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spread]:
-    """The spreads of each animation with at least two frames, and of each variant that was measured in two of them."""
+    """The spread of each variant in each animation, if it was measured in at least two frames."""
     pictures, costs, rows = list(pictures), list(costs), []
     for name in dict.fromkeys(s.of for s in pictures if s.frame is not None):
         frames = [s.picture for s in pictures if s.of == name]
@@ -356,7 +358,7 @@ def spreads(pictures: Iterable[PictureRays], costs: Iterable[Cost]) -> list[Spre
     return rows
 
 
-# --- Draws Figures 6 and 7 of the report on ray hierarchies, as measured here -----------------------------------------
+# --- Plot -------------------------------------------------------------------------------------------------------------
 
 
 _WIDTH, _MARKERS = 7.0, "osD^vP*X"
@@ -368,7 +370,7 @@ _FIGURES = (
 
 
 def write_plot(pictures: list[PictureRays], costs: list[Cost], path: Path) -> None:
-    """Write a plot of the nodes and the time of each variant in each picture, a row for each figure."""
+    """Write a plot of each variant's nodes and time in each picture, with a row per figure."""
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(max(2 * _WIDTH, 0.9 * len(pictures)), 10.0), layout="constrained")
@@ -386,9 +388,9 @@ def write_plot(pictures: list[PictureRays], costs: list[Cost], path: Path) -> No
 def _draw_pictures(
     panel, pictures: list[PictureRays], costs: list[Cost], variants: tuple[str, ...], fields, label: str, scale: float
 ) -> None:
-    """Draw each variant in a colour. Lines join the frames of an animation.
+    """Draw each variant in its own colour. Lines connect the frames of an animation.
 
-    A hollow mark shows the predicted value of a variant that was left out.
+    Hollow markers show the predicted values of skipped variants.
     """
     field, predicted = fields
     for variant in variants:
@@ -410,6 +412,6 @@ def _draw_pictures(
 
 
 def _runs(pictures: list[PictureRays]) -> list[tuple[int, int]]:
-    """(first, end) of runs of pictures: frames of the same animation, or a single picture."""
+    """(first, end) of runs of pictures: the frames of an animation, or a single picture."""
     starts = [k for k, s in enumerate(pictures) if k == 0 or s.frame is None or s.of != pictures[k - 1].of]
     return list(zip(starts, [*starts[1:], len(pictures)]))
