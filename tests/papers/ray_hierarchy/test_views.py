@@ -10,8 +10,8 @@ from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
 from antumbra.papers.benchmark_views import scene_view
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
-    PROCEDURAL,
     MUSEUM,
+    PROCEDURAL,
     ROBOTS,
     default_names,
     named_view,

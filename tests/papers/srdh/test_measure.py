@@ -66,7 +66,7 @@ def test_rays_start_at_what_is_seen_and_at_what_bounces_meet(view, rows):
     work = Workload(view, PRERENDER_SPP, None)
     queries = work.queries()
     assert len(queries) == 2 * len(view.lights)
-    all_, some = segments_of(queries), work.shown(8, work.sah).segments
+    all_, some = segments_of(queries), work.representative_rays(8, work.sah).segments
     assert len(all_.origins) == rows[0].rays
     assert 0 < len(some.origins) <= 2 * 8 * 8 * PRERENDER_SPP  # surfaces, pixels, samples
     seen = {row.tobytes() for row in queries[0].origins.reshape(-1, 3)}
@@ -77,7 +77,7 @@ def test_rays_start_at_what_is_seen_and_at_what_bounces_meet(view, rows):
 def test_what_a_lbvh_finds_is_what_the_sah_tree_finds(view):
     work = Workload(view, 1, None)
     vertices = work.triangles.vertices
-    by_sah, by_lbvh = (work.shown(8, bvh).among(vertices, None, work.threads) for bvh in (work.sah, None))
+    by_sah, by_lbvh = (work.representative_rays(8, bvh).among(vertices, None, work.threads) for bvh in (work.sah, None))
     assert len(by_sah.prims) > 0
     np.testing.assert_array_equal(by_sah.origins, by_lbvh.origins)
     np.testing.assert_array_equal(by_sah.first, by_lbvh.first)

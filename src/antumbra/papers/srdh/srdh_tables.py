@@ -1,4 +1,4 @@
-"""The tables of the SRDH paper, with the published figures beside ours, and plots of its Figures 2 and 4."""
+"""Prints the tables of the SRDH paper with the published results, and draws its Figures 2 and 4."""
 
 from pathlib import Path
 
@@ -26,21 +26,21 @@ from .srdh_measurements import (
     scenes_of,
 )
 
-# --- Figures that the SRDH paper published for its five scenes [Feltman et al. 2012, Sec. 4, Table 1] -----------------
+# --- Published results for the paper's five scenes [Feltman et al. 2012, Sec. 4, Table 1] -----------------------------
 
 
 REDUCTION = (0.22, 0.56)
-"""Sec. 1, 5: the least and the largest share of box tests that SRDH saves compared with random order. All rays are
+"""Sec. 1, 5: minimum and maximum share of box tests that SRDH saves relative to random order, with all rays as
 representative rays."""
 
 WITHIN = 0.06
-"""Sec. 4.2: the largest extra cost of trees for the rays of 16 x 16 pixels, relative to trees for all rays."""
+"""Sec. 4.2: largest extra cost of trees for the rays of 16 x 16 pixels, relative to trees for all rays."""
 
 PUBLISHED_UNOCCLUDED = {"SPONZA": 0.19, "ARCADE": 0.24}
-"""Sec. 4.1: the share of the box tests of unoccluded rays that SRDH saves."""
+"""Sec. 4.1: share of box tests of unoccluded rays that SRDH saves."""
 
 BEDROOM = {"random": 0.56, "back-to-front": 0.41, "rtsah": 0.44}
-"""Sec. 4.1: the share of box tests that SRDH saves compared with orders of the SAH tree, for light through blinds."""
+"""Sec. 4.1: share of box tests that SRDH saves relative to orders of the SAH tree, for light through blinds."""
 
 PUBLISHED_BUILDS = {
     "MADSCI": (80_149, 1.7, {16: (5_505, 3.0), 32: (22_477, 6.2)}),
@@ -53,12 +53,12 @@ PUBLISHED_BUILDS = {
 
 
 def both_over_sah(pixels: int) -> float:
-    """The time to build both trees, relative to SAH alone; the mean over the scenes."""
-    ratios = [(sah + shown[pixels][1]) / sah for _, sah, shown in PUBLISHED_BUILDS.values()]
+    """The time to build both trees relative to SAH alone, as mean over the scenes."""
+    ratios = [(sah + pre_renders[pixels][1]) / sah for _, sah, pre_renders in PUBLISHED_BUILDS.values()]
     return sum(ratios) / len(ratios)
 
 
-# --- Prints the tables of the SRDH paper for people, with the paper's figures -----------------------------------------
+# --- Tables -----------------------------------------------------------------------------------------------------------
 
 
 _WIDTH = 150  # width of the tables, in characters
@@ -73,21 +73,21 @@ def _ms(seconds: float) -> str:
 
 
 def print_orders(rows: list[BoxTests]) -> None:
-    """Print the numbers of rays, then Figure 2 as a table."""
+    """Print ray counts, and Figure 2 as a table."""
 
-    asked, table = [], []
+    counts, table = [], []
     for name in bench.scenes_of(rows):
         base = bench.of(rows, name, bench.BASE)
-        asked.append((name, f"{base.triangles:,}", f"{base.rays:,}", _percent(base.blocked / base.rays)))
+        counts.append((name, f"{base.triangles:,}", f"{base.rays:,}", _percent(base.blocked / base.rays)))
         for method in (*bench.SAH_ORDERS, bench.PUBLISHED, bench.OURS):
             r = bench.of(rows, name, method)
             parts = [_percent(part / base.total) for part in (r.total, *r.boxes)]
             table.append((name, method, *parts, f"{r.total / r.rays:.1f}", f"{r.tested / r.rays:.2f}"))
-    print("Shadow rays that are counted")
-    report.print_table(("scene", "triangles", "rays", "% blocked"), asked, right=range(1, 4), width=_WIDTH)
+    print("Counted shadow rays")
+    report.print_table(("scene", "triangles", "rays", "% blocked"), counts, right=range(1, 4), width=_WIDTH)
     classes = "path to the hit", "faux hits", "unoccluded"
-    head = ("scene", "method", "all", *classes, "boxes a ray", "triangles a ray")
-    print("Box tests in percent of random order, SRDH shown all rays (Figure 2)")
+    head = ("scene", "method", "all", *classes, "boxes per ray", "triangles per ray")
+    print("Box tests, % of random order; SRDH with all rays as representative rays (Figure 2)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
 
@@ -104,17 +104,17 @@ def print_saved(rows: list[BoxTests]) -> None:
     table += [(f"(paper: {name})", *[""] * 4, _percent(share)) for name, share in PUBLISHED_UNOCCLUDED.items()]
     least, most = map(_percent, REDUCTION)
     table.append(("(paper: all scenes)", f"{least} to {most}", *[""] * 4))
-    head = ("scene", *(f"than {order}" for order in bench.SAH_ORDERS), "of unoccluded rays")
-    print("Box tests that SRDH, as published and shown all rays, saves, in percent (Section 4.1)")
+    head = ("scene", *(f"vs. {order}" for order in bench.SAH_ORDERS), "unoccluded rays")
+    print("Box tests saved by SRDH, as published with all rays as representative rays, % (Section 4.1)")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
 def print_rtsah(rows: list[RtsahCheck]) -> None:
-    """Print RTSAH for the lines that it assumes, and for shadow rays."""
+    """Print RTSAH with the lines that it assumes and with shadow rays."""
     bedroom = (1 - BEDROOM["random"]) / (1 - BEDROOM["rtsah"])
     table = [(r.scene, *map(_percent, r[1:])) for r in rows] + [("(paper: BEDROOM)", "", "", _percent(bedroom), "")]
-    head = ("scene", "even lines", "reversed", "shadow rays", "reversed")
-    print("Box tests by RTSAH, and by the opposite order, in percent of random order")
+    head = ("scene", "uniform lines", "reversed", "shadow rays", "reversed")
+    print("Box tests with RTSAH and with the opposite order, % of random order")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
@@ -124,15 +124,15 @@ def print_pixels(rows: list[BoxTests]) -> None:
     table, beyond = [], dict[str, list[float]]()
     for name in bench.scenes_of(rows):
         for method in (bench.PUBLISHED, bench.OURS):
-            shown = [bench.of(rows, name, method, k) for k in (*bench.PIXELS, None)]
+            pre_renders = [bench.of(rows, name, method, k) for k in (*bench.PIXELS, None)]
             sixteen = bench.beyond_all(rows, bench.of(rows, name, method, 16))
             beyond.setdefault(method, []).append(sixteen)
-            cells = [f"{100 * bench.relative(rows, r):.1f}" for r in shown]
+            cells = [f"{100 * bench.relative(rows, r):.1f}" for r in pre_renders]
             table.append((name, method, *cells, f"{100 * sixteen:+.1f} %"))
-    head = ("scene", "method", *(f"{k} x {k}" for k in bench.PIXELS), "all", "16 x 16 over all")
-    print("Box tests in percent of random order, by the size of the pre-render (Figure 4)")
+    head = ("scene", "method", *(f"{k} x {k}" for k in bench.PIXELS), "all", "16 x 16 vs. all")
+    print("Box tests, % of random order, by size of the pre-render (Figure 4)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
-    most = {method: f"at most {100 * max(shares):.1f} % over all rays" for method, shares in beyond.items()}
+    most = {method: f"16 x 16 at most {100 * max(shares):.1f} % above all rays" for method, shares in beyond.items()}
     report.print_fields([*most.items(), ("the paper's", f"at most {_percent(WITHIN)} %")])
     print()
 
@@ -143,37 +143,37 @@ def print_kernels(rows: list[BoxTests]) -> None:
     methods = (bench.CONSTANT, bench.DISTANCE, bench.PUBLISHED)
     table = []
     for name in bench.scenes_of(rows):
-        found = [bench.of(rows, name, method) for method in methods]
-        table.append((name, *(f"{100 * bench.relative(rows, r):.1f}" for r in found)))
+        kernel_rows = [bench.of(rows, name, method) for method in methods]
+        table.append((name, *(f"{100 * bench.relative(rows, r):.1f}" for r in kernel_rows)))
     head = ("scene", *methods[:2], "all kernels")
-    print("Box tests in percent of random order, by the kernels to choose from, all rays shown (Figure 5)")
+    print("Box tests, % of random order, by available kernels, with all rays as representative rays (Figure 5)")
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
 def print_builds(times: list[BuildTimes]) -> None:
-    """Print Table 1 with the paper's rows, and the build times of a renderer that has no other tree."""
+    """Print Table 1 with the paper's rows, and the build times of a renderer without another tree."""
     table = []
     for t in times:
         published = _ms(t.sah_single), _ms(t.rays_by_sah), _ms(t.published), f"{t.both:.2f}"
         ours = _ms(t.sah), _ms(t.rays_by_lbvh), _ms(t.srdh), f"{t.instead:.2f}"
         size = f"{t.pixels} x {t.pixels}"
         table.append((t.scene, f"{t.triangles:,}", size, f"{t.rays:,}", f"{t.hits:,}", *published, *ours))
-    for name, (triangles, sah, shown) in PUBLISHED_BUILDS.items():
-        for k, (rays, srdh) in shown.items():
+    for name, (triangles, sah, pre_renders) in PUBLISHED_BUILDS.items():
+        for k, (rays, srdh) in pre_renders.items():
             theirs = _ms(sah), "", _ms(srdh), f"{(sah + srdh) / sah:.2f}"
             table.append((f"(paper: {name})", f"{triangles:,}", f"{k} x {k}", f"{rays:,}", "", *theirs, *[""] * 4))
-    head = (
-        "scene", "triangles", "pixels", "rays", "hits", "SAH", "its rays", "SRDH", "both / SAH",
-        "bsah", "lbvh, rays", "srdh", "instead / bsah",
-    )  # fmt: skip
-    print("Build times, ms: as published, one triangle in a leaf and one thread; then as a renderer does it (Table 1)")
+    published = "SAH", "its rays", "SRDH", "both / SAH"
+    ours = "bsah", "lbvh, rays", "srdh", "srdh only / bsah"
+    head = ("scene", "triangles", "pixels", "rays", "hits", *published, *ours)
+    print("Build times, ms: as published, with one triangle per leaf on one thread; then in a renderer (Table 1)")
     report.print_table(head, table, right=(1, *range(3, len(head))), width=_WIDTH)
     means = []
     for k in BUILD_PIXELS:
-        some = [t for t in times if t.pixels == k]
-        both, instead = (sum(getattr(t, name) for t in some) / len(some) for name in ("both", "instead"))
+        same_size = [t for t in times if t.pixels == k]
+        both, instead = (sum(getattr(t, name) for t in same_size) / len(same_size) for name in ("both", "instead"))
         theirs = both_over_sah(k)
-        means.append((f"{k} x {k}", f"both / SAH {both:.2f} (the paper's {theirs:.2f}), instead / bsah {instead:.2f}"))
+        text = f"both / SAH {both:.2f} (the paper's {theirs:.2f}), srdh only / bsah {instead:.2f}"
+        means.append((f"{k} x {k}", text))
     report.print_fields(means)
     print()
 
@@ -189,12 +189,12 @@ def print_renders(times: list[RenderTimes]) -> None:
             all_ = (ours.built + ours.traced) / (sah.built + sah.traced)
             rate = f"{ours.rays / ours.traced / 1e6:.1f}"
             table.append((name, tracer, *ms, f"{ours.traced / sah.traced:.2f}", f"{all_:.2f}", rate))
-    head = ("scene", "tracer", "build bsah", "srdh", "trace bsah", "srdh", "trace, ratio", "both, ratio", "M rays/s")
-    print(f"Direct light of what the camera sees, {SPP} samples, ms: srdh beside bsah")
+    head = ("scene", "tracer", "build bsah", "srdh", "trace bsah", "srdh", "trace ratio", "total ratio", "M rays/s")
+    print(f"Direct light on visible surfaces, {SPP} samples, ms: srdh and bsah")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
 
 
-# --- Draws Figures 2 and 4 of the SRDH paper: bars of box tests, and curves over the size of the pre-render -----------
+# --- Plot -------------------------------------------------------------------------------------------------------------
 
 
 _BARS = (*SAH_ORDERS, PUBLISHED, OURS)
@@ -208,7 +208,7 @@ _CLASSES = (
 
 
 def write_plot(rows: list[BoxTests], path: Path) -> None:
-    """Write a plot: bars at the top, in a group for each scene; curves at the bottom, in a colour for each scene."""
+    """Write a plot: Figure 2 as bars at the top, grouped by scene; Figure 4 as curves at the bottom, coloured by scene."""
     from matplotlib.figure import Figure
 
     scenes = scenes_of(rows)
@@ -225,33 +225,33 @@ def _draw_bars(panel, rows: list[BoxTests], scenes: list[str]) -> None:
 
     width = 0.85 / len(_BARS)
     for k, (method, colour) in enumerate(zip(_BARS, _COLOURS)):
-        found = [of(rows, scene, method) for scene in scenes]
+        scene_rows = [of(rows, scene, method) for scene in scenes]
         bases = [of(rows, scene, SAH_ORDERS[0]).total for scene in scenes]
         at, bottom = np.arange(len(scenes)) + (k - (len(_BARS) - 1) / 2) * width, np.zeros(len(scenes))
         for number, _, opaque in _CLASSES:
-            part = np.array([r.boxes[number] / base for r, base in zip(found, bases)])
+            part = np.array([r.boxes[number] / base for r, base in zip(scene_rows, bases)])
             panel.bar(at, part, 0.92 * width, bottom, color=colour, alpha=opaque, linewidth=0)
             bottom += part
     methods = [Patch(color=colour, label=method) for method, colour in zip(_BARS, _COLOURS)]
     classes = [Patch(facecolor="black", alpha=opaque, label=label) for _, label, opaque in reversed(_CLASSES)]
     panel.legend(handles=methods + classes, fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     panel.set_xticks(range(len(scenes)), scenes)
-    panel.set_ylabel("box tests / those of random order")
+    panel.set_ylabel("box tests relative to random order")
     panel.grid(axis="y", alpha=0.3)
     panel.set_axisbelow(True)
 
 
 def _draw_curves(panel, rows: list[BoxTests], scenes: list[str]) -> None:
-    last = 2 * PIXELS[-1]  # the abscissa of "all rays"
+    last = 2 * PIXELS[-1]  # x of "all rays"
     for k, scene in enumerate(scenes):
         for method, style in ((PUBLISHED, "-"), (OURS, "--")):
-            found = [relative(rows, of(rows, scene, method, pixels)) for pixels in (*PIXELS, None)]
+            ratios = [relative(rows, of(rows, scene, method, pixels)) for pixels in (*PIXELS, None)]
             label = scene if method == PUBLISHED else None
-            panel.plot([*PIXELS, last], found, style, marker=".", color=f"C{k}", label=label)
+            panel.plot([*PIXELS, last], ratios, style, marker=".", color=f"C{k}", label=label)
     panel.plot([], [], "k-", label=PUBLISHED)
     panel.plot([], [], "k--", label=OURS)
     panel.set_xscale("log", base=2)
     panel.set_xticks([*PIXELS, last], [*(f"{k} x {k}" for k in PIXELS), "all"])
-    panel.set(ylim=(0, None), xlabel="pixels of the pre-render", ylabel="box tests / those of random order")
+    panel.set(ylim=(0, None), xlabel="pixels of the pre-render", ylabel="box tests relative to random order")
     panel.grid(alpha=0.3)
     panel.legend(fontsize=8, ncols=2, loc="lower left")
