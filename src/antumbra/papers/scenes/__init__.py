@@ -1,6 +1,9 @@
-"""Procedural scenes like those of the papers: `cellar`, `museum` and `blinds`, with their parts.
+"""Procedural scenes like those of the papers; only the benchmarks need them.
 
-Only the benchmarks of the papers need them.
+- `cellar`: the scene ``cellar``
+- `museum_halls`: the scene ``museum``
+- `bedroom`: the scene ``blinds``
+- `furnishings`: furniture and toys of the bedroom
 """
 
 from ...generate.procedural_scenes import Recipe, register
@@ -9,9 +12,9 @@ from .cellar import cellar
 from .museum_halls import museum
 
 SCENES = {
-    "cellar": Recipe(cellar, "vaulted rooms on several levels, of which little can be seen at once", 250_000),
+    "cellar": Recipe(cellar, "vaulted rooms on several levels, with little visible at once", 250_000),
     "museum": Recipe(museum, "halls of sculptures, with most triangles in a few of them", 300_000),
-    "blinds": Recipe(blinds, "a bedroom into which light comes through the slats of blinds only", 300_000),
+    "blinds": Recipe(blinds, "a bedroom lit only through the slats of blinds", 300_000),
 }
 
 

@@ -1,6 +1,6 @@
-"""A bedroom at low sun. All light comes through the Venetian blinds of one wide window, which block most of it.
+"""A bedroom at low sun, lit only through the Venetian blinds of a wide window, which block most of the light.
 
-The wall of the window lies along x with its inner face at z = 0; the room is at z > 0.
+The window's wall lies along x with its inner face at z = 0; the room is at z > 0.
 """
 
 import numpy as np
@@ -46,8 +46,7 @@ from .furnishings import (
 )
 from .museum_halls import painting
 
-# ---------------------------------------------------------------------------------------------------------------------
-# A wide window and its Venetian blinds. The wall lies along x with its inner face at z = 0; the room is at z > 0.
+# --- Window and Venetian blinds ---------------------------------------------------------------------------------------
 
 
 WALL = 0.32  # thickness in metres
@@ -55,12 +54,12 @@ SILL, LINTEL, WIDTH = 0.25, 2.62, 4.9  # lower edge, upper edge and width of the
 PANELS = 4
 HANG = 0.1  # metres from the wall's inner face outwards to the centre of the slats
 DEPTH = 0.05  # depth of a slat
-SLATS = 56  # slats of a panel at full detail
-COARSE = 0.3  # up to this detail, slats have no rungs below them
+SLATS = 56  # slats per panel at full detail
+COARSE = 0.3  # up to this detail, slats have no ladder rungs
 
 
 def pierced(low, high, thickness: float, colour=p.PLASTER) -> PaletteMesh:
-    """A wall from `low` to `high` ((2,): x, y) with the opening of the window."""
+    """A wall from `low` to `high` ((2,): x, y) with the window opening."""
     hole = np.array([(-WIDTH / 2, SILL), (WIDTH / 2, SILL), (WIDTH / 2, LINTEL), (-WIDTH / 2, LINTEL)])
     edge = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
     sections = np.zeros((4, 4, 3))
@@ -70,7 +69,7 @@ def pierced(low, high, thickness: float, colour=p.PLASTER) -> PaletteMesh:
 
 
 def frame(d: float) -> list[ScenePart]:
-    """The window's frame: mullions behind the gaps between the blinds, a transom, and a board on the sill."""
+    """The window frame: mullions behind the gaps between the blinds, a transom, and a window board."""
     middle, height, bevel = (SILL + LINTEL) / 2, LINTEL - SILL, 0.008 if d > SKETCH else 0.0
     x = np.linspace(-WIDTH / 2, WIDTH / 2, PANELS + 1)
     post = box((0.07, height + EMBED, 0.06), colour=p.WHITE, bevel=bevel)
@@ -87,7 +86,7 @@ def frame(d: float) -> list[ScenePart]:
 
 
 def slat(length: float, width: float, d: float, ladders) -> PaletteMesh:
-    """A curved slat along x, centred at the origin, hollow side down, with a rung of every ladder (at x) below it."""
+    """A curved slat along x, centred at the origin, concave side down, above a rung of every ladder (at x)."""
     n, m = steps(12, d), steps(4, d, 2)
     t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends
     s = np.linspace(-0.5, 0.5, m + 1)[None]
@@ -104,7 +103,7 @@ def slat(length: float, width: float, d: float, ladders) -> PaletteMesh:
 
 
 def panel(width: float, height: float, tilt: float, d: float, rng) -> list[ScenePart]:
-    """One blind, around x = z = 0, from y = 0 down to -`height`: head rail, slats turned by `tilt`, cords, rod."""
+    """One blind around x = z = 0, from y = 0 down to -`height`: head rail, slats tilted by `tilt`, cords, rod."""
     n = min(SLATS, steps(SLATS, d**0.5, 12))
     rail, foot = 0.06, 0.03
     pitch = (height - rail - foot) / n
@@ -125,7 +124,7 @@ def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Scene
 
 
 def _strings(width: float, height: float, reach: float, ladders, d: float) -> list[ScenePart]:
-    """The ladders' cords in front of and behind the slats, the lift cord, and the tilt rod."""
+    """The ladder cords in front of and behind the slats, the lift cord, and the tilt rod."""
     y = np.linspace(-0.05, 0.02 - height, steps(12, d, 2) + 1)
     cords = np.stack([np.stack([0.0 * y + x, y, 0.0 * y + s * reach], axis=1) for x in ladders for s in (-1.0, 1.0)])
     front = 0.5 * DEPTH + 0.016
@@ -146,7 +145,7 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
 
 
 def venetian(tilts, d: float, rng) -> list[ScenePart]:
-    """A blind in each part of the opening. `tilts` (PANELS,), radians, turn the slats; above 0 room sides hang down."""
+    """A blind per panel, with slats tilted by `tilts` ((PANELS,), radians); positive lowers the side facing the room."""
     each = WIDTH / PANELS
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
     parts = []
@@ -156,7 +155,7 @@ def venetian(tilts, d: float, rng) -> list[ScenePart]:
 
 
 def curtains(top: float, colour: int, d: float, rng) -> list[ScenePart]:
-    """Two curtains, drawn aside in folds, on a rod at height `top`."""
+    """Two folded curtains, drawn aside, on a rod at height `top`."""
     nx, ny, wide = steps(64, d, 6), steps(40, d, 3), 0.5
     half, z = WIDTH / 2 + 0.14, 0.15
     rod = np.stack([np.linspace(-1.0, 1.0, 5) * (half + 0.3), 0 * np.ones(5) + top, 0 * np.ones(5) + z], axis=1)
@@ -174,15 +173,14 @@ def curtains(top: float, colour: int, d: float, rng) -> list[ScenePart]:
     return parts
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# A bedroom at low sun. All light comes through the Venetian blinds of one wide window, and they block most of it.
+# --- Bedroom ----------------------------------------------------------------------------------------------------------
 
 
 HALF_X, HALF_Z, HEIGHT = 2.7, 2.95, 2.85  # half widths and height of the room; the window is in the wall at -HALF_X
 RUG = (0.3, 0.85, 2.3, 1.6)  # centre (x, z) and size of the rug
 SUN = (21.0, 13.5, 26.0)  # degrees from the window's normal towards +z, degrees up, metres from the window
-TILTS = (-18.0, -20.0, -16.0, -21.0)  # degrees, slats of each blind: their room sides are raised
-WEAVE = ((0.45, 90), (0.32, 64))  # for x and z: (cells of the rug's ground per root of its triangles, most cells)
+TILTS = (-18.0, -20.0, -16.0, -21.0)  # degrees, slats of each blind: the side facing the room is raised
+WEAVE = ((0.45, 90), (0.32, 64))  # along x and z: (cells of the rug's ground per sqrt of its triangles, most cells)
 CAMERA = {"position": (2.3, 1.62, 2.5), "target": (-0.72, 0.76, -1.7), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
 
 
@@ -199,7 +197,7 @@ def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
 
 
 def _sun() -> dict:
-    """A strip light far outside: four metres along the slats, and little higher than the sun looks."""
+    """A strip light far outside: four metres long along the slats, and little higher than the sun's apparent size."""
     azimuth, height = np.radians(SUN[:2])
     to = np.array([-np.cos(azimuth) * np.cos(height), np.sin(height), np.sin(azimuth) * np.cos(height)])
     u = np.array([0.0, 0.0, 4.0])
@@ -209,7 +207,7 @@ def _sun() -> dict:
 
 
 def _shell(d: float, rng) -> list[ScenePart]:
-    """Floor of boards, the three plain walls, ceiling, skirting, cornice, door."""
+    """Floorboards, the three plain walls, ceiling, skirting, cornice, door."""
     x, z, h = HALF_X, HALF_Z, HEIGHT
     boards = tiles(-x - 0.05, x + 0.05, -z - 0.05, z + 0.05, 3, steps(40, d, 8), rng, p.OAK, None, 0.008, 0.003)
     skirting = [(EMBED, -EMBED), (-0.016, -EMBED), (-0.02, 0.07), (-0.012, 0.1), (EMBED, 0.105)]
@@ -228,7 +226,7 @@ def _shell(d: float, rng) -> list[ScenePart]:
 
 
 def _window(d: float, rng) -> list[ScenePart]:
-    """The wall with the window, its blinds and its curtains. Each blind has a slightly different tilt."""
+    """The window wall with its blinds, each tilted slightly differently, and its curtains."""
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
     parts = [place_copies(wall), *frame(d), *venetian(tilts, d, rng), *curtains(LINTEL + 0.08, p.TEAL, d, rng)]
@@ -288,7 +286,7 @@ def _pattern(u, v) -> np.ndarray:
 
 
 def _rug(rng, triangles: int) -> list[ScenePart]:
-    """A rug of about `triangles` triangles. Most of them are its pile, two triangles for each fibre."""
+    """A rug of about `triangles` triangles, most of them in its pile, two per fibre."""
     x, z, w, length = RUG
     u, v = (np.linspace(-1.0, 1.0, min(most, steps(share * triangles**0.5, 1.0, 6)) + 1) for share, most in WEAVE)
     ground = np.stack(np.broadcast_arrays(x + w / 2 * u[:, None], 0.012, z + length / 2 * v), axis=-1)

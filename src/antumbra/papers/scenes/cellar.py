@@ -1,4 +1,4 @@
-"""Vaulted cellars on several levels: a maze of rooms. From any place, very little of it is visible."""
+"""Vaulted cellars on several levels: a maze of rooms with very little visible from any point."""
 
 from typing import NamedTuple
 
@@ -24,8 +24,8 @@ from ...generate.shapes import (
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor
 CROWN = 3.2  # height of the vaults' crowns
-DOOR, DOOR_SPRING = 0.75, 1.95  # half the width of a doorway, and the height where its arch begins
-FULL_ROOM = 9_000  # triangles of a room; a larger budget makes more rooms
+DOOR, DOOR_SPRING = 0.75, 1.95  # half the width of a doorway, and the height of its springing line
+FULL_ROOM = 9_000  # triangles per room; a larger budget adds rooms
 
 
 class _Maze(NamedTuple):
@@ -38,7 +38,7 @@ class _Maze(NamedTuple):
     shape: tuple[int, int, int]  # levels, nx, nz
 
     def centres(self) -> np.ndarray:
-        """(n, 3) float: centres of the floors. The centre of each level is at x = z = 0."""
+        """(n, 3) float: the floors' centres; each level is centred at x = z = 0."""
         _, nx, nz = self.shape
         level, i, j = self.rooms.T
         return np.stack(
@@ -60,7 +60,7 @@ def _maze(n: int, rng) -> _Maze:
     south |= here & (j == nz // 2 - 1)
     up = (level < levels - 1) & (rng.random(len(i)) < 0.09) & ~((i == (nx - 1) // 2) & (j == nz // 2))
     grid = up.reshape(levels, nx, nz)
-    grid[1:] &= ~grid[:-1]  # no stairs right above stairs
+    grid[1:] &= ~grid[:-1]  # no stairs directly above stairs
     return _Maze(np.stack([level, i, j], axis=1), east, south, grid.ravel(), (levels, nx, nz))
 
 
@@ -112,7 +112,7 @@ def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
 
 
 def _supports(maze: _Maze, d: float, at, hole, rng) -> list[ScenePart]:
-    """Vaults, piers in the corners, pillars in the centres of some rooms, and stairs."""
+    """Vaults, corner piers, central pillars in some rooms, and stairs."""
     _, i, j = maze.rooms.T
     half, above = ROOM / 2, ~maze.stairs
     pier = box((0.84, LEVEL - 0.06, 0.84), (0, (LEVEL - 0.06) / 2 - 2 * EMBED, 0), p.LIMESTONE)
@@ -153,9 +153,9 @@ def _wall(rng, d: float) -> PaletteMesh:
 
 
 def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[ScenePart]:
-    """Objects along the walls.
+    """Objects along the walls, in most places and in as much detail as `triangles` allow.
 
-    They fill most places, in as much detail as `triangles` allow. A small budget gives coarse objects in fewer places.
+    A small budget gives coarse objects in fewer places.
     """
 
     def build(d, share):
@@ -168,7 +168,7 @@ def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[ScenePa
 
 
 def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
-    """Barrels, crates, shelves of bottles and vases, in a `share` of the places, clear of the doorways."""
+    """Barrels, crates, bottle racks and vases in a `share` of the places, clear of the doorways."""
     at = maze.centres()[~maze.stairs]
     view = _view_room(maze)[~maze.stairs]
     slots = np.array(
@@ -191,9 +191,9 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
     things = [barrel(0.95, 0.36, d), crate((0.68, 0.66, 0.66), round(4 * d)), _rack(d), merge(*_vases(d))]
     parts = []
     for k, thing in enumerate(things):
-        own = spots[kinds == k]
-        turn = face[kinds == k] + (rng.uniform(-0.06, 0.06, len(own)) if k != 2 else 0.0)
-        parts.append(place_copies(thing, own, turn, rng.uniform(0.92, 1.0, len(own))))
+        places = spots[kinds == k]
+        turn = face[kinds == k] + (rng.uniform(-0.06, 0.06, len(places)) if k != 2 else 0.0)
+        parts.append(place_copies(thing, places, turn, rng.uniform(0.92, 1.0, len(places))))
     heaped = spots[kinds == 1]
     heaped = heaped[rng.random(len(heaped)) < 0.5] + [0, 0.585, 0]
     parts.append(place_copies(things[1], heaped, rng.uniform(0, 6.3, len(heaped)), rng.uniform(0.6, 0.8, len(heaped))))

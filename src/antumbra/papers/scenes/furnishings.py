@@ -1,4 +1,4 @@
-"""Furniture of wood and metal, soft furniture, and toys. Everything stands on y = 0, and furniture faces +z."""
+"""Wooden and metal furniture, upholstery, and toys. Everything stands on y = 0; furniture faces +z."""
 
 import numpy as np
 
@@ -24,8 +24,7 @@ from ...generate.shapes import (
     tubes,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Furniture of wood and metal: drawers, lamps, a bookcase, a chandelier, a door. It stands on y = 0 and faces +z.
+# --- Wood and metal ---------------------------------------------------------------------------------------------------
 
 
 SKETCH = 0.12  # up to this detail, shapes are as plain as possible
@@ -60,7 +59,7 @@ def drawers(width: float, height: float, depth: float, rows: int, columns: int, 
 
 
 def table_lamp(height: float, d: float, colour=p.TEAL) -> PaletteMesh:
-    """A lamp with a turned foot and a pleated shade. The shade is open at the top and at the bottom."""
+    """A lamp with a turned foot and a pleated shade, open at the top and bottom."""
     h = height
     foot = np.concatenate(
         [
@@ -80,7 +79,7 @@ def table_lamp(height: float, d: float, colour=p.TEAL) -> PaletteMesh:
 
 
 def book(d: float, colour: int) -> PaletteMesh:
-    """A book of size 1 x 1 x 1. It stands on y = 0, and its rounded spine faces +z. Above `SKETCH` it has pages."""
+    """A book of size 1 x 1 x 1 on y = 0, with its rounded spine facing +z; above `SKETCH` it has pages."""
     if d <= SKETCH:
         return box((1, 1, 1), (0, 0.5, 0), colour)
     n = steps(7, d, 2)
@@ -99,7 +98,7 @@ def book(d: float, colour: int) -> PaletteMesh:
 
 def bookcase(width: float, height: float, depth: float, boards: int, d: float, rng) -> list[ScenePart]:
     """A shelf full of books, with a vase or a gap here and there."""
-    share = min(1.0, 1.2 * d**0.5)  # at low detail there are fewer and thicker books
+    share = min(1.0, 1.2 * d**0.5)  # fewer and thicker books at low detail
     kinds = [book(d, colour) for colour in SPINES]
     where, size, turn, kind = [], [], [], []
     for board in range(boards):
@@ -116,8 +115,12 @@ def bookcase(width: float, height: float, depth: float, boards: int, d: float, r
     where, size, turn, kind = (np.array(a) for a in (where, size, turn, kind))
     parts = [place_copies(shelf(width, height, depth, boards))]
     for k, mesh in enumerate(kinds):
-        own = kind == k
-        parts.append(place_copies(mesh, where[own], turn[own], size[own], shade=p.shades(rng, int(own.sum())) % 4))
+        same_kind = kind == k
+        parts.append(
+            place_copies(
+                mesh, where[same_kind], turn[same_kind], size[same_kind], shade=p.shades(rng, int(same_kind.sum())) % 4
+            )
+        )
     tops = [
         place_copies(vase(0.34, 0.8 * d, p.BLUE), (-0.3 * width, height - 0.03, 0)),
         place_copies(vase(0.22, 0.8 * d, p.CLAY, 0.36, 0.14), (-0.05 * width, height - 0.03, 0.02)),
@@ -127,7 +130,7 @@ def bookcase(width: float, height: float, depth: float, boards: int, d: float, r
 
 
 def chandelier(drop: float, d: float) -> list[ScenePart]:
-    """A chandelier that hangs `drop` metres below y = 0: turned body, curved arms with candles, strings of beads."""
+    """A chandelier `drop` metres below y = 0: turned body, curved arms with candles, strings of beads."""
     n, arms, reach = steps(10, d, 2), 8, 0.42
     body = np.concatenate(
         [
@@ -162,7 +165,7 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
 
 
 def _beads(ends, turn, d: float) -> PaletteMesh:
-    """Strings of glass beads from arm to arm and from the arms up to the body."""
+    """Strings of glass beads between the arms and from the arms up to the body."""
     n = 9
     t = (np.arange(n) + 0.5)[None, :, None] / n
     to = np.roll(ends, -1, axis=0)
@@ -179,7 +182,7 @@ def _beads(ends, turn, d: float) -> PaletteMesh:
 
 
 def door(width: float, height: float, d: float) -> PaletteMesh:
-    """A door with four panels, in its frame, in front of the wall at z = 0."""
+    """A framed door with four panels, in front of the wall at z = 0."""
     bevel = 0.008 if d > SKETCH else 0.0
     ring = frame_ring(
         [(0.0, -0.03), (0.1, -0.03), (0.1, 0.03), (0.02, 0.045), (0.0, 0.02)], width / 2, height / 2, p.WHITE
@@ -203,11 +206,11 @@ def door(width: float, height: float, d: float) -> PaletteMesh:
     )
 
 
-# --- Soft furniture: cushions, a bed with its cover, an armchair. They stand on y = 0 and face +z ---------------------
+# --- Upholstery -------------------------------------------------------------------------------------------------------
 
 
 def creases(rng, x, z, waves: int = 9) -> np.ndarray:
-    """Heights, 0 to about 1, of a cloth with folds at x, z (metres). The ridges bend, and fade in places."""
+    """Heights, 0 to about 1, of a creased cloth at x, z (metres). The ridges bend, and fade in places."""
     total = 0.0
     for _ in range(waves):
         angle, metres, a, b = rng.uniform((0.0, 0.18, 0.0, 0.0), (np.pi, 0.75, 6.3, 6.3))
@@ -218,7 +221,7 @@ def creases(rng, x, z, waves: int = 9) -> np.ndarray:
 
 
 def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> PaletteMesh:
-    """A stuffed cushion of `size` (3,), with n cells along its longer side. It lies on y = 0.
+    """A stuffed cushion of `size` (3,) on y = 0, with n cells along its longer side.
 
     edge : sharpness of the edge where its faces meet: 2 for a pillow, 8 for upholstery
     wrinkle : height of the creases in metres
@@ -238,20 +241,20 @@ def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> Pale
 
 
 def _over(s, half: float, r: float):
-    """(outward offset, drop) at arc length s of a cloth that lies over an edge of radius r at `half`."""
+    """(outward offset, drop) at arc length s of a cloth over an edge of radius r at `half`."""
     beyond = np.maximum(np.abs(s) - (half - r), 0.0)
     angle = np.minimum(beyond / r, np.pi / 2)
-    rest = np.maximum(beyond - r * np.pi / 2, 0.0)
-    out = np.minimum(np.abs(s), half - r) + r * np.sin(angle) + 0.08 * rest
-    return np.sign(s) * out, r * (1.0 - np.cos(angle)) + rest
+    hanging = np.maximum(beyond - r * np.pi / 2, 0.0)
+    out = np.minimum(np.abs(s), half - r) + r * np.sin(angle) + 0.08 * hanging
+    return np.sign(s) * out, r * (1.0 - np.cos(angle)) + hanging
 
 
 def cover(size, drop: float, n: int, rng, rise: float, colours) -> PaletteMesh:
-    """A quilted cover over a mattress of `size` ((2,): x, z). The mattress has its top at y = 0 and its head at z = 0.
+    """A quilted cover over a mattress of `size` ((2,): x, z) with its top at y = 0 and its head at z = 0.
 
-    The cover hangs `drop` metres over the sides and the foot. Its creases are `rise` high. It has n cells across.
+    The cover hangs `drop` metres over the sides and the foot, and has creases `rise` high and n cells across.
 
-    colours : two colours, in broad stripes
+    colours : two colours for broad stripes
     """
     w, length = size
     k = max(3, round(n * (length + drop) / (w + 2 * drop)))
@@ -274,20 +277,20 @@ def cover(size, drop: float, n: int, rng, rise: float, colours) -> PaletteMesh:
 
 
 def headboard(width: float, height: float, n: int, colour: int) -> PaletteMesh:
-    """An upholstered board with buttons in a diamond pattern. Its back lies in the plane z = 0."""
+    """An upholstered board with diamond-pattern buttons; its back lies in the plane z = 0."""
     m = max(2, round(n * height / width))
     x = np.linspace(-width / 2, width / 2, n + 1)[:, None]
     y = np.linspace(0.0, height, m + 1)[None]
     top = y * (1.0 + 0.12 * np.cos(np.pi * x / width) * (y / height) ** 3)  # a curved upper edge
     a, b = (np.abs(np.sin(np.pi * (x / 0.3 + s * y / 0.26))) for s in (1, -1))
-    near = np.minimum(np.abs(np.abs(x) - width / 2), np.minimum(y, height - y))
-    z = 0.07 + 0.045 * np.sqrt(a * b) * np.minimum(near / 0.05, 1.0)
+    edge_distance = np.minimum(np.abs(np.abs(x) - width / 2), np.minimum(y, height - y))
+    z = 0.07 + 0.045 * np.sqrt(a * b) * np.minimum(edge_distance / 0.05, 1.0)
     front = np.stack(np.broadcast_arrays(x, top, z), axis=-1)
     return shell(front, front * [1.0, 1.0, 0.0], colour)
 
 
 def bed(width: float, length: float, d: float, rng) -> PaletteMesh:
-    """A bed with its head at z = 0: frame, mattress, cover, turned sheet, pillows and a throw at the foot."""
+    """A bed with its head at z = 0: frame, mattress, cover, turned-down sheet, pillows and a throw at the foot."""
     top, bevel = 0.52, 0.01 if d > SKETCH else 0.0
     foot = box((width + 0.1, 0.5, 0.06), (0, 0.25, length + 0.2), p.DARK_WOOD, bevel)
     rails = [
@@ -350,7 +353,7 @@ def armchair(d: float, rng) -> PaletteMesh:
     )
 
 
-# --- Toys: a bear, a ball, building blocks, a pyramid of rings, a train. They stand on y = 0 --------------------------
+# --- Toys -------------------------------------------------------------------------------------------------------------
 
 
 COLOURS = (p.RED, p.YELLOW, p.BLUE, p.LIME, p.TEAL, p.OCHRE)
@@ -367,7 +370,7 @@ def _ball(radius, segments: int, colour: int) -> PaletteMesh:
 
 
 def bear(height: float, d: float) -> PaletteMesh:
-    """A teddy bear that sits and faces +z."""
+    """A sitting teddy bear that faces +z."""
     k = steps(22, d, 6)
     fur, pale = p.CLAY, p.LIMESTONE
     pieces = [
@@ -386,17 +389,17 @@ def bear(height: float, d: float) -> PaletteMesh:
             ((0.095, 0.08, 0.18), (s * 0.15, 0.08, 0.2), fur),
             ((0.07, 0.07, 0.02), (s * 0.155, 0.085, 0.37), pale),
         ]
-    made = assemble([place_copies(_ball(r, k if max(r) > 0.1 else max(5, k // 2), c), at) for r, at, c in pieces])
-    return made._replace(vertices=(made.vertices * height / 0.87).astype(np.float32))
+    body = assemble([place_copies(_ball(r, k if max(r) > 0.1 else max(5, k // 2), c), at) for r, at, c in pieces])
+    return body._replace(vertices=(body.vertices * height / 0.87).astype(np.float32))
 
 
 def beach_ball(radius: float, d: float) -> PaletteMesh:
     """A ball in six colours."""
     k = steps(30, d, 6) // 6 * 6
-    made = _ball((radius,) * 3, k, 0)
-    middle = made.vertices[made.faces].mean(axis=1)
+    ball = _ball((radius,) * 3, k, 0)
+    middle = ball.vertices[ball.faces].mean(axis=1)
     wedge = np.floor((np.arctan2(middle[:, 2], middle[:, 0]) + np.pi) / (2.0 * np.pi) * 6.0).astype(int) % 6
-    return raised(made._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
+    return raised(ball._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
 
 
 def blocks(d: float) -> PaletteMesh:
@@ -417,7 +420,7 @@ def blocks(d: float) -> PaletteMesh:
 
 
 def rings(d: float) -> PaletteMesh:
-    """Rings on a rod, with the largest at the bottom."""
+    """Stacking rings on a rod, the largest at the bottom."""
     m, k = steps(8, d, 2), steps(22, d, 6)
     meshes = [revolve([(0.012, -SINK / 4), (0.012, 0.24), (0.02, 0.25), (0.012, 0.28), (0.0, 0.285)], k, p.WHITE)]
     for i in range(5):

@@ -1,6 +1,6 @@
 """Museum halls with sculptures, paintings and display cases. A few small objects have most of the triangles.
 
-Works of art have about a given number of triangles each. They stand on y = 0 or hang from above.
+Each work of art has about a given number of triangles, and stands on y = 0 or hangs from above.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ from ...generate.shapes import (
     steps,
 )
 
-# --- Works of art for the museum, with about a given number of triangles. They stand on y = 0 or hang from above ------
+# --- Works of art -----------------------------------------------------------------------------------------------------
 
 
 def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, int]:
@@ -39,7 +39,7 @@ def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, i
 
 
 def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> PaletteMesh:
-    """A closed torus knot, 3 `size` wide, of a bar with ribs that wind around it."""
+    """A torus knot, 3 `size` wide, made of a bar with spiral ribs."""
     n, k = _resolution(triangles, 10.0)
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
     r = size * (1.0 + 0.42 * np.cos(loops * t))
@@ -64,21 +64,21 @@ def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> PaletteMesh:
     n, k = max(4, k), max(6, n)
     theta = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
     phi = np.linspace(0.0, 2.0 * np.pi, k, endpoint=False)
-    way = np.stack(
+    direction = np.stack(
         np.broadcast_arrays(
             np.cos(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None], -np.cos(theta)[:, None] * np.sin(phi)
         ),
         axis=-1,
     )
     wave = rng.normal(0.0, 2.3, (9, 3))
-    scale = 1.0 + 0.11 * np.sin(way @ wave.T + rng.uniform(0, 6.3, 9)).sum(axis=-1)
-    points = way * scale[..., None] * size * [0.8, 1.25, 0.8]
+    scale = 1.0 + 0.11 * np.sin(direction @ wave.T + rng.uniform(0, 6.3, 9)).sum(axis=-1)
+    points = direction * scale[..., None] * size * [0.8, 1.25, 0.8]
     points[..., 1] -= points[..., 1].min() + 0.04 * size
     return capped(points[1:-1], points[0, 0], points[-1, 0], colour)
 
 
 def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> PaletteMesh:
-    """A column with a star-shaped section that turns and shrinks towards the top."""
+    """A twisted column with a star-shaped section that narrows towards the top."""
     n, k = _resolution(triangles, 2.0)
     k = max(12, k)
     t = np.linspace(0.0, 1.0, n + 1)[:, None]
@@ -90,7 +90,7 @@ def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> PaletteMe
 
 
 def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> PaletteMesh:
-    """A ribbed spiral shell that stands on its rim."""
+    """A ribbed spiral shell standing on its rim."""
     n, k = _resolution(triangles, 8.0)
     t = np.linspace(0.0, 1.0, n + 1)
     angle, reach = 2.0 * np.pi * 3.1 * t, size * 0.1 * np.exp(2.25 * t)
@@ -103,7 +103,7 @@ def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> PaletteMesh:
 
 
 def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> PaletteMesh:
-    """A band that twists once on its way around a ring."""
+    """A band that twists once around a ring."""
     n = max(12, round(triangles / 8.0))
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[:, None]
     out = np.concatenate([np.cos(t), np.sin(t), 0.0 * t], axis=1)
@@ -118,7 +118,7 @@ def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> PaletteMesh:
 
 
 def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]:
-    """A kinetic sculpture at one moment: drops of bronze that hang on wires and form a wave."""
+    """A kinetic sculpture at rest: bronze drops on wires that form a wave."""
     nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
     each = max(8.0, triangles / (nx * nz) - 12)
     k = int(np.clip(np.sqrt(each), 4, 200))
@@ -141,7 +141,7 @@ def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]
 
 
 def vortex(triangles: float, height=4.6) -> list[ScenePart]:
-    """Plates that wind up around a mast and fan out."""
+    """Plates that spiral up around a mast and fan out."""
     n = int(np.clip(triangles / 44.0, 12, 4000))
     t = (np.arange(n) + 0.5) / n
     angle = 5.0 * np.pi * t
@@ -157,7 +157,7 @@ def vortex(triangles: float, height=4.6) -> list[ScenePart]:
 
 
 def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
-    """An abstract picture in a gilded frame. Its centre is the origin; it lies in the x-y plane and faces +z."""
+    """An abstract picture in a gilded frame, centred at the origin in the x-y plane and facing +z."""
     x, z = np.linspace(-width / 2, width / 2, n + 1), np.linspace(-height / 2, height / 2, n + 1)
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / width, (z[1:] + z[:-1]) / height, indexing="ij"), axis=-1)
     centre, radius = rng.uniform(-0.5, 0.5, (9, 2)), rng.uniform(0.15, 0.5, 9)
@@ -173,13 +173,13 @@ def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
     return assemble([place_copies(merge(canvas, edge), tilt=np.pi / 2)])
 
 
-# --- Museum halls with sculptures, paintings and display cases. A few small objects have most of the triangles --------
+# --- Halls ------------------------------------------------------------------------------------------------------------
 
 
 WIDTH, DEPTH, HEIGHT = 14.0, 17.0, 6.4  # size of a hall, from wall to wall
 WALL = 0.6
 SKY_X, SKY_Z = 3.2, 4.2  # half the size of the skylight
-FULL_HALL = 110_000  # triangles of a hall; a larger budget makes more halls
+FULL_HALL = 110_000  # triangles per hall; a larger budget adds halls
 
 
 def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
@@ -192,8 +192,10 @@ def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     guess = np.sqrt(triangles / len(at) / FULL_HALL)
     grid = i, j, nx, nz
     parts = fitted(lambda d: _halls(at, *grid, d, np.random.default_rng([seed, 0])), round(0.22 * triangles), guess)
-    left = triangles - count(parts)
-    parts += fitted(lambda d: _exhibits(at, d * d, np.random.default_rng([seed, 1])), left, np.sqrt(max(left, 1)))
+    remaining = triangles - count(parts)
+    parts += fitted(
+        lambda d: _exhibits(at, d * d, np.random.default_rng([seed, 1])), remaining, np.sqrt(max(remaining, 1))
+    )
     camera = {"position": (4.9, 1.7, 7.4), "target": (-1.1, 2.05, -4.0), "up": (0.0, 1.0, 0.0), "vfov": 60.0}
     light = {"corner": (-3.1, 4.9, 5.4), "u": (1.9, 0.0, 0.6), "v": (0.0, 1.5, -1.1)}
     return assemble(parts), camera, light
@@ -285,7 +287,7 @@ def _case(treasure: PaletteMesh) -> PaletteMesh:
 
 
 def _exhibits(at, budget: float, rng) -> list[ScenePart]:
-    """The works of art. Every hall has about the same works, at other angles. A few have most of the triangles."""
+    """The works of art, about the same in every hall but at different angles. A few have most of the triangles."""
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
     works = [
