@@ -145,7 +145,7 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
 
 
 def venetian(tilts, d: float, rng) -> list[ScenePart]:
-    """A blind per panel, with slats tilted by `tilts` ((PANELS,), radians); positive lowers the side facing the room."""
+    """A blind per panel, with slats tilted by `tilts` ((PANELS,), radians); positive lowers the room side."""
     each = WIDTH / PANELS
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
     parts = []

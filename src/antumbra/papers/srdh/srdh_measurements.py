@@ -97,7 +97,7 @@ class BoxTests(NamedTuple):
     triangles: int  # triangles of the scene
     rays: int
     blocked: int  # blocked rays
-    boxes: tuple[int, ...]  # box tests by class of `trace.rays.single_rays`: PATH, FALSE, UNOCCLUDED
+    boxes: tuple[int, ...]  # box tests, by `trace.rays.single_rays.CLASSES`
     tested: int  # triangle tests
 
     @property

@@ -85,7 +85,7 @@ def print_orders(rows: list[BoxTests]) -> None:
             table.append((name, method, *parts, f"{r.total / r.rays:.1f}", f"{r.tested / r.rays:.2f}"))
     print("Counted shadow rays")
     report.print_table(("scene", "triangles", "rays", "% blocked"), counts, right=range(1, 4), width=_WIDTH)
-    classes = "path to the hit", "faux hits", "unoccluded"
+    classes = "path to the hit", "false hits", "unoccluded"
     head = ("scene", "method", "all", *classes, "boxes per ray", "triangles per ray")
     print("Box tests, % of random order; SRDH with all rays as representative rays (Figure 2)")
     report.print_table(head, table, right=range(2, len(head)), width=_WIDTH)
@@ -208,7 +208,7 @@ _CLASSES = (
 
 
 def write_plot(rows: list[BoxTests], path: Path) -> None:
-    """Write a plot: Figure 2 as bars at the top, grouped by scene; Figure 4 as curves at the bottom, coloured by scene."""
+    """Write a plot: Figure 2 as bars grouped by scene at the top, Figure 4 as curves coloured by scene below."""
     from matplotlib.figure import Figure
 
     scenes = scenes_of(rows)
