@@ -61,9 +61,9 @@ def load(name: Path):
     if "camera" in info:
         camera = antumbra.Camera(info["camera"]["position"], info["camera"]["target"], up, info["camera"]["vfov"])
     if "light" in info:
-        own = np.array(info["light"], float)
+        position = np.array(info["light"], float)
         far = 2.0 * float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
-        point = own[:3] if len(own) == 3 or own[3] else scene.bounds.mean(0) + own[:3] * far
+        point = position[:3] if len(position) == 3 or position[3] else scene.bounds.mean(0) + position[:3] * far
     return (name.parent.name if name.stem == "scene" else name.stem), scene, camera, point
 
 
@@ -72,8 +72,8 @@ def coherent(scene, camera, point, n: int):
     width = 16 * int(np.ceil((n * 16 / 9) ** 0.5 / 16))
     triangles = scene.triangles(0.0)
     corners, rays = triangles.vertices.reshape(-1, 9), camera.resized(width, -(-n // width)).rays(triangles.origin)
-    seen = from_hits(*rasterise(corners, rays), triangles, rays)
-    flat = [a.reshape(-1, *a.shape[2:]) for a in (seen.position, seen.normal, seen.face, seen.side)]
+    gbuffer = from_hits(*rasterise(corners, rays), triangles, rays)
+    flat = [a.reshape(-1, *a.shape[2:]) for a in (gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.side)]
     flat = [a[flat[3] != NOTHING] for a in flat]
     origins = np.resize((surface_receivers(*flat, corners) + triangles.origin).astype(np.float32), (n, 3))
     return origins, (point - origins).astype(np.float32)
@@ -119,12 +119,12 @@ def settle(name: str, scene, rays) -> None:
     """Trace rays until the scene has optimised its tree. Very large scenes never do."""
     if not best_pays(np.inf, scene.n_triangles):
         return
-    start, asked = time.perf_counter(), 0
+    start, n_rays = time.perf_counter(), 0
     while str(scene.engine.source.ray_lists.plan) != PLANS[1]:
         scene.occluded(*rays, tmax=1.0)
-        asked += len(rays[0])
+        n_rays += len(rays[0])
     scene.occluded(*(side[:1] for side in rays))
-    print(f"{name}: tree optimised after {asked / 1e6:.0f} M rays, {time.perf_counter() - start:.1f} s in all")
+    print(f"{name}: tree optimised after {n_rays / 1e6:.0f} M rays, {time.perf_counter() - start:.1f} s in all")
 
 
 def ask(scene, origins, directions, threads: int, fresh: bool) -> np.ndarray:
@@ -137,46 +137,46 @@ def ask(scene, origins, directions, threads: int, fresh: bool) -> np.ndarray:
 def methods(scene, rays, is_coherent: bool, threads: int, peer: Records | None, fresh: bool):
     """Name -> function that traces the rays."""
     origins, directions = rays
-    found = {"occluded": lambda: ask(scene, origins, directions, threads, fresh)}
+    calls = {"occluded": lambda: ask(scene, origins, directions, threads, fresh)}
     if peer:
         for quality, built in peer.scenes.items():
-            found[f"embree 1 {quality}"] = partial(trace, built, peer.single, is_coherent, threads)
-            found[f"embree 16 {quality}"] = partial(trace, built, peer.packets, is_coherent, threads)
-        found["embreex"] = _embreex(scene, origins, directions)
+            calls[f"embree 1 {quality}"] = partial(trace, built, peer.single, is_coherent, threads)
+            calls[f"embree 16 {quality}"] = partial(trace, built, peer.packets, is_coherent, threads)
+        calls["embreex"] = _embreex(scene, origins, directions)
     if installed(open3d_rays.library):
-        found["open3d"] = _open3d(scene, origins, directions, threads)
-    return found
+        calls["open3d"] = _open3d(scene, origins, directions, threads)
+    return calls
 
 
 def _embreex(scene, origins, directions):
     from embreex import rtcore_scene
     from embreex.mesh_construction import TriangleMesh
 
-    own = rtcore_scene.EmbreeScene()
-    mesh = TriangleMesh(own, (scene.triangles(0.0).vertices + scene.origin).astype(np.float32))
-    return lambda: (own.run(origins, directions, dists=1.0, query="OCCLUDED"), mesh)
+    embree_scene = rtcore_scene.EmbreeScene()
+    mesh = TriangleMesh(embree_scene, (scene.triangles(0.0).vertices + scene.origin).astype(np.float32))
+    return lambda: (embree_scene.run(origins, directions, dists=1.0, query="OCCLUDED"), mesh)
 
 
 def _open3d(scene, origins, directions, threads):
     open3d = open3d_rays.library()
-    own = open3d.t.geometry.RaycastingScene(nthreads=threads)
+    raycasting = open3d.t.geometry.RaycastingScene(nthreads=threads)
     vertices = (scene.triangles(0.0).vertices + scene.origin).astype(np.float32).reshape(-1, 3)
-    own.add_triangles(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
+    raycasting.add_triangles(vertices, np.arange(len(vertices), dtype=np.uint32).reshape(-1, 3))
     six = open3d.core.Tensor(np.concatenate([origins, directions], 1))
-    return lambda: own.test_occlusions(six, tfar=1.0, nthreads=threads)
+    return lambda: raycasting.test_occlusions(six, tfar=1.0, nthreads=threads)
 
 
 def measure(name: str, scene, kind: str, rays, threads: int, rounds: int, fresh: bool) -> list[dict]:
     """One row for each method."""
     peer = Records(scene, rays, threads) if has_embree() else None
-    ways, differ = methods(scene, rays, kind == "coherent", threads, peer, fresh), None
-    seconds: dict[str, list[float]] = {k: [] for k in ways}
+    calls, differ = methods(scene, rays, kind == "coherent", threads, peer, fresh), None
+    seconds: dict[str, list[float]] = {k: [] for k in calls}
     for turn in range(rounds + 1):
-        for k, way in ways.items():
+        for k, call in calls.items():
             if peer:
                 peer.fresh()
             start = time.perf_counter()
-            result = way()
+            result = call()
             if turn:  # the first turn compiles and builds
                 seconds[k].append(time.perf_counter() - start)
             if k == "occluded":
@@ -185,7 +185,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int, fresh:
                 differ = int((peer.answers() != ours).sum())
     if peer:
         peer.close()
-    n, own = len(rays[0]), statistics.median(seconds["occluded"])
+    n, our_seconds = len(rays[0]), statistics.median(seconds["occluded"])
     return [
         {
             "scene": name,
@@ -196,7 +196,7 @@ def measure(name: str, scene, kind: str, rays, threads: int, rounds: int, fresh:
             "median_ms": 1e3 * statistics.median(s),
             "min_ms": 1e3 * min(s),
             "million_rays_per_second": n / statistics.median(s) / 1e6,
-            "we_are_faster": statistics.median(s) / own,
+            "we_are_faster": statistics.median(s) / our_seconds,
             "of_minima": min(s) / min(seconds["occluded"]),
             "occluded": float(ours.mean()),
             "differ_from_embree": differ,  # None: without Embree

@@ -54,7 +54,7 @@ class Case(NamedTuple):
 
 
 def load_cases(path: Path = CASES) -> list[Case]:
-    return [Case(**{**told, "size": tuple(told["size"])}) for told in json.loads(path.read_text())]
+    return [Case(**{**fields, "size": tuple(fields["size"])}) for fields in json.loads(path.read_text())]
 
 
 def light_of(name: str, view, rng) -> at.Light:
@@ -116,8 +116,8 @@ def run_case(case: Case, view, plan: str, threads: int) -> tuple[float, list[np.
         engine = at.Engine(scene, plan, threads)
         start = perf_counter()
         receivers = at.Receivers.of(points, normals, scene.origin)
-        seen = engine.visibility(receivers, [light], spp=case.spp)
-        return perf_counter() - start, [seen.bits]
+        result = engine.visibility(receivers, [light], spp=case.spp)
+        return perf_counter() - start, [result.bits]
     renderer, seconds = Renderer(scene, plan, threads), 0.0
     for k in range(1 if case.job in ("picture", "bounce") else FRAMES):
         camera, time = view.camera.resized(*case.size), 0.0
@@ -140,29 +140,29 @@ def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
         If two plans give different bits.
     """
     view, rng = named_view(case.scene, case.size, square(40)), np.random.default_rng(0)
-    found: dict[str, float] = {}
-    _, truth = run_case(case, view, "lbvh+single", threads)  # the first run warms the machine up
+    seconds_of: dict[str, float] = {}
+    _, reference = run_case(case, view, "lbvh+single", threads)  # the first run warms the machine up
     for _ in range(rounds):
         for plan in rng.permutation(plans_of(case)).tolist():
-            if found.get(plan, 0.0) > SLOW * min(found.values(), default=0.0):
+            if seconds_of.get(plan, 0.0) > SLOW * min(seconds_of.values(), default=0.0):
                 continue
             seconds, bits = run_case(case, view, plan, threads)
-            if not all(np.array_equal(a, b) for a, b in zip(truth, bits)):
+            if not all(np.array_equal(a, b) for a, b in zip(reference, bits)):
                 raise RuntimeError(f"{case}: {plan} and {DEFAULT_PLAN} give different bits")
-            found[plan] = min(seconds, found.get(plan, np.inf))
-    return found
+            seconds_of[plan] = min(seconds, seconds_of.get(plan, np.inf))
+    return seconds_of
 
 
 def report(rows: list[tuple[Case, dict[str, float]]]) -> None:
     """Print the summary: total times, and the worst cases."""
-    chosen = np.array([found[DEFAULT_PLAN] for _, found in rows])
-    best = np.array([min(found.values()) for _, found in rows])
+    chosen = np.array([seconds[DEFAULT_PLAN] for _, seconds in rows])
+    best = np.array([min(seconds.values()) for _, seconds in rows])
     ratios = chosen / best
     print(f"\n{len(rows)} cases: auto {chosen.sum():.2f} s, the best plan of each case {best.sum():.2f} s:", end=" ")
     print(f"ratio {chosen.sum() / best.sum():.3f}; worst case {ratios.max():.2f}, median {np.median(ratios):.2f}")
-    for plan in dict.fromkeys(plan for _, found in rows for plan in found):
-        there = [found[plan] / min(found.values()) for _, found in rows if plan in found]
-        print(f"  {plan:28s} worst {max(there):8.2f}, median {np.median(there):5.2f} ({len(there)} cases)")
+    for plan in dict.fromkeys(plan for _, seconds in rows for plan in seconds):
+        slowdowns = [seconds[plan] / min(seconds.values()) for _, seconds in rows if plan in seconds]
+        print(f"  {plan:28s} worst {max(slowdowns):8.2f}, median {np.median(slowdowns):5.2f} ({len(slowdowns)} cases)")
 
 
 def main() -> None:
@@ -180,15 +180,15 @@ def main() -> None:
     rows = []
     for case in cases:
         try:
-            found = measure(case, options.threads, options.rounds)
+            seconds = measure(case, options.threads, options.rounds)
         except at.InputError as error:
             print(f"left out: {error}", file=sys.stderr)
             continue
-        rows.append((case, found))
-        best = min(found, key=found.__getitem__)
+        rows.append((case, seconds))
+        best = min(seconds, key=seconds.__getitem__)
         what = f"{case.scene[:24]:24s} {case.job:9s} {case.light:6s} {case.spp:4d} {case.size[0]:4d}x{case.size[1]:<4d}"
-        auto = found[DEFAULT_PLAN]
-        print(f"{what} {1e3 * auto:8.1f} ms, {auto / found[best]:5.2f} x {best}", flush=True)
+        auto = seconds[DEFAULT_PLAN]
+        print(f"{what} {1e3 * auto:8.1f} ms, {auto / seconds[best]:5.2f} x {best}", flush=True)
     report(rows)
     if options.json:
         answer = {"machine": machine(options.threads), "rows": [{**c._asdict(), "seconds": s} for c, s in rows]}

@@ -77,7 +77,7 @@ def embree_seconds(device: Device, vertices, quality: str) -> float:
     return seconds
 
 
-def asked_of(vertices, threads: int, size: int):
+def query_of_trees(vertices, threads: int, size: int):
     """The shadow query that traces the trees."""
     scene = antumbra.Scene.from_arrays(vertices)
     renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
@@ -104,7 +104,7 @@ def describe(build, vertices, query, threads: int) -> dict:
 def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[dict]:
     """One row for each method."""
     ours = {k: lambda b=b: b.build(vertices, threads) for k, b in BUILDERS.items()}
-    query = asked_of(vertices, threads, size)
+    query = query_of_trees(vertices, threads, size)
     facts = {k: describe(build, vertices, query, threads) for k, build in ours.items()}
     qualities = QUALITIES if has_embree() else ()
     seconds = {k: [] for k in (*ours, *(f"embree {q}" for q in qualities))}
@@ -132,13 +132,13 @@ def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[d
 
 
 def line(row: dict) -> str:
-    own = ""
+    quality = ""
     if "sah" in row:
         traced = " ".join(f"{row[f'trace_{name}_ms']:11.1f}" for name in TRACED_BY)
-        own = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d} {traced}"
+        quality = f"{row['sah']:8.2f} {row['bytes_per_triangle']:8.1f} {row['depth']:6d} {traced}"
     times = f"{row['median_ms']:9.1f} {row['min_ms']:8.1f} {row['max_ms']:8.1f}"
     ratios = " ".join(" " * 7 if row[k] is None else f"{row[k]:7.2f}" for k in ("ratio", "ratio_of_minima"))
-    return f"{row['scene']:20s} {row['method']:15s} {times} {ratios} {own}"
+    return f"{row['scene']:20s} {row['method']:15s} {times} {ratios} {quality}"
 
 
 def main() -> None:

@@ -49,23 +49,23 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     cluster.wait_for_nodes()
     try:
         with connected(cluster.address):
-            home, given = asked_of(words)
-            own = Asked(folder / f"{nodes}.shards")
-            begin(home, given, {}, 1, own)
-            engine = Cluster(own.folder, cluster.address, partial(begin, home, given), {}, given.plan)
+            home, render = command_arguments(words)
+            request = Asked(folder / f"{nodes}.shards")
+            begin(home, render, {}, 1, request)
+            engine = Cluster(request.folder, cluster.address, partial(begin, home, render), {}, render.plan)
             start = monotonic()
-            engine.finish(own.job)
+            engine.finish(request.job)
     finally:
         cluster.shutdown()
     log = engine.log
     end = max(log.written)
     work = sum(end - moment for moment in log.ready.values())
-    parts = [log.seconds[number] for number, _, _ in numbered(own.job)]
+    parts = [log.seconds[number] for number, _, _ in numbered(request.job)]
     ready = sorted(moment - start for moment in log.ready.values())
     return {"nodes": nodes, "ready": ready, "work": work, "parts": parts, "of_ideal": sum(parts) / work}
 
 
-def asked_of(words: list[str]):
+def command_arguments(words: list[str]):
     """The home and the arguments of ``antumbra render`` with these words."""
     from antumbra.cli.picture_spec import RenderArguments
 
@@ -100,7 +100,7 @@ def larger(parts: list[float], hours: float) -> list[float]:
     return rng.choice(parts, max(1, round(hours * 3600.0 / np.mean(parts)))).tolist()
 
 
-def plot(parts: list[float], asked) -> None:
+def plot(parts: list[float], options) -> None:
     """Draw the share of ideal over the number of nodes."""
     import matplotlib
 
@@ -109,9 +109,9 @@ def plot(parts: list[float], asked) -> None:
 
     figure, axes = pyplot.subplots(figsize=(6.4, 3.2), dpi=100)
     nodes = [2**k for k in range(10)]
-    for hours in asked.hours:
+    for hours in options.hours:
         job = larger(parts, hours)
-        for store, style in zip(asked.store, ("-", "--")):
+        for store, style in zip(options.store, ("-", "--")):
             shares = [simulated(job, n, store * 1e9)["of_ideal"] for n in nodes]
             axes.plot(nodes, shares, style, marker="o", label=f"{hours:g} h of one node, {store:g} GB to fetch")
     axes.set_xscale("log", base=2)
@@ -120,7 +120,7 @@ def plot(parts: list[float], asked) -> None:
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
     figure.tight_layout()
-    figure.savefig(asked.plot)
+    figure.savefig(options.plot)
 
 
 def main() -> None:
@@ -131,30 +131,30 @@ def main() -> None:
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--store", type=float, nargs="+", default=[0.0, 4.0], help="GB that nodes fetch")
     parser.add_argument("--hours", type=float, nargs="+", default=[1.0, 24.0], help="of one node")
-    asked = parser.parse_args()
-    scene = str(asked.scene[0]) if asked.scene else "procedural:city?triangles=200k"
-    words = [scene, "--size", asked.size, "--spp", str(asked.spp)]
+    options = parser.parse_args()
+    scene = str(options.scene[0]) if options.scene else "procedural:city?triangles=200k"
+    words = [scene, "--size", options.size, "--spp", str(options.spp)]
     rows = []
-    for nodes in asked.nodes:
+    for nodes in options.nodes:
         with TemporaryDirectory() as folder:
             rows.append(measured(words, nodes, Path(folder)))
-        told = rows[-1]
-        print(f"{nodes} nodes: ready {told['ready'][-1]:.1f} s, work {told['work']:.2f} s, parts "
-              f"{sum(told['parts']):.2f} s, {told['of_ideal']:.3f} of ideal")  # fmt: skip
+        row = rows[-1]
+        print(f"{nodes} nodes: ready {row['ready'][-1]:.1f} s, work {row['work']:.2f} s, parts "
+              f"{sum(row['parts']):.2f} s, {row['of_ideal']:.3f} of ideal")  # fmt: skip
     print(f"{'nodes':>5} {'hours':>6} {'store':>6} {'seconds':>9} {'start':>7} {'of ideal':>8}")
     table = []
-    for hours in asked.hours:
+    for hours in options.hours:
         parts = larger(rows[0]["parts"], hours)
-        for store in asked.store:
+        for store in options.store:
             for nodes in SIMULATED:
-                found = simulated(parts, nodes, store * 1e9)
-                table.append({"hours": hours, "store": store, **found})
-                print(f"{nodes:5} {hours:6g} {store:6g} {found['seconds']:9.1f} {found['start']:7.1f} "
-                      f"{found['of_ideal']:8.3f}")  # fmt: skip
-    if asked.plot:
-        plot(rows[0]["parts"], asked)
-    if asked.json:
-        asked.json.write_text(json.dumps({"rows": rows, "simulated": table, "about": machine(1)}))
+                result = simulated(parts, nodes, store * 1e9)
+                table.append({"hours": hours, "store": store, **result})
+                print(f"{nodes:5} {hours:6g} {store:6g} {result['seconds']:9.1f} {result['start']:7.1f} "
+                      f"{result['of_ideal']:8.3f}")  # fmt: skip
+    if options.plot:
+        plot(rows[0]["parts"], options)
+    if options.json:
+        options.json.write_text(json.dumps({"rows": rows, "simulated": table, "about": machine(1)}))
 
 
 if __name__ == "__main__":

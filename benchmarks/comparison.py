@@ -67,18 +67,18 @@ def start(main: Callable[[], None]) -> None:
         sys.exit(f"error: {error}")
 
 
-def compare(options: argparse.Namespace, measure: Callable, looked_at: Callable = views) -> None:
+def compare(options: argparse.Namespace, measure: Callable, views_of: Callable = views) -> None:
     """Call ``measure(view, options)`` for each view of ``looked_at``; print and write the rows that it returns."""
     command = " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     about = {"command": command, **machine(max(options.threads)), "isa": options.isa or "native"}
     about["embree"] = describe_embree(options.isa)
     print(", ".join(f"{k} {v}" for k, v in about.items()), flush=True)
-    found = []
-    for view in looked_at(options.scene, options.size):
-        found += measure(view, options)
+    rows = []
+    for view in views_of(options.scene, options.size):
+        rows += measure(view, options)
         if options.json:  # after each scene, because a run takes long
-            options.json.write_text(json.dumps({"machine": about, "rows": found}, indent=1))
-    print("\n" + "\n".join(summary(found)))
-    wrong = [row for row in found if row["family"] == OURS and row["differs"]]
+            options.json.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
+    print("\n" + "\n".join(summary(rows)))
+    wrong = [row for row in rows if row["family"] == OURS and row["differs"]]
     if wrong:
         sys.exit(f"ours do not all give the same answers: {wrong}")

@@ -45,7 +45,7 @@ BUILDS = [(quality, flags, False) for quality in ("low", "medium", "high") for f
 BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, whether to refit)
 
 
-class Way(NamedTuple):
+class FrameMode(NamedTuple):
     """How Embree makes a frame."""
 
     build: tuple[str, int, bool]  # one of BUILDS
@@ -88,15 +88,15 @@ class EmbreeFrames:
 
     family = EMBREE
 
-    def __init__(self, way: Way, device, view: Moving, threads: int, spp: int, clock):
-        self.way, self.view, self.threads, self.spp, self.clock = way, view, threads, spp, clock
-        quality, flags, self.refit = way.build
+    def __init__(self, mode: FrameMode, device, view: Moving, threads: int, spp: int, clock):
+        self.mode, self.view, self.threads, self.spp, self.clock = mode, view, threads, spp, clock
+        quality, flags, self.refit = mode.build
         self.scene = embree.EmbreeScene(device, view.scene.triangles().vertices, quality=quality, flags=flags)
         self.lights = light_points(view.light, view.scene.origin, spp)
 
     @property
     def name(self) -> str:
-        return str(self.way)
+        return str(self.mode)
 
     def frame(self, moment: float) -> Result:
         seconds, last = dict.fromkeys(PHASES, 0.0), self.clock()
@@ -115,9 +115,9 @@ class EmbreeFrames:
         self.scene.build_again(self.refit)
         lap("build")
         rays = view.camera.rays(triangles.origin)
-        hits = primary(self.scene, triangles, rays, self.way.primary, self.threads)
+        hits = primary(self.scene, triangles, rays, self.mode.primary, self.threads)
         lap("gbuffer")
-        bits = shadows(self.scene, hits, self.lights, self.way.shadow, self.threads)
+        bits = shadows(self.scene, hits, self.lights, self.mode.shadow, self.threads)
         lap("trace")
         visibility = fraction_lit(bits, self.spp, self.threads)
         lap("filter")
@@ -138,35 +138,38 @@ def moments(view: Moving, count: int) -> list[float]:
     return [k / FPS for k in np.unique(np.linspace(0, last, count).round().astype(int)).tolist()]
 
 
-def best_ways(device, view: Moving, threads: int, options) -> list[Way]:
+def best_modes(device, view: Moving, threads: int, options) -> list[FrameMode]:
     """The fastest two combinations of a build and a way of tracing."""
     moment, width = moments(view, 3)[1], device.width
     eyes = [Primary(n, c) for n in (1, width) for c in (False, True)]
     lamps = [Shadow(n, o, c) for n in (1, width) for o in ORDERS[n == 1 :] for c in (False, True)]
 
-    def tried(build, hows) -> list[tuple[dict[str, float], Way]]:
-        peer, found = EmbreeFrames(Way(build, *hows[0]), device, view, threads, options.spp, CLOCKS[options.clock]), []
+    def timed_modes(build, hows) -> list[tuple[dict[str, float], FrameMode]]:
+        peer, timing = (
+            EmbreeFrames(FrameMode(build, *hows[0]), device, view, threads, options.spp, CLOCKS[options.clock]),
+            [],
+        )
         for how in hows:
-            peer.way = Way(build, *how)
-            progress(f"{view.name}: trying {peer.way}")
+            peer.mode = FrameMode(build, *how)
+            progress(f"{view.name}: trying {peer.mode}")
             peer.frame(moment)  # compiles, and warms the caches
-            found.append((min((peer.frame(moment).seconds for _ in range(2)), key=lambda s: s["total"]), peer.way))
+            timing.append((min((peer.frame(moment).seconds for _ in range(2)), key=lambda s: s["total"]), peer.mode))
         peer.close()
-        return found
+        return timing
 
-    first = tried(BUILDS[2], [(eyes[i % len(eyes)], lamp) for i, lamp in enumerate(lamps)])
-    eye = min(first, key=lambda found: found[0]["gbuffer"])[1].primary
-    best = [way.shadow for _, way in sorted(first, key=lambda found: found[0]["trace"])[:2]]
-    found = [pair for build in BUILDS for pair in tried(build, [(eye, lamp) for lamp in best])]
-    return [way for _, way in sorted(found, key=lambda found: found[0]["total"])[:2]]
+    first = timed_modes(BUILDS[2], [(eyes[i % len(eyes)], lamp) for i, lamp in enumerate(lamps)])
+    eye = min(first, key=lambda timing: timing[0]["gbuffer"])[1].primary
+    best = [mode.shadow for _, mode in sorted(first, key=lambda timing: timing[0]["trace"])[:2]]
+    timing = [pair for build in BUILDS for pair in timed_modes(build, [(eye, lamp) for lamp in best])]
+    return [mode for _, mode in sorted(timing, key=lambda timing: timing[0]["total"])[:2]]
 
 
 def measure(view: Moving, options) -> list[dict]:
     """Rows of all numbers of threads."""
-    found = []
+    rows = []
     for threads in options.threads:
-        found += _measure(_device(threads, options.isa), view, threads, options)
-    return found
+        rows += _measure(_device(threads, options.isa), view, threads, options)
+    return rows
 
 
 @cache
@@ -177,11 +180,11 @@ def _device(threads: int, isa: str | None):
 
 def _measure(device, view: Moving, threads: int, options) -> list[dict]:
     clock, times = CLOCKS[options.clock], moments(view, options.frames)
-    ways = best_ways(device, view, threads, options) if device else []
+    modes = best_modes(device, view, threads, options) if device else []
     contenders: list = [Ours(plan, view, threads, options.spp, clock) for plan in options.plans]
-    contenders += [EmbreeFrames(way, device, view, threads, options.spp, clock) for way in ways]
-    found = {c.name: [] for c in contenders}
-    differs = dict.fromkeys(found, 0)
+    contenders += [EmbreeFrames(mode, device, view, threads, options.spp, clock) for mode in modes]
+    frames = {c.name: [] for c in contenders}
+    differs = dict.fromkeys(frames, 0)
     for turn in range(-1, options.rounds):  # the first turn warms up and compares answers
         for i, moment in enumerate(times):
             progress(f"round {turn + 1} of {options.rounds}, frame {i + 1} of {len(times)}")
@@ -192,20 +195,20 @@ def _measure(device, view: Moving, threads: int, options) -> list[dict]:
                 if turn < 0:
                     differs[contender.name] += int(np.count_nonzero(visibility != reference))
                 else:
-                    found[contender.name].append(seconds)
+                    frames[contender.name].append(seconds)
     progress("")
     case = {"scene": view.name, "triangles": view.scene.n_triangles, "threads": threads, "clock": options.clock}
     case |= {"spp": options.spp, "frames": len(times), "rounds": options.rounds, "size": list(options.size)}
-    made = [_row(case, c, found[c.name], differs[c.name]) for c in contenders]
-    fastest = max((row["fps"] for row in made if row["family"] == EMBREE), default=None)
-    for row in made:
+    rows = [_row(case, c, frames[c.name], differs[c.name]) for c in contenders]
+    fastest = max((row["fps"] for row in rows if row["family"] == EMBREE), default=None)
+    for row in rows:
         if fastest and row["family"] == OURS:
             row["ratio"] = row["fps"] / fastest
     print(f"\n{view.name}, {view.scene.n_triangles} triangles, {len(times)} frames, {threads} thread(s)\n{HEAD}")
-    print("\n".join(_line(row) for row in made), flush=True)
+    print("\n".join(_line(row) for row in rows), flush=True)
     for contender in contenders:
         contender.close()
-    return made
+    return rows
 
 
 def _row(case: dict, contender, frames: list[dict], differs: int) -> dict:

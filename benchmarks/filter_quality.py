@@ -54,20 +54,20 @@ def opened(name: str, size: int):
     info = json.loads((folder / "info.json").read_text())
     file = folder / "scene.glb"
     scene = at.load(file if file.exists() else folder, up="z" if info["up"][2] else "y")
-    own = info["camera"]
+    view = info["camera"]
     side = 0.02 * np.linalg.norm(np.subtract(*scene.bounds))
     u, v = np.eye(3)[[i for i in range(3) if not info["up"][i]]] * side
     light = at.QuadLight(np.asarray(info["light"]) - (u + v) / 2, u, v, intensity=side * side)
-    return scene, at.Camera(own["position"], own["target"], info["up"], own["vfov"], size, size), [light]
+    return scene, at.Camera(view["position"], view["target"], info["up"], view["vfov"], size, size), [light]
 
 
 def rendered(*scene, noise=filter.NOISE, **method):
     """Render a frame with the filter's `NOISE` set to `noise`."""
-    kept, filter.NOISE = filter.NOISE, noise
+    default, filter.NOISE = filter.NOISE, noise
     try:
         return at.render(*scene, antialias=False, **method)
     finally:
-        filter.NOISE = kept
+        filter.NOISE = default
 
 
 def supersampled(scene, camera, lights, threads) -> np.ndarray:
@@ -94,15 +94,15 @@ def measure(name: str, options) -> list[dict]:
             if turn:  # the first turn loads kernels
                 seconds[k].append(frames[k].timings)
     fine = at.render(scene, camera, lights, threads=options.threads, spp=1024)
-    truth = supersampled(scene, camera, lights, options.threads)
-    seen = fine.gbuffer.face >= 0
-    exposure = automatic_exposure(truth, seen)
-    pictures = {k: to_srgb8(f.image, exposure) for k, f in frames.items()} | {"truth": to_srgb8(truth, exposure)}
+    reference = supersampled(scene, camera, lights, options.threads)
+    visible = fine.gbuffer.face >= 0
+    exposure = automatic_exposure(reference, visible)
+    pictures = {k: to_srgb8(f.image, exposure) for k, f in frames.items()} | {"truth": to_srgb8(reference, exposure)}
     edge = edges(seen_by(fine.gbuffer, camera.rays(fine.gbuffer.origin)), scene.colours)
     rows = []
     for k, frame in frames.items():
         truths = {"256": frames["256"], "1024": fine}
-        against = {n: errors(frame.visibility[0][seen], f.visibility[0][seen]) for n, f in truths.items()}
+        against = {n: errors(frame.visibility[0][visible], f.visibility[0][visible]) for n, f in truths.items()}
         rows.append({
             "scene": name, "triangles": scene.n_triangles, "size": options.size, "method": k, "rays": frame.rays,
             "trace_ms": 1e3 * statistics.median(t["trace"] for t in seconds[k]),

@@ -61,7 +61,7 @@ def _points(rng, m: int) -> np.ndarray:
     return np.round(np.stack([x, np.zeros_like(x), z], -1).reshape(-1, 3)[:m] * 256) / 256
 
 
-def _asked(rng, bad: np.ndarray, m: int, light=LIGHT) -> Hostile:
+def _hostile(rng, bad: np.ndarray, m: int, light=LIGHT) -> Hostile:
     """Bad triangles among 100 ordinary ones, a point light, and a square light around it."""
     lights = [at.PointLight(light), at.QuadLight(light - (0.25, 0, 0.25), (0.5, 0, 0), (0, 0, 0.5))]
     soup = np.concatenate([bad, _ordinary(rng, 100), _CORNERS])
@@ -77,30 +77,30 @@ def _on_lines(n: int) -> np.ndarray:
 
 def lines(rng, n: int, m: int) -> Hostile:
     """Corners at powers of two along nine lines: no triangle has an area, and their boxes are nested."""
-    return _asked(rng, _on_lines(n), m, np.zeros(3) + (0, 4, 0))
+    return _hostile(rng, _on_lines(n), m, np.zeros(3) + (0, 4, 0))
 
 
 def near_lines(rng, n: int, m: int) -> Hostile:
     """The same, with the last bits of all corners changed: every triangle has hardly any area."""
     bad = _on_lines(n)
-    return _asked(rng, bad + bad * rng.integers(-2, 3, bad.shape) * 2.0**-20, m, np.zeros(3) + (0, 4, 0))
+    return _hostile(rng, bad + bad * rng.integers(-2, 3, bad.shape) * 2.0**-20, m, np.zeros(3) + (0, 4, 0))
 
 
 def junk_at_light(rng, n: int, m: int) -> Hostile:
     """Triangles without area, all through the light."""
     along = rng.integers(-64, 65, (n, 1, 3)) / 64.0
-    return _asked(rng, LIGHT + along * rng.integers(-4, 5, (n, 3, 1)), m)
+    return _hostile(rng, LIGHT + along * rng.integers(-4, 5, (n, 3, 1)), m)
 
 
 def points_at_light(rng, n: int, m: int) -> Hostile:
     """Triangles whose corners are all the light's position."""
-    return _asked(rng, np.broadcast_to(LIGHT, (n, 3, 3)), m)
+    return _hostile(rng, np.broadcast_to(LIGHT, (n, 3, 3)), m)
 
 
 def needles(rng, n: int, m: int) -> Hostile:
     """Triangles across the scene, a few steps of float32 wide."""
     ends = rng.uniform((-6, 1, -6), (6, 6, 6), (n, 2, 3))
-    return _asked(rng, np.stack([ends[:, 0], ends[:, 1], ends[:, 1] + rng.integers(1, 4, (n, 3)) * 2.0**-20], 1), m)
+    return _hostile(rng, np.stack([ends[:, 0], ends[:, 1], ends[:, 1] + rng.integers(1, 4, (n, 3)) * 2.0**-20], 1), m)
 
 
 def needles_at_light(rng, n: int, m: int) -> Hostile:
@@ -108,14 +108,14 @@ def needles_at_light(rng, n: int, m: int) -> Hostile:
     away = rng.normal(size=(n, 1, 3)) * (3, 1, 3) - (0, 3, 0)
     shaken = np.concatenate([0 * away, away, away], 1)
     shaken[:, 2] += rng.integers(1, 4, (n, 3)) * 2.0**-20
-    return _asked(rng, LIGHT + shaken, m)
+    return _hostile(rng, LIGHT + shaken, m)
 
 
 def fan_at_light(rng, n: int, m: int) -> Hostile:
     """Ordinary triangles that share the light's position as a corner."""
     corners = rng.normal(size=(n, 3, 3)) * (2, 0.5, 2) - (0, 2, 0)
     corners[:, 0] = 0.0
-    return _asked(rng, LIGHT + np.round(corners * 256) / 256, m)
+    return _hostile(rng, LIGHT + np.round(corners * 256) / 256, m)
 
 
 def behind_light(rng, n: int, m: int) -> Hostile:
@@ -123,17 +123,17 @@ def behind_light(rng, n: int, m: int) -> Hostile:
     corners = rng.normal(size=(n, 3, 3)) * 2
     corners[..., 1] = 1 + abs(corners[..., 1])
     corners[:, 0] = 0.0
-    return _asked(rng, LIGHT + np.round(corners * 256) / 256, m)
+    return _hostile(rng, LIGHT + np.round(corners * 256) / 256, m)
 
 
 def copies(rng, n: int, m: int) -> Hostile:
     """One triangle, many times."""
-    return _asked(rng, np.broadcast_to([[-3.0, 3, -3], [3, 3, -3], [0, 3, 4]], (n, 3, 3)), m)
+    return _hostile(rng, np.broadcast_to([[-3.0, 3, -3], [3, 3, -3], [0, 3, 4]], (n, 3, 3)), m)
 
 
 def slanted_copies(rng, n: int, m: int) -> Hostile:
     """One triangle whose box is large and mostly empty, many times."""
-    return _asked(rng, np.broadcast_to([[-6.0, 0.5, -6], [6, 6, 6], [6, 6.125, 6]], (n, 3, 3)), m)
+    return _hostile(rng, np.broadcast_to([[-6.0, 0.5, -6], [6, 6, 6], [6, 6.125, 6]], (n, 3, 3)), m)
 
 
 def concentric(rng, n: int, m: int) -> Hostile:
@@ -141,39 +141,39 @@ def concentric(rng, n: int, m: int) -> Hostile:
     corners = rng.normal(size=(n, 3, 3))
     corners[:, 2] = -corners[:, 0] - corners[:, 1]
     size = 2.0 ** -rng.integers(0, 16, (n, 1, 1))
-    return _asked(rng, np.round(corners * 64) / 64 * size + (0, 4, 0), m)
+    return _hostile(rng, np.round(corners * 64) / 64 * size + (0, 4, 0), m)
 
 
 def edge_on(rng, n: int, m: int) -> Hostile:
     """Triangles in one plane, which holds the light and half of the points."""
     bad = rng.integers(-128, 129, (n, 3, 3)) / 32.0 + (0, 4, 0)
     bad[..., 2] = 0.0
-    asked = _asked(rng, bad, m)
-    asked.points[::2, 2] = 0.0
-    return asked
+    scene = _hostile(rng, bad, m)
+    scene.points[::2, 2] = 0.0
+    return scene
 
 
 def shared_edge(rng, n: int, m: int) -> Hostile:
     """Triangles around one edge, on the way from a line of points to the light."""
     bad = rng.integers(-128, 129, (n, 3, 3)) / 32.0 + (0, 4, 0)
     bad[:, 0], bad[:, 1] = (-4, 4, 0), (4, 4, 0)
-    asked = _asked(rng, bad, m)
-    asked.points[::2, 2] = 0.0
-    return asked
+    scene = _hostile(rng, bad, m)
+    scene.points[::2, 2] = 0.0
+    return scene
 
 
 def shared_point(rng, n: int, m: int) -> Hostile:
     """Triangles around one corner, and segments through it."""
     bad = rng.integers(-128, 129, (n, 3, 3)) / 64.0
     bad[:, 0] = 0.0
-    asked = _asked(rng, bad + LIGHT / 2, m)
-    asked.points[::2] = 0.0
-    return asked
+    scene = _hostile(rng, bad + LIGHT / 2, m)
+    scene.points[::2] = 0.0
+    return scene
 
 
 SCENES: dict[str, Callable[..., Hostile]] = {
-    made.__name__.replace("_", " "): made
-    for made in (
+    make.__name__.replace("_", " "): make
+    for make in (
         lines, near_lines, junk_at_light, points_at_light, needles, needles_at_light, fan_at_light, behind_light,
         copies, slanted_copies, concentric, edge_on, shared_edge, shared_point,
     )
@@ -181,7 +181,7 @@ SCENES: dict[str, Callable[..., Hostile]] = {
 """Name -> function of (random generator, triangles, points)."""
 
 
-def made(name: str, triangles: int, points: int) -> Hostile:
+def hostile_scene(name: str, triangles: int, points: int) -> Hostile:
     """The hostile scene of a name."""
     return SCENES[name](np.random.default_rng(36), triangles, points)
 
@@ -197,42 +197,42 @@ class Timed(NamedTuple):
 
 def _trace(to: Connection, name: str, sizes: tuple[int, int], plans: Sequence[str], threads: int) -> None:
     """The process of a scene: sends the `Timed` of each plan."""
-    asked = made(name, *sizes)
-    small = made(name, 8, 4)
+    hostile = hostile_scene(name, *sizes)
+    small = hostile_scene(name, 8, 4)
     for plan in plans:
         _occluded(small, plan, threads)
         to.send(plan)
         start = process_time()
-        occluded = _occluded(asked, plan, threads)
+        occluded = _occluded(hostile, plan, threads)
         to.send(Timed(name, plan, process_time() - start, occluded))
 
 
-def _occluded(asked: Hostile, plan: str, threads: int) -> int:
+def _occluded(hostile: Hostile, plan: str, threads: int) -> int:
     """The number of samples that are occluded."""
-    scene = at.Scene.from_arrays(asked.triangles)
-    seen = at.visibility(scene, asked.points, asked.lights, spp=8, plan=plan, threads=threads)
-    return int(np.bitwise_count(seen.bits).sum())
+    scene = at.Scene.from_arrays(hostile.triangles)
+    visibility = at.visibility(scene, hostile.points, hostile.lights, spp=8, plan=plan, threads=threads)
+    return int(np.bitwise_count(visibility.bits).sum())
 
 
 def timed(name: str, sizes: tuple[int, int], plans: Sequence[str], threads: int, limit: float) -> list[Timed]:
     """The time of each plan on a scene, with the build of its tree. `limit`: seconds for each."""
-    left, found = list(plans), []
-    while left:
+    remaining, results = list(plans), []
+    while remaining:
         ours, theirs = get_context("spawn").Pipe()
-        child = get_context("spawn").Process(target=_trace, args=(theirs, name, sizes, left, threads))
+        child = get_context("spawn").Process(target=_trace, args=(theirs, name, sizes, remaining, threads))
         child.start()
         theirs.close()
         try:
-            while left:
+            while remaining:
                 ours.recv()  # its kernels are loaded
-                found.append(ours.recv() if ours.poll(limit) else Timed(name, left[0], np.inf, -1))
-                left = left[1:]
-                if found[-1].seconds == np.inf:
+                results.append(ours.recv() if ours.poll(limit) else Timed(name, remaining[0], np.inf, -1))
+                remaining = remaining[1:]
+                if results[-1].seconds == np.inf:
                     break
         finally:
             child.kill()
             child.join()
-    return found
+    return results
 
 
 def ratios(rows: Sequence[Timed]) -> dict[str, float]:
@@ -255,19 +255,19 @@ def main() -> None:
     parser.add_argument("--triangles", type=int, default=20_000)
     parser.add_argument("--points", type=int, default=1_000)
     parser.add_argument("--limit", type=float, default=20.0, help="seconds for each plan and scene")
-    asked = parser.parse_args()
-    threads = thread_count(asked.threads)
+    options = parser.parse_args()
+    threads = thread_count(options.threads)
     rows = []
-    for name in asked.scenes:
-        rows.append(timed(name, (asked.triangles, asked.points), asked.plans, threads, asked.limit))
+    for name in options.scenes:
+        rows.append(timed(name, (options.triangles, options.points), options.plans, threads, options.limit))
         _report(rows[-1])
     wrong = [row[0].scene for row in rows if len({r.occluded for r in row if np.isfinite(r.seconds)}) > 1]
     over = [f"{row.plan} on {row.scene}" for each in rows for row in each if ratios(each)[row.plan] > MOST]
     print(f"plans differ on: {', '.join(wrong) or 'no scene'}")
     print(f"over {MOST:g} times the best: {', '.join(over) or 'none'}")
-    if asked.json:
-        told = [row._asdict() for each in rows for row in each]
-        asked.json.write_text(json.dumps({"machine": machine(threads), "rows": told}, indent=1))
+    if options.json:
+        records = [row._asdict() for each in rows for row in each]
+        options.json.write_text(json.dumps({"machine": machine(threads), "rows": records}, indent=1))
     sys.exit(bool(wrong))
 
 

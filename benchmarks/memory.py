@@ -29,16 +29,16 @@ def main() -> None:
     gc.collect()
     before = resident()
     scene = at.load(path)
-    made = scene.engine.with_options(Plan(), None, None).accelerated()
+    accelerated = scene.engine.with_options(Plan(), None, None).accelerated()
     gc.collect()
-    grown = resident() - before
-    held = {name: a for part in made if part is not None for name, a in part._asdict().items()}
-    arrays = {name: a.nbytes for name, a in held.items() if isinstance(a, np.ndarray) and name != "links"}
+    growth = resident() - before
+    fields = {name: a for part in accelerated if part is not None for name, a in part._asdict().items()}
+    arrays = {name: a.nbytes for name, a in fields.items() if isinstance(a, np.ndarray) and name != "links"}
     n = scene.n_triangles
     print(f"{path}: {n} triangles")
     for name, size in arrays.items():
         print(f"  {name:10} {size / n:7.1f} bytes a triangle")
-    print(f"process grew by {grown / n:.1f} bytes a triangle ({grown / 2**20:.0f} MiB)")
+    print(f"process grew by {growth / n:.1f} bytes a triangle ({growth / 2**20:.0f} MiB)")
 
 
 if __name__ == "__main__":

@@ -20,16 +20,16 @@ PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
 
 def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
     """(scene and light, threads) -> million rays a second of each library's best mode."""
-    found: dict = {}
+    cases: dict = {}
     for row in rows:
         if row["rounds"]:
-            case = found.setdefault((f"{row['scene']}\n{row['light']} light", row["threads"]), {})
+            case = cases.setdefault((f"{row['scene']}\n{row['light']} light", row["threads"]), {})
             library = row["family"].partition(" ")[0]
             case[library] = max(case.get(library, 0.0), row["mrays"])
-    return found
+    return cases
 
 
-def told(about: dict) -> str:
+def caption(about: dict) -> str:
     """The lines below the bars."""
     names = []
     for package, name in PACKAGES.items():
@@ -60,7 +60,7 @@ def draw(rows: list[dict], about: dict, output: Path) -> None:
     axes.legend(fontsize=8, frameon=False, ncols=len(families))
     axes.spines[["top", "right"]].set_visible(False)
     axes.set_ylim(top=1.18 * max(max(case.values()) for case in cases.values()))
-    figure.supxlabel(told(about), fontsize=6, color="#555555")
+    figure.supxlabel(caption(about), fontsize=6, color="#555555")
     figure.savefig(output, metadata={"Date": None} if output.suffix == ".svg" else None)
 
 

@@ -57,9 +57,9 @@ def open3d_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
 
 def other_peers(vertices) -> list:
     """[(function that makes contenders, scene)] of Mitsuba and Open3D. A line names each that is not installed."""
-    found = []
+    peers = []
     if installed(mitsuba_rays.library):
-        found.append((mitsuba_contenders, mitsuba_rays.MitsubaScene(vertices)))
+        peers.append((mitsuba_contenders, mitsuba_rays.MitsubaScene(vertices)))
     if installed(open3d_rays.library):
-        found.append((open3d_contenders, open3d_rays.Open3DScene(vertices)))
-    return found
+        peers.append((open3d_contenders, open3d_rays.Open3DScene(vertices)))
+    return peers

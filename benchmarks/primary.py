@@ -34,7 +34,7 @@ BUILDER = "bsah"
 
 def our_contenders(tree, triangles, rays, threads: int) -> list[Contender]:
     corners = triangles.vertices.reshape(-1, 9)
-    ways = {
+    queries = {
         "rays": (lambda: trace_primary(tree, rays, threads), lambda hits: hits[0]),
         "rasterise": (lambda: rasterise(corners, rays, threads), lambda hits: hits[0]),
         "gbuffer": (
@@ -43,16 +43,16 @@ def our_contenders(tree, triangles, rays, threads: int) -> list[Contender]:
         ),
     }
     return [
-        Contender(OURS, name, lambda: None, lambda _, run=run: run(), lambda made, face=face: face(made).ravel())
-        for name, (run, face) in ways.items()
+        Contender(OURS, name, lambda: None, lambda _, run=run: run(), lambda result, face=face: face(result).ravel())
+        for name, (run, face) in queries.items()
     ]
 
 
 def measure(view, options) -> list[dict]:
     """Rows of all numbers of threads."""
-    triangles, found = view.triangles, []
+    triangles, table = view.triangles, []
     rays = view.camera.rays(triangles.origin)
-    asked = primary_rays(rays)
+    peer_rays = primary_rays(rays)
     counters = new_raster_counters()
     rasterise(triangles.vertices.reshape(-1, 9), rays, counters=counters)
     counts = ", ".join(f"{k} {v}" for k, v in zip(RASTER_COUNTERS, counters))
@@ -61,15 +61,15 @@ def measure(view, options) -> list[dict]:
     with embree_scenes(triangles.vertices, options.isa) as built:
         for threads in options.threads:
             contenders = our_contenders(tree, triangles, rays, threads)
-            contenders += embree_contenders(built, asked, ("pixels",), True, threads)
-            results, faces = contest(contenders, asked.active, options.rounds, options.clock, progress)
+            contenders += embree_contenders(built, peer_rays, ("pixels",), True, threads)
+            results, faces = contest(contenders, peer_rays.active, options.rounds, options.clock, progress)
             progress("")
             case = {"scene": view.name, "triangles": len(triangles.vertices), "threads": threads}
             case |= {"clock": options.clock, "hit": float((faces >= 0).mean())}
             print(f"\n{view.name}, {(faces >= 0).mean():.1%} of the pixels hit, {threads} thread(s)\n{HEAD}")
-            found += rows(case, results, len(faces))
-            print("\n".join(line(row) for row in found[-len(results) :]), flush=True)
-    return found
+            table += rows(case, results, len(faces))
+            print("\n".join(line(row) for row in table[-len(results) :]), flush=True)
+    return table
 
 
 def main() -> None:

@@ -43,8 +43,8 @@ def town(boxes: int) -> np.ndarray:
     faces = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
     floor = [[[-40, -40, 0], [40, -40, 0], [40, 40, 0]], [[-40, -40, 0], [40, 40, 0], [-40, 40, 0]]]
     size, place = rng.uniform((3, 3, 4), (8, 8, 20), (boxes, 3)), rng.uniform(-30, 30, (boxes, 3)) * (1, 1, 0)
-    made = [corners[faces] * s + p - (0, 0, 0.01) for s, p in zip(size, place)]
-    return np.concatenate([np.array(floor, float), *made]).astype(np.float32)
+    triangles = [corners[faces] * s + p - (0, 0, 0.01) for s, p in zip(size, place)]
+    return np.concatenate([np.array(floor, float), *triangles]).astype(np.float32)
 
 
 def hit_by_radiance(soup: np.ndarray, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
@@ -60,8 +60,8 @@ def hit_by_radiance(soup: np.ndarray, origins: np.ndarray, directions: np.ndarra
         tree.write_bytes(radiance.oconv(scene))
         rays = np.concatenate([origins, directions], 1).astype(np.float64).tobytes()
         forms = {"inform": "d", "outform": "d", "outspec": "L"}
-        found = radiance.rtrace(rays, tree, header=False, **forms, nproc=threads, params=["-ab", "0"])
-    return np.frombuffer(found, np.float64) < MISS
+        output = radiance.rtrace(rays, tree, header=False, **forms, nproc=threads, params=["-ab", "0"])
+    return np.frombuffer(output, np.float64) < MISS
 
 
 def angle_to_edges(soup: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
@@ -81,14 +81,14 @@ def main() -> None:
     parser.add_argument("--days", default="2026-01-21:2026-12-21:30")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--json", type=Path, help="write the rows here too")
-    given = parser.parse_args()
-    soup = town(given.boxes)
+    options = parser.parse_args()
+    soup = town(options.boxes)
     scene = at.Scene.from_arrays(soup, up="z")
-    sensors = at.grid_sensors(scene, float(np.sqrt(at.face_sensors(scene).areas.sum() / given.sensors)))
-    suns = at.suns_of(PLACE, at.times_of(parse_days(given.days), zone_of(PLACE), 60), "z")
+    sensors = at.grid_sensors(scene, float(np.sqrt(at.face_sensors(scene).areas.sum() / options.sensors)))
+    suns = at.suns_of(PLACE, at.times_of(parse_days(options.days), zone_of(PLACE), 60), "z")
     start = time.perf_counter()
     lights = at.DirectionalLights(-suns.directions)
-    bits = at.visibility(scene, sensors.points, lights, sensors.normals, threads=given.threads).bits
+    bits = at.visibility(scene, sensors.points, lights, sensors.normals, threads=options.threads).bits
     own_seconds = time.perf_counter() - start
     hidden = np.unpackbits(bits.view(np.uint8), axis=1, bitorder="little")[:, : len(suns.hours)].astype(bool)
     row, sun = np.nonzero(sensors.normals @ suns.directions.T > 1e-6)
@@ -99,18 +99,20 @@ def main() -> None:
         receivers = Receivers.on_surface(sensors.points, sensors.normals, scene.origin)
         origins = receivers.origins[0].astype(np.float64) + scene.origin
         start = time.perf_counter()
-        met = hit_by_radiance(soup, origins[row], suns.directions[sun], given.threads)
+        radiance_hit = hit_by_radiance(soup, origins[row], suns.directions[sun], options.threads)
         pairs["radiance_seconds"] = time.perf_counter() - start
-        differ = np.flatnonzero(met != hidden[row, sun])
+        differ = np.flatnonzero(radiance_hit != hidden[row, sun])
         for k in differ:
             angle = angle_to_edges(soup, origins[row[k]], suns.directions[sun[k]])
-            rows.append({"sensor": int(row[k]), "sun": int(sun[k]), "radiance": bool(met[k]), "degrees": angle})
+            rows.append(
+                {"sensor": int(row[k]), "sun": int(sun[k]), "radiance": bool(radiance_hit[k]), "degrees": angle}
+            )
         print(f"Radiance {pairs['radiance_seconds']:.1f} s, Antumbra {own_seconds:.1f} s; {len(rows)} pairs differ")
         for r in rows:
             who = "Radiance" if r["radiance"] else "Antumbra"
             print(f"sensor {r['sensor']}, sun {r['sun']}: hidden for {who}; {r['degrees']:.1e} degrees from an edge")
-    if given.json:
-        given.json.write_text(json.dumps({"machine": machine(given.threads), **pairs, "rows": rows}, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine(options.threads), **pairs, "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ class Seen(NamedTuple):
 def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
     """A picture of size x size pixels, the mean of up to four."""
     scene, times = at.Scene.from_arrays(vertices, colours=np.ones(3)), -(-spp // MOST)
-    pixel, found = case.extent / size, []
+    pixel, frames = case.extent / size, []
     for k in range(times):
         middle = k * pixel
         eye, target = (middle, HEIGHT, 0.0), (middle, 0.0, 0.0)
@@ -108,8 +108,8 @@ def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
         frame = at.render(scene, camera, [case.light, DARK], spp=spp // times, filter=False, antialias=False)
         columns = slice(3 - k, 3 - k + size)
         world = frame.gbuffer.position[:, columns].astype(float) + frame.gbuffer.origin
-        found.append((np.pi * frame.image[:, columns, 0], frame.visibility[0][:, columns], world))
-    irradiance, fraction, points = (np.mean([each[i] for each in found], 0) for i in range(3))
+        frames.append((np.pi * frame.image[:, columns, 0], frame.visibility[0][:, columns], world))
+    irradiance, fraction, points = (np.mean([each[i] for each in frames], 0) for i in range(3))
     return Seen(irradiance.ravel(), fraction.ravel(), points.reshape(-1, 3))
 
 
@@ -120,17 +120,17 @@ def truth(vertices: np.ndarray, light: at.Light, points: np.ndarray, normals, re
 
 def measure(case: Case, size: int, reference: int) -> Row:
     up = np.array([0.0, 1.0, 0.0])
-    seen = ours(FLOOR, case, 16, size // 2)
-    right = truth(FLOOR, case.light, seen.points, up, reference)[:, 0]
-    lit = np.abs(seen.irradiance / right - 1.0)
+    lit_floor = ours(FLOOR, case, 16, size // 2)
+    right = truth(FLOOR, case.light, lit_floor.points, up, reference)[:, 0]
+    lit = np.abs(lit_floor.irradiance / right - 1.0)
     soup, errors = with_card(case.card), {}
     best = ours(soup, case, 4 * MOST, size)
     inside = (best.fraction > 0.02) & (best.fraction < 0.98)
     right = truth(soup, case.light, best.points[inside], up, reference)[:, 0] if inside.any() else np.empty(0)
     for spp in (256, 4 * MOST):
-        found = best if spp > MOST else ours(soup, case, spp, size)
+        pixels = best if spp > MOST else ours(soup, case, spp, size)
         if inside.any():
-            errors[spp] = 100.0 * float(np.abs(found.irradiance[inside] - right).mean() / right.mean())
+            errors[spp] = 100.0 * float(np.abs(pixels.irradiance[inside] - right).mean() / right.mean())
     return Row(case.name, 100.0 * float(lit.mean()), 100.0 * float(lit.max()), errors, int(inside.sum()))
 
 
@@ -166,7 +166,7 @@ SKIES = {"soft daylight": None, "map with a sun": sunny()}
 
 
 def measure_sky(name: str, counts: Sequence[int], size: int, reference: int) -> list[SkyRow]:
-    soup, found = town(), []
+    soup, rows = town(), []
     scene = at.Scene.from_arrays(soup, colours=np.ones(3))
     camera = at.Camera((45, 35, 45), (0, 4, 0), vfov=45, width=4 * size, height=3 * size)
     right = points = None
@@ -179,11 +179,11 @@ def measure_sky(name: str, counts: Sequence[int], size: int, reference: int) -> 
             world = frame.gbuffer.position.reshape(-1, 3)[points].astype(float) + frame.gbuffer.origin
             normals = frame.gbuffer.normal.reshape(-1, 3)[points].astype(float)
             right = truth(soup, at.Sky(SKIES[name]), world, normals, reference).mean(-1)
-        seen = np.pi * frame.image.reshape(-1, 3)[points].mean(-1)
-        off = np.abs(seen - right)
+        irradiance = np.pi * frame.image.reshape(-1, 3)[points].mean(-1)
+        off = np.abs(irradiance - right)
         relative, difference = (off[right > 0.0] / right[right > 0.0]).mean(), off.mean() / right.mean()
-        found.append(SkyRow(name, count, 100.0 * float(relative), 100.0 * float(difference), seconds))
-    return found
+        rows.append(SkyRow(name, count, 100.0 * float(relative), 100.0 * float(difference), seconds))
+    return rows
 
 
 def line(row: Row) -> str:
@@ -212,8 +212,8 @@ def main() -> None:
                     print(f"{name}, {row.count} lights: {row.relative:.2f} and {row.difference:.2f} %", flush=True)
                     rows.append(row)
     if options.json:
-        told = {"machine": machine(0), "rows": [row._asdict() for row in rows]}
-        options.json.write_text(json.dumps(told, indent=1))
+        record = {"machine": machine(0), "rows": [row._asdict() for row in rows]}
+        options.json.write_text(json.dumps(record, indent=1))
 
 
 if __name__ == "__main__":

@@ -53,7 +53,7 @@ _SMALL = 110_000  # triangles of small scenes, where we claim to be faster than 
 _COMMON = "evaluate", "gbuffer", "filter", "shade"
 
 
-class Asked(NamedTuple):
+class FrameInput(NamedTuple):
     """The input of every method."""
 
     triangles: Triangles
@@ -66,7 +66,7 @@ class Rebuilt(NamedTuple):
 
     scene: str
     triangles: int
-    made: str  # name of a procedural scene that is made in several sizes; "" for other scenes
+    family: str  # name of a procedural scene that is made in several sizes; "" for other scenes
     method: str
     how: str  # the plan, or how Embree builds and traces
     cull: float
@@ -81,7 +81,7 @@ class _Method(Protocol):
     name: str
     how: str
 
-    def shadows(self, asked: Asked) -> tuple[dict[str, float], np.ndarray]:
+    def shadows(self, frame_input: FrameInput) -> tuple[dict[str, float], np.ndarray]:
         """(seconds of "cull", "build" and "trace", bits)."""
         ...
 
@@ -93,37 +93,41 @@ class _Ours:
         self.name = self.how = plan
         self.accelerator = Renderer(view.scene, plan, threads).accelerator
 
-    def shadows(self, asked):
+    def shadows(self, frame_input):
         start = perf_counter()
-        culled = self.accelerator.culled(asked.triangles, [asked.query])
+        culled = self.accelerator.culled(frame_input.triangles, [frame_input.query])
         cut = perf_counter()
-        ready = self.accelerator.build(asked.triangles, culled)
+        ready = self.accelerator.build(frame_input.triangles, culled)
         built = perf_counter()
-        bits = self.accelerator.answer(ready, asked.query)
+        bits = self.accelerator.answer(ready, frame_input.query)
         return {"cull": cut - start, "build": built - cut, "trace": perf_counter() - built}, bits
 
 
 class _Embree:
     """Embree, with its scene."""
 
-    def __init__(self, device, build: tuple[str, int], way: Shadow, asked: Asked, points: np.ndarray, threads: int):
-        (self.quality, self.flags), self.way, self.points, self.threads = build, way, points, threads
-        vertices = asked.triangles.vertices
+    def __init__(
+        self, device, build: tuple[str, int], mode: Shadow, frame_input: FrameInput, points: np.ndarray, threads: int
+    ):
+        (self.quality, self.flags), self.mode, self.points, self.threads = build, mode, points, threads
+        vertices = frame_input.triangles.vertices
         self.scene = embree.EmbreeScene(device, vertices, quality=self.quality, flags=self.flags)
 
     @property
     def name(self) -> str:
-        return f"Embree rtcOccluded{self.way.lanes}"
+        return f"Embree rtcOccluded{self.mode.lanes}"
 
     @property
     def how(self) -> str:
-        return f"{self.quality}{' dynamic' if self.flags else ''}, {self.way}"
+        return f"{self.quality}{' dynamic' if self.flags else ''}, {self.mode}"
 
-    def shadows(self, asked):
-        self.scene.fill(asked.triangles.vertices)
+    def shadows(self, frame_input):
+        self.scene.fill(frame_input.triangles.vertices)
         self.scene.build_again()
         start = perf_counter()
-        bits = shadows(self.scene, Hits(asked.gbuffer, asked.query.origins), self.points, self.way, self.threads)
+        bits = shadows(
+            self.scene, Hits(frame_input.gbuffer, frame_input.query.origins), self.points, self.mode, self.threads
+        )
         return {"cull": 0.0, "build": self.scene.build_seconds, "trace": perf_counter() - start}, bits
 
     def close(self) -> None:
@@ -131,38 +135,38 @@ class _Embree:
 
 
 def rebuild(
-    view: BenchmarkView, made: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]
+    view: BenchmarkView, family: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]
 ) -> list[Rebuilt]:
     """Measure all methods in one scene; without Embree if it is not installed.
 
-    made : name of the scene if it is made in several sizes
+    family : name of the scene if it is made in several sizes
     """
     common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
-    first, _ = _ask(common, view, times[len(times) // 2])
+    first, _ = _input_of(common, view, times[len(times) // 2])
     with ExitStack() as stack:
         methods: list[_Method] = [_Ours(plan, view, threads) for plan in PLANS]
         if embree_version():
             device = stack.enter_context(embree.Device(threads))
             say(f"{view.name}, trying Embree")
-            for build, way in _fastest(device, first, view, threads):
-                methods.append(stack.enter_context(_opened(device, build, way, first, view, threads)))
+            for build, mode in _fastest(device, first, view, threads):
+                methods.append(stack.enter_context(_opened(device, build, mode, first, view, threads)))
         laps: dict[str, list[dict[str, float]]] = {m.name: [] for m in methods}
         differs = dict.fromkeys(laps, 0)
         for turn in range(-1, rounds):  # the first turn warms up and compares answers
             for k, time in enumerate(times):
                 say(f"{view.name}, moment {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
-                asked, rest = _ask(common, view, time)
-                found = {}
+                frame_input, common_seconds = _input_of(common, view, time)
+                bits = {}
                 for m in methods:
-                    seconds, found[m.name] = m.shadows(asked)
+                    seconds, bits[m.name] = m.shadows(frame_input)
                     if turn >= 0:
                         total = sum(seconds.values())
-                        laps[m.name].append({**seconds, "shadows": total, "image": total + rest})
+                        laps[m.name].append({**seconds, "shadows": total, "image": total + common_seconds})
                 if turn < 0:
                     for m in methods:
-                        differs[m.name] += int(np.count_nonzero(found[m.name] != found[PLANS[-1]]))
+                        differs[m.name] += int(np.count_nonzero(bits[m.name] != bits[PLANS[-1]]))
         middle = {name: {p: median(lap[p] for lap in some) for p in some[0]} for name, some in laps.items()}
-        case = view.name, view.scene.n_triangles, made
+        case = view.name, view.scene.n_triangles, family
         return [Rebuilt(*case, m.name, m.how, **middle[m.name], differs=differs[m.name]) for m in methods]
 
 
@@ -175,7 +179,7 @@ def embree_version() -> str:
         return ""
 
 
-def _ask(common: Renderer, view: BenchmarkView, time: float) -> tuple[Asked, float]:
+def _input_of(common: Renderer, view: BenchmarkView, time: float) -> tuple[FrameInput, float]:
     """(input of all methods at a time, seconds of everything except culling, building and tracing)."""
     frame = common.render(view.camera, view.lights, spp=1, time=time)
     triangles = view.scene.triangles(time, common.threads)
@@ -184,32 +188,34 @@ def _ask(common: Renderer, view: BenchmarkView, time: float) -> tuple[Asked, flo
         triangles, frame.gbuffer, view.lights, [light_samples(view.lights[0], 1)], threads=common.threads
     )
     seconds = perf_counter() - start
-    return Asked(triangles, frame.gbuffer, query), seconds + sum(frame.timings[phase] for phase in _COMMON)
+    return FrameInput(triangles, frame.gbuffer, query), seconds + sum(frame.timings[phase] for phase in _COMMON)
 
 
-def _points(asked: Asked, view: BenchmarkView) -> np.ndarray:
-    return light_points(view.lights[0], asked.triangles.origin, 1)
+def _points(frame_input: FrameInput, view: BenchmarkView) -> np.ndarray:
+    return light_points(view.lights[0], frame_input.triangles.origin, 1)
 
 
 @contextmanager
-def _opened(device, build, way, asked, view, threads) -> Iterator[_Embree]:
-    peer = _Embree(device, build, way, asked, _points(asked, view), threads)
+def _opened(device, build, mode, frame_input, view, threads) -> Iterator[_Embree]:
+    peer = _Embree(device, build, mode, frame_input, _points(frame_input, view), threads)
     try:
         yield peer
     finally:
         peer.close()
 
 
-def _fastest(device, asked: Asked, view: BenchmarkView, threads: int) -> list[tuple[tuple[str, int], Shadow]]:
+def _fastest(
+    device, frame_input: FrameInput, view: BenchmarkView, threads: int
+) -> list[tuple[tuple[str, int], Shadow]]:
     """The fastest build and way to trace, for single rays, and for the widest packets that Embree has kernels for."""
     seconds: dict[int, list] = {lanes: [] for lanes in dict.fromkeys((1, device.width))}
     for build in BUILDS:
-        ways = [Shadow(n, "samples" if n == 1 else "pixels", c) for n in seconds for c in (False, True)]
-        with _opened(device, build, ways[0], asked, view, threads) as peer:
-            for peer.way in ways:
-                laps = [sum(peer.shadows(asked)[0].values()) for _ in range(3)][1:]  # the first warms up
-                seconds[peer.way.lanes].append((min(laps), build, peer.way))
-    return [min(found)[1:] for found in seconds.values()]
+        modes = [Shadow(n, "samples" if n == 1 else "pixels", c) for n in seconds for c in (False, True)]
+        with _opened(device, build, modes[0], frame_input, view, threads) as peer:
+            for peer.mode in modes:
+                laps = [sum(peer.shadows(frame_input)[0].values()) for _ in range(3)][1:]  # the first warms up
+                seconds[peer.mode.lanes].append((min(laps), build, peer.mode))
+    return [min(timings)[1:] for timings in seconds.values()]
 
 
 def sized(name: str, triangles: int, size: tuple[int, int]) -> BenchmarkView:
@@ -226,16 +232,18 @@ def ratio(rows: Iterable[Rebuilt], row: Rebuilt) -> float | None:
 def crossings(sizes: Sequence[int], ours: Sequence[float], theirs: Sequence[float]) -> list[tuple[float, float]]:
     """(triangles, seconds) where two curves cross. Curves are straight between measured points on logarithmic axes."""
     n, a, b = (np.log(np.asarray(values, float)) for values in (sizes, ours, theirs))
-    gap, found = a - b, []
+    gap, points = a - b, []
     for k in np.flatnonzero(gap[:-1] * gap[1:] < 0.0):
         share = gap[k] / (gap[k] - gap[k + 1])
-        found.append((float(np.exp(n[k] + share * (n[k + 1] - n[k]))), float(np.exp(a[k] + share * (a[k + 1] - a[k])))))
-    return found
+        points.append(
+            (float(np.exp(n[k] + share * (n[k + 1] - n[k]))), float(np.exp(a[k] + share * (a[k + 1] - a[k]))))
+        )
+    return points
 
 
-def curve(rows: Iterable[Rebuilt], made: str, method: str) -> tuple[list[int], list[float]]:
+def curve(rows: Iterable[Rebuilt], family: str, method: str) -> tuple[list[int], list[float]]:
     """(triangles, seconds of shadows) of a method in a procedural scene of several sizes."""
-    some = sorted((r.triangles, r.shadows) for r in rows if (r.made, r.method) == (made, method))
+    some = sorted((r.triangles, r.shadows) for r in rows if (r.family, r.method) == (family, method))
     return [n for n, _ in some], [s for _, s in some]
 
 
@@ -286,8 +294,10 @@ def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
             fields.append((f"{ours} / {method}, {name}", _winner(sizes, seconds, theirs)))
     ratios = [ratio(rows, r) for r in rows if r.method == ours and r.triangles <= _SMALL]
     if some := [faster for faster in ratios if faster]:
-        told = f"{min(some):.2f} to {max(some):.2f} times as fast; faster in {sum(f > 1 for f in some)} of {len(some)}"
-        fields.append((f"{ours} / Embree's best, to {_SMALL:,} triangles", told))
+        summary = (
+            f"{min(some):.2f} to {max(some):.2f} times as fast; faster in {sum(f > 1 for f in some)} of {len(some)}"
+        )
+        fields.append((f"{ours} / Embree's best, to {_SMALL:,} triangles", summary))
     report.print_fields(fields)
     print()
 
@@ -314,18 +324,18 @@ def write_plot(rows: list[Rebuilt], path: Path) -> None:
 def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
     """Draw each method in a colour: a line for a procedural scene, a mark for any other. Rings mark crossings."""
     ours, *others = dict.fromkeys(r.method for r in rows)
-    made = [name for name in dict.fromkeys(r.made for r in rows) if name]
+    families = [name for name in dict.fromkeys(r.family for r in rows) if name]
     for k, method in enumerate((ours, *others)):
-        for name, style in zip(made, _STYLES):
+        for name, style in zip(families, _STYLES):
             sizes, seconds = curve(rows, name, method)
             panel.plot(sizes, [1e3 * s for s in seconds], style, marker=".", color=f"C{k}")
             if method != ours:
                 for n, at in crossings(sizes, curve(rows, name, ours)[1], seconds):
                     panel.plot(n, 1e3 * at, "o", markersize=12, fillstyle="none", color=f"C{k}")
         panel.plot([], [], color=f"C{k}", label=method)
-    for name, style in zip(made, _STYLES):
+    for name, style in zip(families, _STYLES):
         panel.plot([], [], style, color="black", label=name)
-    for mark, name in zip(_MARKERS, dict.fromkeys(r.scene for r in rows if not r.made)):
+    for mark, name in zip(_MARKERS, dict.fromkeys(r.scene for r in rows if not r.family)):
         for r in (r for r in rows if r.scene == name):
             panel.plot(r.triangles, 1e3 * r.shadows, mark, color=f"C{[ours, *others].index(r.method)}")
         panel.plot([], [], mark, color="black", label=name)
@@ -357,8 +367,8 @@ def main() -> None:
     if options.plot:
         write_plot(rows, options.plot)
     if options.json:
-        told = [{**r._asdict(), "ratio": ratio(rows, r)} for r in rows]
-        options.json.write_text(json.dumps({"machine": machine(threads), "size": size, "rows": told}, indent=1))
+        records = [{**r._asdict(), "ratio": ratio(rows, r)} for r in rows]
+        options.json.write_text(json.dumps({"machine": machine(threads), "size": size, "rows": records}, indent=1))
 
 
 if __name__ == "__main__":

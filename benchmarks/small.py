@@ -1,4 +1,4 @@
-"""Small questions: what a call costs, beside trimesh with Embree.
+"""Small queries: what a call costs, beside trimesh with Embree.
 
     python benchmarks/small.py [SCENE ...] [--rounds N] [--threads N] [--json FILE]
 
@@ -25,21 +25,21 @@ _RAYS = 100, 10_000
 
 def main() -> int:
     parser = arguments(__doc__)
-    given = parser.parse_args()
-    threads = thread_count(given.threads)
-    scenes = [at.load(path) for path in given.scene] or [at.procedural("atrium", triangles=20_000)]
-    rows = [row for scene in scenes for row in rows_of(scene, threads, given.rounds)]
-    if given.json is not None:
-        given.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1) + "\n")
+    options = parser.parse_args()
+    threads = thread_count(options.threads)
+    scenes = [at.load(path) for path in options.scene] or [at.procedural("atrium", triangles=20_000)]
+    rows = [row for scene in scenes for row in rows_of(scene, threads, options.rounds)]
+    if options.json is not None:
+        options.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1) + "\n")
     return 0
 
 
 def rows_of(scene, threads: int, rounds: int) -> list[dict]:
     """The table of a scene, printed as well."""
-    asked = questions(scene, threads)
-    times: dict[str, list[float]] = {name: [] for name in asked}
+    calls = queries(scene, threads)
+    times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
-        for name, call in asked.items():
+        for name, call in calls.items():
             times[name].append(seconds(call))
     medians = {name: 1e6 * median(all_) for name, all_ in times.items()}
     peer = next((value for name, value in medians.items() if name.startswith("trimesh")), None)
@@ -48,17 +48,17 @@ def rows_of(scene, threads: int, rounds: int) -> list[dict]:
     for name, value in medians.items():
         ratio = None if peer is None else value / peer
         print(f"  {name:34}{value:10.1f} us" + ("" if ratio is None else f"{ratio:8.2f} x"))
-        rows.append({"scene": scene.name, "question": name, "microseconds": value, "ratio": ratio})
+        rows.append({"scene": scene.name, "query": name, "microseconds": value, "ratio": ratio})
     return rows
 
 
-def questions(scene, threads: int) -> dict[str, Callable[[], object]]:
+def queries(scene, threads: int) -> dict[str, Callable[[], object]]:
     """Name -> call."""
     rng = np.random.default_rng(1)
     low, high = scene.bounds
     rays = {n: (rng.uniform(low, high, (n, 3)), rng.normal(size=(n, 3))) for n in (1, *_RAYS)}
     light, point = at.PointLight((low + high) / 2), rays[1][0]
-    found: dict[str, Callable[[], object]] = {
+    calls: dict[str, Callable[[], object]] = {
         "occluded, 1 ray": lambda: scene.occluded(*rays[1]),
         "closest_hit, 1 ray": lambda: scene.closest_hit(*rays[1]),
         "occluded, 100 rays": lambda: scene.occluded(*rays[100]),
@@ -68,8 +68,8 @@ def questions(scene, threads: int) -> dict[str, Callable[[], object]]:
     if installed(_trimesh):
         intersector = _trimesh()(scene)
         for n in (1, *_RAYS):
-            found[f"trimesh with Embree, {n:,} ray{'s' * (n > 1)}"] = lambda n=n: intersector.intersects_any(*rays[n])
-    return found
+            calls[f"trimesh with Embree, {n:,} ray{'s' * (n > 1)}"] = lambda n=n: intersector.intersects_any(*rays[n])
+    return calls
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -91,12 +91,12 @@ def _trimesh() -> Callable:
     except ImportError as error:
         raise at.InputError(f"trimesh with Embree ({error}); pip install trimesh embreex") from None
 
-    def made(scene):
+    def intersector(scene):
         soup = scene.triangles().vertices.reshape(-1, 3) + scene.origin
         mesh = trimesh.Trimesh(soup, np.arange(len(soup)).reshape(-1, 3), process=False)
         return RayMeshIntersector(mesh)
 
-    return made
+    return intersector
 
 
 if __name__ == "__main__":

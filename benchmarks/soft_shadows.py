@@ -42,7 +42,7 @@ QUALITY = "bsah"
 
 def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
     """Plan -> the acceleration structure of its tracer. Prints the times to build and prepare it."""
-    made, trees = {}, {}
+    prepared, trees = {}, {}
     for plan in plans:
         build = plan.build or (QUALITY if plan.tracer.builds else None)  # the plan auto would choose among three
         how = (build, plan.optimise)
@@ -54,9 +54,9 @@ def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
             name = "+".join(filter(None, how)) or "triangles"
             print(f"  {name}: built in {1e3 * (time.perf_counter() - start):.0f} ms", end="")
             start = time.perf_counter()
-        made[plan] = plan.tracer.prepare(trees[how], thread_count(None))
+        prepared[plan] = plan.tracer.prepare(trees[how], thread_count(None))
         print(f"; {plan.trace}: prepared in {1e3 * (time.perf_counter() - start):.0f} ms")
-    return made
+    return prepared
 
 
 def measure_light(view, size, prepared, built, others, options) -> list[dict]:
@@ -64,7 +64,7 @@ def measure_light(view, size, prepared, built, others, options) -> list[dict]:
     light = view.lights[size]
     query = query_of(view.triangles, view.camera, light, options.spp, thread_count(None))
     rays = shadow_rays(query)
-    n, edge, found = int(rays.active.sum()), float(np.linalg.norm(light.u)), []
+    n, edge, table = int(rays.active.sum()), float(np.linalg.norm(light.u)), []
     for threads in options.threads:
         contenders = [our_contender(plan, scene, query, threads) for plan, scene in prepared.items()]
         contenders += embree_contenders(built, rays, ORDERS, False, threads)
@@ -73,11 +73,11 @@ def measure_light(view, size, prepared, built, others, options) -> list[dict]:
         progress("")
         case = {"scene": view.name, "triangles": len(view.triangles.vertices), "light": size, "edge": edge}
         case |= {"threads": threads, "clock": options.clock, "occluded": float(blocked.mean())}
-        told = f"{n / 1e6:.2f} Mrays, {blocked.mean():.1%} occluded"
-        print(f"\n{view.name}, {size} light (edge {edge:.3g}), {told}, {threads} thread(s)\n{HEAD}")
-        found += rows(case, results, n)
-        print("\n".join(line(row) for row in found[-len(results) :]), flush=True)
-    return found
+        rays_text = f"{n / 1e6:.2f} Mrays, {blocked.mean():.1%} occluded"
+        print(f"\n{view.name}, {size} light (edge {edge:.3g}), {rays_text}, {threads} thread(s)\n{HEAD}")
+        table += rows(case, results, n)
+        print("\n".join(line(row) for row in table[-len(results) :]), flush=True)
+    return table
 
 
 def measure(view, options) -> list[dict]:

@@ -35,12 +35,12 @@ print(time.perf_counter() - start)
 """
 EDITS = {
     "picture/shading.py": (
-        "tests/image/test_shade.py",
+        "tests/picture/test_shade.py",
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",
     ),
     "trace/frusta/multi_frusta.py": (
-        "tests/trace/multifrusta/test_tilegroup.py",
+        "tests/trace/frusta/test_tilegroup.py",
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",
     ),

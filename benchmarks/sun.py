@@ -62,8 +62,8 @@ def embree_hours(scene, sensors, suns, every: int, threads: int):
     middle = time.perf_counter()
     trace(tree, records, True, threads)
     bare = time.perf_counter() - middle
-    seen = ~occluded_of(rays, records)
-    hours = np.bincount(row, suns.hours[sun] * seen, len(points))
+    lit = ~occluded_of(rays, records)
+    hours = np.bincount(row, suns.hours[sun] * lit, len(points))
     seconds = time.perf_counter() - start
     tree.close()
     device.close()
@@ -75,24 +75,24 @@ def main() -> None:
     parser.set_defaults(rounds=1)
     parser.add_argument("--sensors", type=int, default=1_000_000)
     parser.add_argument("--slice", type=int, default=4000, help="sensors that Embree asks")
-    given = parser.parse_args()
-    threads = thread_count(given.threads)
-    name, scene = opened(given.scene[0] if given.scene else None)
-    sensors = grid(scene, given.sensors)
+    options = parser.parse_args()
+    threads = thread_count(options.threads)
+    name, scene = opened(options.scene[0] if options.scene else None)
+    sensors = grid(scene, options.sensors)
     suns = at.suns_of(PLACE, at.times_of(parse_days(DAYS), zone_of(PLACE), 60), scene.up)
-    every = max(1, len(sensors) // given.slice)
-    asked = ask(scene, sensors, suns, np.empty((len(suns.hours), 0), np.int64), 1, threads=threads)
-    answer(asked._replace(sensors=sensors.part(0, 64)))  # compiles, and builds the tree
+    every = max(1, len(sensors) // options.slice)
+    query = ask(scene, sensors, suns, np.empty((len(suns.hours), 0), np.int64), 1, threads=threads)
+    answer(query._replace(sensors=sensors.part(0, 64)))  # compiles, and builds the tree
     seconds: dict[str, list[float]] = {}
-    own = peer = None
-    for _ in range(given.rounds):
+    hours = peer = None
+    for _ in range(options.rounds):
         start = time.perf_counter()
-        own = answer(asked).hours
+        hours = answer(query).hours
         seconds.setdefault("sun_hours", []).append((time.perf_counter() - start) / (len(sensors) * len(suns.hours)))
         if has_embree():
             peer, *spent = embree_hours(scene, sensors, suns, every, threads)
-            for way, each in zip(("embree numpy", "embree bare"), spent):
-                seconds.setdefault(way, []).append(each / (len(peer) * len(suns.hours)))
+            for method, each in zip(("embree numpy", "embree bare"), spent):
+                seconds.setdefault(method, []).append(each / (len(peer) * len(suns.hours)))
     base = statistics.median(seconds["sun_hours"])
     rows = [
         {
@@ -101,14 +101,14 @@ def main() -> None:
             "sensors": len(sensors),
             "suns": len(suns.hours),
             "threads": threads,
-            "method": way,
+            "method": method,
             "million_pairs_per_second": 1e-6 / statistics.median(each),
             "seconds_for_all": statistics.median(each) * len(sensors) * len(suns.hours),
             "we_are_faster": statistics.median(each) / base,
-            "other_hours": None if peer is None else int((peer != own[::every]).sum()),
+            "other_hours": None if peer is None else int((peer != hours[::every]).sum()),
             "of_sensors": None if peer is None else len(peer),
         }
-        for way, each in seconds.items()
+        for method, each in seconds.items()
     ]
     print("scene            method        sensors    suns  Mpairs/s  s for all   ratio  other hours")
     for r in rows:
@@ -116,8 +116,8 @@ def main() -> None:
         head = f"{r['scene']:16s} {r['method']:12s} {r['sensors']:9,d} {r['suns']:6,d}"
         rate = f"{r['million_pairs_per_second']:9.2f} {r['seconds_for_all']:10.1f} {r['we_are_faster']:7.2f}"
         print(f"{head} {rate}  {other}")
-    if given.json:
-        given.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1))
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine(threads), "rows": rows}, indent=1))
 
 
 if __name__ == "__main__":

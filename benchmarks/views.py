@@ -64,14 +64,14 @@ def moving_views(named, size: tuple[int, int]):
         if name in missing:
             sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")
         path = SCENES / name if name in MOVING else Path(name)
-        told = info_view(path.stem, path, size, square(40))
-        yield Moving(told.name, told.scene, told.camera, told.lights[0])
+        view = info_view(path.stem, path, size, square(40))
+        yield Moving(view.name, view.scene, view.camera, view.lights[0])
 
 
 def _real(path: Path, size) -> View:
-    told = info_view(path.parent.name if path.stem == "scene" else path.stem, path, size, square(40))
-    light = told.lights[0] if isinstance(told.lights[0], QuadLight) else told.scene.default_light()
-    return View(told.name, told.scene.triangles(0.0), told.camera, _two_sizes(light))
+    view = info_view(path.parent.name if path.stem == "scene" else path.stem, path, size, square(40))
+    light = view.lights[0] if isinstance(view.lights[0], QuadLight) else view.scene.default_light()
+    return View(view.name, view.scene.triangles(0.0), view.camera, _two_sizes(light))
 
 
 def _two_sizes(light: QuadLight) -> dict[str, Light]:

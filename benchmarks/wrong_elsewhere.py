@@ -24,7 +24,6 @@ import numpy as np
 import antumbra as at
 from antumbra.errors import InputError
 from antumbra.papers.peers import embree
-from antumbra.papers.peers import embree as embree_rays
 from antumbra.papers.peers.ray_contest import ray_set
 from common import has_embree, installed, machine
 from comparison import start
@@ -47,16 +46,16 @@ def ours(case: Case) -> np.ndarray:
     """(n,) bool: Antumbra's answers."""
     faces = np.arange(3 * len(case.vertices)).reshape(-1, 3)
     scene = at.Scene.from_arrays(case.vertices.reshape(-1, 3).astype(np.float64), faces)
-    kept = scene.triangles().vertices.astype(np.float64) + scene.origin
-    assert np.array_equal(kept, case.vertices), f"{case.name}: the scene is not the input"
+    corners = scene.triangles().vertices.astype(np.float64) + scene.origin
+    assert np.array_equal(corners, case.vertices), f"{case.name}: the scene is not the input"
     if case.faces is None:
         return scene.occluded(case.origins.astype(np.float64), case.directions)
     hidden = np.zeros(len(case.origins), bool)
     for sun in np.unique(case.directions, axis=0):
         these = (case.directions == sun).all(1)
         light, points = at.DirectionalLight(-sun.astype(np.float64), angular_diameter=0.0), case.origins[these]
-        seen = at.visibility(scene, points.astype(np.float64), light, normals=normals_of(case)[these], spp=1).seen
-        hidden[these] = ~seen
+        lit = at.visibility(scene, points.astype(np.float64), light, normals=normals_of(case)[these], spp=1).seen
+        hidden[these] = ~lit
     return hidden
 
 
@@ -70,13 +69,13 @@ def normals_of(case: Case) -> np.ndarray:
 def truth(case: Case) -> np.ndarray:
     """(n,) bool: the right answers."""
     if case.faces is None:
-        found = blocked(case.vertices, case.origins, case.directions)
-        assert found.all() or not case.inside, f"{case.name}: a ray leaves a closed mesh"
-        return found
+        hit = blocked(case.vertices, case.origins, case.directions)
+        assert hit.all() or not case.inside, f"{case.name}: a ray leaves a closed mesh"
+        return hit
     return case.inside | ~above(case.vertices[case.faces], case.directions)
 
 
-def asked(peer: Peer, case: Case, offset: str) -> np.ndarray:
+def answers_of(peer: Peer, case: Case, offset: str) -> np.ndarray:
     """(n,) bool: a peer's answers; of points on faces after an offset of OFFSETS."""
     if case.faces is None:
         return peer(case.vertices, case.origins, case.directions)
@@ -89,7 +88,7 @@ def asked(peer: Peer, case: Case, offset: str) -> np.ndarray:
 def _embree(flags: int) -> Peer:
     def ask(vertices, origins, directions):
         with embree.Device() as device, embree.EmbreeScene(device, vertices, flags=flags) as scene:
-            return embree_rays.occluded(scene, origins, directions)
+            return embree.occluded(scene, origins, directions)
 
     return ask
 
@@ -130,18 +129,22 @@ def _rtree():
 
 def peers() -> dict[str, Peer]:
     """The installed peers by name; a line names each that is left out."""
-    found: dict[str, Peer] = {}
+    available: dict[str, Peer] = {}
     if has_embree():
-        found |= {"Embree": _embree(0), "Embree, robust": _embree(embree.ROBUST), "trimesh, Embree": _trimesh("embree")}
+        available |= {
+            "Embree": _embree(0),
+            "Embree, robust": _embree(embree.ROBUST),
+            "trimesh, Embree": _trimesh("embree"),
+        }
     if installed(_rtree):
-        found["trimesh, numpy"] = _trimesh("numpy")
+        available["trimesh, numpy"] = _trimesh("numpy")
     if installed(open3d_rays.library):
-        found["Open3D"] = _open3d
+        available["Open3D"] = _open3d
     if installed(mitsuba_rays.library):
-        found |= {"Mitsuba": _mitsuba(False), "Mitsuba, robust": _mitsuba(True)}
+        available |= {"Mitsuba": _mitsuba(False), "Mitsuba, robust": _mitsuba(True)}
     if installed(warp_rays.library):
-        found["Warp"] = warp_rays.occluded
-    return found
+        available["Warp"] = warp_rays.occluded
+    return available
 
 
 def count(n: int, seed: int) -> list[dict]:
@@ -154,9 +157,9 @@ def count(n: int, seed: int) -> list[dict]:
         mistakes = {"Antumbra": int((ours(case) != right).sum())}
         for offset in OFFSETS if case.faces is not None else [""]:
             name = f"{case.name}, {offset}" if offset else case.name
-            found = {each: int((asked(peer, case, offset) != right).sum()) for each, peer in others.items()}
-            rows.append({"case": name, **about, "wrong": mistakes | found})
-            print(f"{name}: {about}; wrong: {mistakes | found}", flush=True)
+            wrong = {each: int((answers_of(peer, case, offset) != right).sum()) for each, peer in others.items()}
+            rows.append({"case": name, **about, "wrong": mistakes | wrong})
+            print(f"{name}: {about}; wrong: {mistakes | wrong}", flush=True)
     return rows
 
 
@@ -172,13 +175,13 @@ def table(rows: list[dict]) -> str:
 
 def versions() -> str:
     """The versions of all libraries that are installed."""
-    found = []
+    texts = []
     for name in ("embreex", "trimesh", "open3d", "mitsuba", "warp-lang"):
         try:
-            found.append(f"{name} {version(name)}")
+            texts.append(f"{name} {version(name)}")
         except ModuleNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join(texts)
 
 
 def main() -> None:
@@ -193,10 +196,10 @@ def main() -> None:
     if options.json:
         options.json.write_text(json.dumps({"machine": about, "rows": rows}, indent=1))
     if options.write:
-        head, _, rest = options.write.read_text(encoding="utf-8").partition(BEGIN)
-        tail = rest.partition(END)[2]
-        told = f"`python benchmarks/wrong_elsewhere.py --rays {options.rays}`, {about['processor']}; {versions()}."
-        options.write.write_text(f"{head}{BEGIN}{table(rows)}\n{told}\n\n{END}{tail}", encoding="utf-8")
+        head, _, after = options.write.read_text(encoding="utf-8").partition(BEGIN)
+        tail = after.partition(END)[2]
+        note = f"`python benchmarks/wrong_elsewhere.py --rays {options.rays}`, {about['processor']}; {versions()}."
+        options.write.write_text(f"{head}{BEGIN}{table(rows)}\n{note}\n\n{END}{tail}", encoding="utf-8")
 
 
 if __name__ == "__main__":

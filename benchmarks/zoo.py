@@ -135,9 +135,9 @@ def _sunlit(name: str, mesh, rng, n: int, room: bool = False) -> Case:
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     away = np.abs((points @ normals.T.astype(np.float64)) - (corners[:, 0] * normals).sum(1))
     coplanar = normals[which] @ normals.T > 1 - 1e-12
-    kept = (coplanar | (away > 2.0 * np.spacing(np.abs(points).max(1, keepdims=True)))).all(1)
+    clear = (coplanar | (away > 2.0 * np.spacing(np.abs(points).max(1, keepdims=True)))).all(1)
     suns = rng.normal(size=(8, 3)).astype(np.float32)[rng.integers(8, size=n)]
-    return Case(name, corners.astype(np.float32), points[kept], suns[kept], which[kept], room)
+    return Case(name, corners.astype(np.float32), points[clear], suns[clear], which[clear], room)
 
 
 def acne(rng, n: int) -> Case:

@@ -1,7 +1,7 @@
 """Bakes ambient occlusion and the light of a sun into glTF files: python examples/bake.py [FOLDER]
 
-With the real scenes (ANTUMBRA_SCENES names their folder) it bakes a temple, else the embedded atrium. The texture needs
-an atlas: pip install 'antumbra[bake]'
+The scene is a temple if it is in the folder $ANTUMBRA_SCENES, else the procedural atrium. The texture needs an atlas:
+pip install 'antumbra[bake]'
 """
 
 import os
@@ -19,7 +19,7 @@ scene = temple if temple.is_file() else at.procedural("atrium", triangles=5_000)
 corners = at.bake(scene, folder / "occlusion.glb", spp=64)
 print(f"{corners.path.name}: {corners.receivers} vertices, {corners.mean:.3f} of the sky is open on average")
 
-# A sun and a sky as a texture. The base colour is multiplied in, and viewers show it without lights of their own.
+# Sun and sky light as a texture, multiplied by the base colour. Viewers show it unlit.
 sun = at.DirectionalLight((-0.7, -0.8, -0.3), intensity=3.0)
 sky = at.AmbientOcclusion(intensity=1.0)
 lit = at.bake(scene, folder / "lit.glb", "light", lights=[sun, sky], texture=256, spp=16, exr=True)

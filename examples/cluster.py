@@ -1,7 +1,7 @@
-"""One job in shards, as several machines would do it: python examples/cluster.py [FOLDER] [--ray]
+"""One job in shards, as on several machines: python examples/cluster.py [FOLDER] [--ray]
 
-It measures hours of sun in a city ($ANTUMBRA_SCENES/delft_city, else a procedural one) in three processes, merges
-their shards, and compares the file with that of one process. With --ray, a Ray cluster of this machine does it again.
+It computes hours of sun in a city ($ANTUMBRA_SCENES/delft_city, else a procedural one) in three processes, merges their
+shards, and compares the result with that of a single process. With --ray, a local Ray cluster repeats the job.
 """
 
 import os
@@ -32,18 +32,18 @@ def done(*processes: subprocess.Popen) -> None:
 
 
 def main(folder: Path, ray: bool) -> None:
-    whole, shared = folder / "whole", folder / "shared"
-    done(antumbra(whole, *JOB))
+    single, shared = folder / "whole", folder / "shared"
+    done(antumbra(single, *JOB))
     done(*(antumbra(shared, *JOB, "--shard", f"{i}/{SHARDS}") for i in range(SHARDS)))
     done(antumbra(shared, "merge", "sun.shards", "--quiet"))
-    compare(whole, shared)
+    compare(single, shared)
     if ray:
         done(antumbra(folder / "ray", *JOB, "--ray", "local"))
-        compare(whole, folder / "ray")
+        compare(single, folder / "ray")
 
 
-def compare(whole: Path, other: Path) -> None:
-    for path in sorted(whole.iterdir()):
+def compare(single: Path, other: Path) -> None:
+    for path in sorted(single.iterdir()):
         same = path.read_bytes() == (other / path.name).read_bytes()
         print(f"{other.name}/{path.name}: {'the bytes of the whole' if same else 'DIFFERS'}")
         assert same

@@ -1,7 +1,7 @@
-"""A data set for learning, read by torch if it is installed: python examples/dataset.py [FOLDER]
+"""A training data set, read with torch if it is installed: python examples/dataset.py [FOLDER]
 
-It renders a room ($ANTUMBRA_SCENES/godot_room, else a procedural atrium) by random cameras and lights, and reads the
-files as tensors. Without torch, it reads the same as numpy arrays. The second run renders nothing.
+It renders a room ($ANTUMBRA_SCENES/godot_room, else a procedural atrium) with random cameras and lights, and reads the
+files as tensors, or as NumPy arrays without torch. A second run renders nothing.
 """
 
 import json
@@ -39,7 +39,7 @@ class Shadows(Dataset):
         path = self.folder / self.frames[k]["files"]["exr"]["path"]
         with OpenEXR.File(str(path), separate_channels=True) as file:
             layers = {name: channel.pixels for name, channel in file.channels().items()}
-        ids = layers["ViewLayer.Triangle.X"].view(np.int32)  # EXR has unsigned integers only: -1 is the background
+        ids = layers["ViewLayer.Triangle.X"].view(np.int32)  # EXR integers are unsigned; -1 is the background
         stacks = {
             "depth": [np.where(ids >= 0, layers["ViewLayer.Depth.Z"], 0)],
             "normal": [layers[f"ViewLayer.Normal.{axis}"] for axis in "XYZ"],
@@ -54,8 +54,9 @@ if __name__ == "__main__":
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp()) / "shadows"
     room = Path(os.environ.get("ANTUMBRA_SCENES", "")) / "godot_room" / "scene.glb"
     scene = at.load(room) if room.is_file() else at.procedural("atrium", triangles=10_000)
-    made = at.dataset(scene, folder, random=CAMERAS, random_lights=LIGHTS, seed=5, size=(96, 64), spp=4)
-    print(f"{made.frames} frames of {scene.name}, {made.rendered} of them rendered now, in {made.seconds:.1f} s")
+    dataset = at.dataset(scene, folder, random=CAMERAS, random_lights=LIGHTS, seed=5, size=(96, 64), spp=4)
+    rendered = f"{dataset.rendered} of them rendered now, in {dataset.seconds:.1f} s"
+    print(f"{dataset.frames} frames of {scene.name}, {rendered}")
 
     shadows = Shadows(folder)
     for name, values in shadows[0].items():
@@ -64,7 +65,7 @@ if __name__ == "__main__":
         for batch in DataLoader(shadows, batch_size=3, shuffle=True):
             print("a batch:", tuple(batch["visibility"].shape), f"mean visibility {batch['visibility'].mean():.3f}")
 
-    # Results in memory go to other libraries without a copy, too.
+    # Results in memory are also shared with other libraries without a copy.
     frame = at.render(scene, scene.default_camera(96, 64), spp=16)
     bits = from_dlpack(frame.bits[0].view(np.int64))  # bit s of a pixel: sample s of the light is hidden
     hidden = sum((bits >> s) & 1 for s in range(16))

@@ -1,6 +1,6 @@
 """Lines of sight in a hall, a viewshed, and exact view factors: python examples/line_of_sight.py [FOLDER]
 
-The hall is Sponza where the environment variable ANTUMBRA_SCENES names a folder that has it, else an atrium.
+The hall is Sponza if it is in the folder $ANTUMBRA_SCENES, else an atrium.
 """
 
 import os
@@ -16,29 +16,29 @@ folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 sponza = Path(os.environ.get("ANTUMBRA_SCENES", ".")) / "sponza_crytek" / "scene.glb"
 scene = at.load(sponza) if sponza.exists() else at.procedural("atrium", triangles=20_000)
 
-# 1. Who sees whom? Visitors stand on the floor of the hall.
+# 1. Which visitors see each other? Visitors stand on the floor of the hall.
 low, high = scene.bounds
 size = high - low
 rng = np.random.default_rng(1)
 floor = low + size * np.array([0.2, 0.0, 0.35]) + size * np.array([0.6, 0.0, 0.3]) * rng.random((12, 3))
 floor[:, 1] += 0.12 * size[1]
-found = at.line_of_sight(scene, floor[:, None], floor[None])
-print(f"visitors: {found.visible.sum() - len(floor)} of {found.visible.size - len(floor)} pairs see each other")
-for a, b in np.argwhere(~found.visible)[:3]:
-    blocker = scene.objects[found.object[a, b]].name
-    print(f"  {a} does not see {b}: face {found.face[a, b]} of {blocker!r}, {found.distance[a, b]:.4g} away")
+sight = at.line_of_sight(scene, floor[:, None], floor[None])
+print(f"visitors: {sight.visible.sum() - len(floor)} of {sight.visible.size - len(floor)} pairs see each other")
+for a, b in np.argwhere(~sight.visible)[:3]:
+    blocker = scene.objects[sight.object[a, b]].name
+    print(f"  {a} does not see {b}: face {sight.face[a, b]} of {blocker!r}, {sight.distance[a, b]:.4g} away")
 
 # 2. What do they see? Every face of the hall counts the visitors that see its outer side.
-seen = at.viewshed(scene, at.face_sensors(scene), floor)
-area = seen.table.sensors.areas
-share = area[seen.table["seen"] > 0].sum() / area.sum()
-seen.table.save(folder / "viewshed.csv")
+viewshed = at.viewshed(scene, at.face_sensors(scene), floor)
+area = viewshed.table.sensors.areas
+share = area[viewshed.table["seen"] > 0].sum() / area.sum()
+viewshed.table.save(folder / "viewshed.csv")
 print(f"viewshed: {100 * share:.1f} % of the surfaces are seen by some visitor; written: {folder / 'viewshed.csv'}")
 
 
 # 3. View factors: how much of the light that leaves a face arrives at another one?
 def view_factors(scene: at.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """(n, n) view factors between small faces that see each other, by cosines over pi r^2; and (n,) their areas."""
+    """(n, n) view factors between small faces that see each other, from cosines over pi r^2; (n,) their areas."""
     faces = at.face_sensors(scene)
     pairs = at.visibility_matrix(scene, faces).sparse().tocoo()
     away = faces.points[pairs.col] - faces.points[pairs.row]
@@ -64,7 +64,7 @@ n, count = 16, 2 * 16 * 16
 lower, upper = square(n, 0.0, True), square(n, 1.0, False)
 for name, between in (("open", []), ("with a small plate between them", [square(1, 0.5, True, 0.5)])):
     factors, areas = view_factors(at.Scene.from_arrays(np.concatenate([lower, upper, *between])))
-    whole = (areas[:count, None] * factors[:count, count : 2 * count]).sum() / areas[:count].sum()
-    print(f"view factor of two squares, {name}: {whole:.4f} (open, in closed form: {CLOSED_FORM:.4f})")
+    factor = (areas[:count, None] * factors[:count, count : 2 * count]).sum() / areas[:count].sum()
+    print(f"view factor of two squares, {name}: {factor:.4f} (open, in closed form: {CLOSED_FORM:.4f})")
     if not between:
-        assert abs(whole - CLOSED_FORM) < 1e-3
+        assert abs(factor - CLOSED_FORM) < 1e-3

@@ -1,6 +1,6 @@
-"""A walk through a city in a store, with little of it in memory: python examples/paged.py [FOLDER]
+"""A walk through a city in a store, mostly out of memory: python examples/paged.py [FOLDER]
 
-For a city that is larger than memory: antumbra build "procedural:city?triangles=350M" -o city.antumbra
+For a city larger than memory: antumbra build "procedural:city?triangles=350M" -o city.antumbra
 """
 
 import sys

@@ -1,6 +1,6 @@
-"""Hours of sunshine in a day, at sensor points in a city: python examples/points.py [FOLDER]
+"""Hours of sunshine per day at sensors in a city: python examples/points.py [FOLDER]
 
-It needs pvlib for the position of the sun: pip install 'antumbra[sun]'
+Requires pvlib for the position of the sun: pip install 'antumbra[sun]'
 """
 
 import sys
@@ -18,7 +18,7 @@ STEP = 0.5  # hours
 
 scene = at.procedural("city", triangles=10_000)
 
-# A grid of sensors. Each lies on the first surface below it: a roof or the ground.
+# A grid of sensors, projected down onto roofs and the ground.
 (x0, y0, z0), (x1, y1, z1) = scene.bounds
 x, z = np.meshgrid(np.linspace(x0, x1, 42)[1:-1], np.linspace(z0, z1, 42)[1:-1], indexing="ij")
 above = np.stack([x, np.full_like(x, y1 + 1.0), z], axis=-1)

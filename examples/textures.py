@@ -1,6 +1,6 @@
-"""A ball with a texture and smooth normals, and the same ball without them: python textures.py FOLDER
+"""A ball with and without a texture and smooth normals: python textures.py FOLDER
 
-The shadows are the same in all three pictures: texture and normals change the shading alone.
+All three pictures have the same shadows, because textures and normals change only the shading.
 """
 
 import sys
@@ -13,7 +13,7 @@ import antumbra as at
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 
-# A ball of few triangles. It stands at (0, 1, 0); u runs around it, and v from the pole above to the pole below.
+# A coarse ball at (0, 1, 0); u runs around it, and v from the upper to the lower pole.
 n = 10
 v, u = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, 2 * n + 1), indexing="ij")
 theta, phi = np.pi * v.ravel(), 2 * np.pi * u.ravel()
@@ -23,7 +23,7 @@ below = corner + 2 * n + 1
 faces = np.concatenate([np.stack([corner, below, corner + 1], 1), np.stack([corner + 1, below, below + 1], 1)])
 uv = np.stack([u.ravel(), v.ravel()], 1)
 
-# A floor with a part of the same texture that is plain.
+# A floor, mapped to a plain part of the texture.
 floor = np.array([[-4, 0, -4], [-4, 0, 4], [4, 0, 4], [4, 0, -4]], float)
 points = np.concatenate([normals + (0, 1, 0), floor])
 faces = np.concatenate([faces, len(normals) + np.array([[0, 1, 2], [0, 2, 3]])])

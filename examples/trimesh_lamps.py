@@ -1,6 +1,6 @@
-"""A mesh of trimesh: which vertices see which lamps, as a coloured PLY. python examples/trimesh_lamps.py [FOLDER]
+"""Which vertices of a trimesh see which lamps, as a coloured PLY: python examples/trimesh_lamps.py [FOLDER]
 
-ANTUMBRA_SCENES may name a folder of scenes; then it is the Stanford bunny, else a torus knot of spheres.
+The mesh is the Stanford bunny if it is in the folder $ANTUMBRA_SCENES, else a torus knot of spheres.
 """
 
 import os
@@ -23,21 +23,21 @@ else:
     ball = trimesh.creation.icosphere(2, 0.35)
     mesh = trimesh.util.concatenate([ball.copy().apply_translation(centre) for centre in centres])
 
-scene = at.load(mesh)  # the mesh itself: no file between
+scene = at.load(mesh)  # directly, without a file
 centre, size = scene.bounds.mean(0), np.ptp(scene.bounds, axis=0).max()
 towards = np.array([[1.0, 0.5, 0.5], [-1.0, 0.5, 0.5], [0.0, 1.0, -1.0]])  # a red, a green and a blue lamp
 lamps = [at.SphereLight(centre + size * d, 0.1 * size, colour=c) for d, c in zip(towards, np.eye(3))]
 
-seen = at.visibility(scene, mesh.vertices, lamps, mesh.vertex_normals, spp=16)
-print(seen)
-print("vertices that see no lamp:", int((~seen.seen.any(axis=-1)).sum()), "of", len(mesh.vertices))
+visibility = at.visibility(scene, mesh.vertices, lamps, mesh.vertex_normals, spp=16)
+print(visibility)
+print("vertices that see no lamp:", int((~visibility.seen.any(axis=-1)).sum()), "of", len(mesh.vertices))
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
-colours = np.rint(255.0 * (0.1 + 0.9 * seen.fraction)).astype(np.uint8)
+colours = np.rint(255.0 * (0.1 + 0.9 * visibility.fraction)).astype(np.uint8)
 coloured = trimesh.Trimesh(mesh.vertices, mesh.faces, vertex_colors=colours, process=False)
 coloured.export(folder / "lamps.ply")
 
-# The picture, and an EXR with the light of each lamp by itself: shadow.*, light.*, albedo, ids.
+# The picture, and an EXR with separate layers per lamp: shadow.*, light.*, albedo, ids.
 frame = at.render(scene, lights=[lamp.named(name) for lamp, name in zip(lamps, ("red", "green", "blue"))], layers=True)
 frame.save(folder / "lamps.png")
 frame.save(folder / "lamps.exr")

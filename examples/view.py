@@ -1,6 +1,6 @@
-"""A page in the browser, and a picture of what the user left there: python examples/view.py [FOLDER]
+"""The viewer in the browser, then a picture of its final state: python examples/view.py [FOLDER]
 
-It needs viser: pip install 'antumbra[view]'. With FOLDER it does not wait for a user.
+Requires viser: pip install 'antumbra[view]'. With FOLDER, it does not wait for a user.
 """
 
 import os

@@ -1,12 +1,12 @@
-"""Makes the pictures of the docs: runs the programs of docs/gallery/ and examples/, and keeps what they draw.
+"""Generates the pictures of the docs by running the programs of docs/gallery/ and examples/.
 
     python scripts/gallery.py [--only NAME ...] [--quick] [--output FOLDER]
 
-A program of docs/gallery/ writes NAME.png into the current folder; docs/images/gallery/ gets it as NAME.webp, and
-small/NAME.webp. Of examples/NAME.py (its name here), docs/images/examples/ gets the picture and the printed lines.
+A program of docs/gallery/ writes NAME.png into the current folder, which becomes docs/images/gallery/NAME.webp and its
+thumbnail small/NAME.webp. The picture and the output of examples/NAME.py go to docs/images/examples/.
 
-Programs of real scenes find them in the folder that ANTUMBRA_SCENES names. Without it they are skipped, with a line,
-and their old pictures stay. --quick makes tiny pictures, as the tests do; FOLDER takes the place of docs/images.
+Real scenes come from the folder $ANTUMBRA_SCENES. Without it, programs that need them are skipped with a message, and
+keep their old pictures. --quick makes tiny pictures, as the tests do; FOLDER replaces docs/images.
 """
 
 import argparse
@@ -38,7 +38,7 @@ CREDITS = {
     "stanford_bunny": "Model: from the Stanford Computer Graphics Laboratory.",
     "truck_town": "Model: of the Godot demo projects, MIT licence.",
 }
-"""Real scenes by the names of their files in programs, with the credits that their licences ask for."""
+"""File names of real scenes in programs, with the credits that their licences require."""
 
 _QUICK = {
     r"^SIZE = .*$": "SIZE = 48, 32",
@@ -50,7 +50,7 @@ _QUICK = {
     r"\?triangles=\d\w*": "?triangles=5k",
     r"grid:[\d.]+": "grid:20",
 }
-"""Patterns in programs, and what --quick puts in their place."""
+"""Patterns in programs, and their replacements for --quick."""
 
 
 class Program(NamedTuple):
@@ -60,7 +60,7 @@ class Program(NamedTuple):
     title: str
     caption: str
     code: str  # without the title and the caption
-    scenes: list[str]  # names of CREDITS that it loads
+    scenes: list[str]  # names in CREDITS that it loads
 
     @property
     def name(self) -> str:
@@ -91,8 +91,8 @@ def programs() -> list[Program]:
 
 def examples() -> list[Program]:
     """The programs of examples/, by name. Their title ends with the command that runs them."""
-    found = [_program(path) for path in sorted(EXAMPLES.glob("*.py"))]
-    return [each._replace(title=re.sub(r"[:.] python examples/.*", "", each.title)) for each in found]
+    documented = [_program(path) for path in sorted(EXAMPLES.glob("*.py"))]
+    return [each._replace(title=re.sub(r"[:.] python examples/.*", "", each.title)) for each in documented]
 
 
 def _program(path: Path) -> Program:
@@ -108,23 +108,23 @@ def _program(path: Path) -> Program:
 
 
 def scene_file(name: str) -> Path | None:
-    """The file of a real scene; None if this machine has none."""
+    """The file of a real scene; None if it is not on this machine."""
     folder = Path(os.environ.get("ANTUMBRA_SCENES", "nowhere"))
     files = folder / name / "scene.glb", folder / "gltf" / f"{name}.glb"
     return next((file.resolve() for file in files if file.is_file()), None)
 
 
 def missing(program: Program) -> list[str]:
-    """The real scenes that a program needs and this machine lacks."""
+    """The real scenes that a program needs but this machine does not have."""
     return [name for name in program.scenes if scene_file(name) is None]
 
 
-def drawn(program: Program, folder: Path, quick: bool = False) -> Path:
-    """Run a program of docs/gallery/ in a folder. Returns the picture that it has written there."""
+def draw(program: Program, folder: Path, quick: bool = False) -> Path:
+    """Run a program of docs/gallery/ in a folder; return the picture that it writes there."""
     for name in program.scenes:
         (folder / f"{name}.glb").symlink_to(scene_file(name))
     text = program.path.read_text(encoding="utf-8")
-    text = quickened(text) if quick else text
+    text = quick_version(text) if quick else text
     if program.path.suffix == ".sh":
         run_shell(text, folder, stdout=subprocess.DEVNULL)
     else:
@@ -132,7 +132,7 @@ def drawn(program: Program, folder: Path, quick: bool = False) -> Path:
     return folder / f"{program.name}.png"
 
 
-def quickened(text: str) -> str:
+def quick_version(text: str) -> str:
     """A program with a tiny picture, few rays and few triangles."""
     for pattern, value in _QUICK.items():
         text = re.sub(pattern, value, text, flags=re.MULTILINE)
@@ -149,7 +149,7 @@ def _run_python(text: str, path: Path, folder: Path) -> None:
 
 
 def run_example(program: Program, folder: Path) -> tuple[str, Path | None]:
-    """Run a program of examples/. Returns what it prints, and the first picture that it writes."""
+    """Run a program of examples/; return its output and the first picture that it writes."""
     command = [sys.executable, program.path, folder]
     done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=folder)
     return done.stdout.replace(str(folder), "FOLDER"), next(iter(sorted(folder.glob("*.png"))), None)
@@ -169,11 +169,11 @@ def keep(picture: Path, target: Path, thumbnail: Path | None = None) -> None:
 
 
 def make(program: Program, quick: bool, output: Path) -> None:
-    """Run a program, and keep what it makes."""
+    """Run a program and store its results."""
     target, thumbnail = (output / path.relative_to(IMAGES) for path in (program.picture, program.thumbnail))
     with tempfile.TemporaryDirectory() as folder:
         if program.path.parent == PROGRAMS:
-            keep(drawn(program, Path(folder), quick), target, thumbnail)
+            keep(draw(program, Path(folder), quick), target, thumbnail)
             return
         printed, picture = run_example(program, Path(folder))
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -2,10 +2,10 @@
 
 python scripts/guard.py [REVISION] [--rounds N] [--json FILE]
 
-Both trees render fixed frames by every plan and run a few short benchmarks, in alternating processes of one machine.
-The report names the frames whose bits or pictures differ, and gives the ratio of each benchmark's median time, this
-tree over REVISION (default: HEAD~1). The exit code is 1 if any bits differ, or if one tree's plans disagree. Pictures
-may change on purpose, and timings depend on the machine's load: judge both yourself.
+Both trees render fixed frames with every plan and run a few short benchmarks, in alternating processes. The report
+lists the frames whose bits or pictures differ, and the ratio of each benchmark's median times, this tree over REVISION
+(default: HEAD~1). The exit code is 1 if any bits differ, or if the plans of a tree disagree. Pictures may change on
+purpose, and timings depend on the machine's load: judge both yourself.
 """
 
 import argparse
@@ -28,10 +28,10 @@ REPEATS = 7
 
 def digest(*arrays) -> str:
     """A short digest of arrays: their shapes and bytes."""
-    seen = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for array in arrays:
-        seen.update(repr((array.shape, array.dtype.str)).encode() + array.tobytes())
-    return seen.hexdigest()[:16]
+        sha256.update(repr((array.shape, array.dtype.str)).encode() + array.tobytes())
+    return sha256.hexdigest()[:16]
 
 
 def scenes() -> Iterator[tuple]:
@@ -71,41 +71,41 @@ def plans() -> list[str]:
     """Each method of the registries once, in an otherwise plain plan; `auto` first."""
     from antumbra.engine import method_registry as methods
 
-    own, build = methods.own_methods, ("bsah", "multifrusta")
-    tracers = [name if name == "auto" or not methods.TRACERS[name].builds else f"{build[0]}+{name}"
-               for name in own("trace")]  # fmt: skip
+    names_of, build = methods.own_methods, ("bsah", "multifrusta")
+    alone = lambda name: name == "auto" or not methods.TRACERS[name].builds
+    tracers = [name if alone(name) else f"{build[0]}+{name}" for name in names_of("trace")]
     return [
         *tracers,
-        *(f"{name}+{build[1]}" for name in own("build") if name != build[0]),
-        *(f"{build[0]}+{name}+{build[1]}" for name in own("optimise")),
-        *("+".join((name, *build)) for name in own("cull")),
-        *(f"{build[0]}+{name}+{build[1]}" for name in own("update")),
+        *(f"{name}+{build[1]}" for name in names_of("build") if name != build[0]),
+        *(f"{build[0]}+{name}+{build[1]}" for name in names_of("optimise")),
+        *("+".join((name, *build)) for name in names_of("cull")),
+        *(f"{build[0]}+{name}+{build[1]}" for name in names_of("update")),
     ]
 
 
 def digests() -> dict[str, dict[str, str]]:
-    """Frame -> plan -> digest of the bits; and of the picture by `auto`."""
+    """Frame -> plan -> digest of the bits, and of the picture with `auto`."""
     import numpy as np
 
     import antumbra as at
 
-    found: dict[str, dict[str, str]] = {}
+    result: dict[str, dict[str, str]] = {}
     rng = np.random.default_rng(1)
     for name, scene, camera, lights in scenes():
         frames = {plan: at.render(scene, camera, lights, spp=SPP, plan=plan) for plan in plans()}
-        found[f"{name}, bits"] = {plan: digest(*frame.bits) for plan, frame in frames.items()}
-        found[f"{name}, picture"] = {"auto": digest(frames["auto"].image)}
+        result[f"{name}, bits"] = {plan: digest(*frame.bits) for plan, frame in frames.items()}
+        result[f"{name}, picture"] = {"auto": digest(frames["auto"].image)}
         origins = rng.uniform(*scene.bounds, (20_000, 3))
         directions = rng.normal(size=(20_000, 3))
         hit = scene.closest_hit(origins, directions)
-        found[f"{name}, rays"] = {"auto": digest(scene.occluded(origins, directions), hit.face)}
-        seen = at.visibility(scene, origins[:2000], lights[0], spp=SPP)
-        found[f"{name}, points"] = {"auto": digest(seen.bits)}
-    return found
+        result[f"{name}, rays"] = {"auto": digest(scene.occluded(origins, directions), hit.face)}
+        points = at.visibility(scene, origins[:2000], lights[0], spp=SPP)
+        result[f"{name}, points"] = {"auto": digest(points.bits)}
+    return result
 
 
 def benchmarks() -> Iterator[tuple[str, Callable]]:
-    """Yield (name, call to be timed)."""
+    """Yield (name, call to time)."""
     import numpy as np
 
     import antumbra as at
@@ -125,8 +125,8 @@ def benchmarks() -> Iterator[tuple[str, Callable]]:
 
 
 def times() -> dict[str, float]:
-    """Benchmark -> median seconds of a call, after three that warm up."""
-    found = {}
+    """Benchmark -> median seconds per call, after three warm-up calls."""
+    seconds = {}
     for name, call in benchmarks():
         for _ in range(3):
             call()
@@ -139,12 +139,12 @@ def times() -> dict[str, float]:
             for _ in range(calls):
                 call()
             samples.append((perf_counter() - start) / calls)
-        found[name] = median(samples)
-    return found
+        seconds[name] = median(samples)
+    return seconds
 
 
 def run(tree: Path, task: str) -> dict:
-    """The result of `digests` or `times` in a new process with the package of a tree."""
+    """The result of `digests` or `times` in a new process that imports the package from a tree."""
     environment = {**os.environ, "PYTHONPATH": str(tree / "src")}
     command = [sys.executable, str(Path(__file__).resolve()), "--task", task]
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, text=True)
@@ -187,15 +187,15 @@ def compare(revision: str, rounds: int) -> tuple[list[str], dict[str, float]]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision", nargs="?", default="HEAD~1")
-    parser.add_argument("--rounds", type=int, default=3, help="processes of each tree that time it; 0: bits only")
-    parser.add_argument("--json", type=Path, help="write the result here, too")
+    parser.add_argument("--rounds", type=int, default=3, help="timing processes per tree; 0: bits only")
+    parser.add_argument("--json", type=Path, help="also write the result to this file")
     parser.add_argument("--task", choices=("digests", "times"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.task:
         print(json.dumps({"digests": digests, "times": times}[options.task]()))
         return 0
     lines, ratios = compare(options.revision, options.rounds)
-    print(*(lines or ["bits and pictures: equal, by every plan"]), sep="\n")
+    print(*(lines or ["bits and pictures: equal with every plan"]), sep="\n")
     for name, ratio in ratios.items():
         print(f"{ratio:6.2f}  {name}")
     if options.json:

@@ -1,10 +1,9 @@
-"""Build hook of platform wheels: it compiles the kernels for the common processors and puts them into the wheel.
+"""Build hook for platform wheels: compiles the kernels for common processors and adds them to the wheel.
 
     HATCH_BUILD_HOOK_ENABLE_CUSTOM=1 pip wheel --no-deps -w dist .
 
-Without the variable the wheel is pure Python, and kernels are compiled when they are first used. The variable
-``ANTUMBRA_PACK_LEVELS`` chooses levels of processors, separated by commas. The default is all levels of this kind of
-machine.
+Without the variable, the wheel is pure Python, and kernels are compiled on first use. ``ANTUMBRA_PACK_LEVELS`` selects
+processor levels, separated by commas; the default is all levels of this architecture.
 """
 
 import os
@@ -31,7 +30,7 @@ class PackHook(BuildHookInterface):
         levels = os.environ.get("ANTUMBRA_PACK_LEVELS", "").replace(",", " ").split()
         levels = levels or _LEVELS.get(platform.machine().lower(), [])
         if not levels:
-            raise RuntimeError(f"no packs can be made on {platform.machine()}: build a pure wheel")
+            raise RuntimeError(f"kernel packs are not supported on {platform.machine()}: build a pure wheel")
         chosen = [word for level in levels for word in ("--level", level)]
         environment = dict(os.environ, PYTHONPATH=str(Path(self.root) / "src"))
         command = [
@@ -53,6 +52,6 @@ class PackHook(BuildHookInterface):
 
 
 def _system() -> str:
-    """The name of this system in the wheel's tag. Kernels call only mathematics and memcpy of the C library."""
+    """This system's platform tag. Kernels call only mathematical functions and memcpy from the C library."""
     name = sysconfig.get_platform().replace("-", "_").replace(".", "_")
     return name.replace("linux_", "manylinux_2_17_")

@@ -1,8 +1,8 @@
-"""Writes the map of the package into CONTRIBUTING.md, from the layers of .importlinter and the packages' docstrings.
+"""Writes the package map in CONTRIBUTING.md from the layers in .importlinter and the packages' docstrings.
 
     python scripts/layout.py [--check]
 
---check writes nothing. It ends with exit code 1 if the map is out of date.
+--check writes nothing, and exits with code 1 if the map is out of date.
 """
 
 import ast
@@ -16,7 +16,7 @@ BEGIN, END = "<!-- layout -->\n", "<!-- end of layout -->\n"
 
 
 def layers() -> list[list[str]]:
-    """Names of packages and modules, from the lowest layer up. Modules of one layer do not import each other."""
+    """Packages and modules by layer, from the lowest up. Modules in the same layer do not import each other."""
     contracts = configparser.ConfigParser()
     contracts.read(ROOT / ".importlinter")
     lines = contracts["importlinter:contract:floors"]["layers"].split("\n")
@@ -39,12 +39,12 @@ def written() -> str:
 
 def main() -> int:
     page = PAGE.read_text()
-    before, _, rest = page.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    wanted = before + BEGIN + written() + END + after
+    before, _, remainder = page.partition(BEGIN)
+    _, _, after = remainder.partition(END)
+    updated = before + BEGIN + written() + END + after
     if sys.argv[1:] == ["--check"]:
-        return wanted != page
-    PAGE.write_text(wanted)
+        return updated != page
+    PAGE.write_text(updated)
     return 0
 
 

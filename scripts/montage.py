@@ -1,10 +1,10 @@
-"""Makes one picture of the default pictures of all scenes, side by side, to judge them together.
+"""Combines the default pictures of all scenes into a contact sheet, to judge them side by side.
 
 python scripts/montage.py OUTPUT.png [--scenes FOLDER] [--only TEXT] [--size N] [--columns N] [-- OPTION ...]
 
-The scenes are those of a folder (FOLDER/*/scene.glb and FOLDER/gltf/*; by default the folder that ANTUMBRA_SCENES
-names), and the procedural ones. --only takes the scenes whose names contain TEXT. Options after -- go to antumbra
-render. A scene that cannot be rendered is an empty tile, and the exit code is then 1.
+It shows the scenes of a folder (FOLDER/*/scene.glb and FOLDER/gltf/*; default: $ANTUMBRA_SCENES) and the procedural
+scenes. --only selects scenes with TEXT in their names. Options after -- are passed to antumbra render. If a scene fails
+to render, its tile is empty and the exit code is 1.
 """
 
 import argparse
@@ -22,12 +22,12 @@ GAP, BEHIND, INK = 4, (40, 40, 40), (255, 80, 60)
 
 
 def scenes_in(folder: Path | None) -> dict[str, str]:
-    """Name -> what antumbra render takes."""
-    found = {}
+    """Name -> scene argument of antumbra render."""
+    scenes = {}
     if folder is not None:
-        found = {path.parent.name: str(path) for path in sorted(folder.glob("*/scene.glb"))}
-        found |= {path.stem: str(path) for path in sorted(folder.glob("gltf/*.gl*"))}
-    return found | {name: f"procedural:{name}" for name in PROCEDURAL}
+        scenes = {path.parent.name: str(path) for path in sorted(folder.glob("*/scene.glb"))}
+        scenes |= {path.stem: str(path) for path in sorted(folder.glob("gltf/*.gl*"))}
+    return scenes | {name: f"procedural:{name}" for name in PROCEDURAL}
 
 
 def tile(scene: str, size: int, options: list[str]) -> Image.Image | None:
@@ -61,15 +61,15 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--size", type=int, default=320)
     parser.add_argument("--columns", type=int, default=6)
     end = arguments.index("--") if "--" in arguments else len(arguments)
-    given, options = parser.parse_args(arguments[:end]), arguments[end + 1 :]
-    scenes = {name: scene for name, scene in scenes_in(given.scenes).items() if given.only in name}
+    parsed, options = parser.parse_args(arguments[:end]), arguments[end + 1 :]
+    scenes = {name: scene for name, scene in scenes_in(parsed.scenes).items() if parsed.only in name}
     if not scenes:
-        parser.error(f"no scene's name contains {given.only!r}")
+        parser.error(f"no scene name contains {parsed.only!r}")
     tiles = {}
     for name, scene in scenes.items():
         print(name, flush=True)
-        tiles[name] = tile(scene, given.size, options)
-    montage(tiles, given.size, given.columns).save(given.output)
+        tiles[name] = tile(scene, parsed.size, options)
+    montage(tiles, parsed.size, parsed.columns).save(parsed.output)
     return int(None in tiles.values())
 
 

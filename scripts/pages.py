@@ -1,9 +1,9 @@
-"""Checks the built site: no page scrolls sideways on a phone, no picture is missing, and the search finds its words.
+"""Checks the built site: pages do not scroll sideways on a phone, no image is missing, and the search works.
 
     python scripts/pages.py docs/_build [--shots FOLDER]
 
-Pages are loaded in headless Chromium, 390 pixels wide, and as wide as a desktop's. Without Chromium these checks are
-skipped, with a line. --shots also keeps a picture of each page, in both widths.
+Pages are loaded in headless Chromium at phone and desktop widths. Without Chromium, these checks are skipped with a
+message. --shots also saves a screenshot of each page at both widths.
 """
 
 import argparse
@@ -31,7 +31,7 @@ WORDS = {
     "shadow": "tutorials/model",
     "utm": "wrong-elsewhere",
 }
-"""Words, and a page that a search for each must list."""
+"""Search terms, and a page that each must list."""
 
 _CHECK = """<!doctype html><meta charset="utf-8"><body><script>
 const pages = PAGES, widths = WIDTHS, found = [];
@@ -60,10 +60,10 @@ async function load(page, width) {
 
 
 class _Server(http.server.SimpleHTTPRequestHandler):
-    """Serves the site and the page that checks it, which posts what it has found. Without lines on the terminal."""
+    """Serves the site and the checking page, which posts its results; logs nothing."""
 
     check = ""
-    told: queue.SimpleQueue = queue.SimpleQueue()
+    results: queue.SimpleQueue = queue.SimpleQueue()
 
     def do_GET(self):
         if self.path == "/_check.html":
@@ -76,7 +76,7 @@ class _Server(http.server.SimpleHTTPRequestHandler):
             super().do_GET()
 
     def do_POST(self):
-        self.told.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self.results.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
         self.send_response(204)
         self.end_headers()
 
@@ -85,9 +85,9 @@ class _Server(http.server.SimpleHTTPRequestHandler):
 
 
 def pages_of(site: Path) -> list[str]:
-    """The site's pages, without those that Sphinx adds."""
-    found = (path.relative_to(site).as_posix() for path in sorted(site.rglob("*.html")))
-    return [page for page in found if not page.startswith(("_", "genindex", "search", "py-modindex"))]
+    """The site's pages, without those added by Sphinx."""
+    paths = (path.relative_to(site).as_posix() for path in sorted(site.rglob("*.html")))
+    return [page for page in paths if not page.startswith(("_", "genindex", "search", "py-modindex"))]
 
 
 def chromium() -> str | None:
@@ -95,8 +95,8 @@ def chromium() -> str | None:
     return next((path for name in NAMES if (path := shutil.which(name))), None)
 
 
-def looked_at(site: Path, browser: str, shots: Path | None) -> list[dict]:
-    """What the browser finds: a dict for each page and width."""
+def check_pages(site: Path, browser: str, shots: Path | None) -> list[dict]:
+    """The results of the checks in the browser: a dict per page and width."""
     pages = pages_of(site)
     _Server.check = _CHECK.replace("PAGES", json.dumps(pages)).replace("WIDTHS", json.dumps(WIDTHS))
     handler = functools.partial(_Server, directory=str(site))
@@ -104,18 +104,18 @@ def looked_at(site: Path, browser: str, shots: Path | None) -> list[dict]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}/"
         with _opened(browser, f"{address}_check.html") as window:
-            found = _waited(window)
+            results = _wait_for_results(window)
         if shots is not None:
             _shoot(browser, address, pages, shots)
         server.shutdown()
-    return found
+    return results
 
 
-def _waited(window: subprocess.Popen) -> list[dict]:
-    """What the page posts."""
+def _wait_for_results(window: subprocess.Popen) -> list[dict]:
+    """The results that the page posts."""
     for _ in range(LONGEST):
         try:
-            return _Server.told.get(timeout=1)
+            return _Server.results.get(timeout=1)
         except queue.Empty:
             if window.poll() is not None:
                 break
@@ -124,10 +124,10 @@ def _waited(window: subprocess.Popen) -> list[dict]:
 
 @contextmanager
 def _opened(browser: str, *options: str):
-    """A browser without a window, that ends with the block."""
+    """A headless browser that is closed at the end of the block."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         always = ["--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={profile}"]
-        always.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # formulas come from elsewhere
+        always.append("--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1")  # MathJax comes from another host
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         with subprocess.Popen([browser, *always, *options], **quiet) as window:
             try:
@@ -137,7 +137,7 @@ def _opened(browser: str, *options: str):
 
 
 def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
-    """Pictures of the beginning of each page. Chromium's windows have a least width, so the page is in a frame."""
+    """Screenshots of the top of each page, in a frame because Chromium's windows have a minimum width."""
     folder.mkdir(parents=True, exist_ok=True)
     for page in pages:
         for width in WIDTHS:
@@ -150,25 +150,27 @@ def _shoot(browser: str, address: str, pages: list[str], folder: Path) -> None:
                 window.wait()
 
 
-def faults(found: list[dict]) -> list[str]:
-    """Lines about pages that scroll sideways, and pictures that are missing."""
+def faults(results: list[dict]) -> list[str]:
+    """A line per page that scrolls sideways or lacks images."""
     lines = [
-        f"{f['page']} is {f['wide']} pixels wide at {f['width']}: {f['past']}" for f in found if f["wide"] > f["width"]
+        f"{f['page']} is {f['wide']} pixels wide at {f['width']}: {f['past']}"
+        for f in results
+        if f["wide"] > f["width"]
     ]
-    return lines + [f"{f['page']} lacks {f['broken']}" for f in found if f["broken"] and f["width"] == WIDTHS[0]]
+    return lines + [f"{f['page']} lacks {f['broken']}" for f in results if f["broken"] and f["width"] == WIDTHS[0]]
 
 
-def unfound(site: Path) -> list[str]:
-    """Lines about words that the search does not find where it should."""
+def search_faults(site: Path) -> list[str]:
+    """A line per search term that does not list its page."""
     text = (site / "searchindex.js").read_text(encoding="utf-8")
     index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
     lines = []
     for word, page in WORDS.items():
-        listed = set()
+        documents = set()
         for terms in (index["terms"], index["titleterms"]):
             at = [terms[term] for term in terms if term.startswith(word[: max(4, len(word) - 3)])]
-            listed |= {n for numbers in at for n in (numbers if isinstance(numbers, list) else [numbers])}
-        if page not in {index["docnames"][n] for n in listed}:
+            documents |= {n for numbers in at for n in (numbers if isinstance(numbers, list) else [numbers])}
+        if page not in {index["docnames"][n] for n in documents}:
             lines.append(f"a search for {word!r} does not find {page}")
     return lines
 
@@ -178,11 +180,11 @@ def main() -> int:
     parser.add_argument("site", type=Path, help="the folder of the built site")
     parser.add_argument("--shots", type=Path, metavar="FOLDER")
     options = parser.parse_args()
-    lines, browser = unfound(options.site), chromium()
+    lines, browser = search_faults(options.site), chromium()
     if browser is None:
         print("pages.py: NO CHROMIUM, so widths and pictures are not checked", file=sys.stderr)
     else:
-        lines += faults(looked_at(options.site, browser, options.shots))
+        lines += faults(check_pages(options.site, browser, options.shots))
     print(*lines, sep="\n", end="\n" * bool(lines))
     return bool(lines)
 

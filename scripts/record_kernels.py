@@ -1,10 +1,10 @@
-"""Records the kernels that each job calls, and their size, in src/antumbra/kernels/needs.json and papers/needs.json.
+"""Records the kernels that each job calls, with their sizes, in src/antumbra/kernels/needs.json and papers/needs.json.
 
 python scripts/record_kernels.py [--check] [--only TEXT]
 
-Each job runs in its own process, so that it loads all kernels that it calls. --check writes nothing. It names the
-kernels that jobs call and the files lack, and ends with exit code 1 if there are any. --only runs the jobs whose names
-contain TEXT and keeps what is recorded of the others.
+Each job runs in its own process, so that it loads every kernel that it calls. --check writes nothing: it lists called
+kernels that are missing from the files, and exits with code 1 if there are any. --only runs the jobs with TEXT in their
+names and keeps the records of the others.
 """
 
 import argparse
@@ -32,42 +32,42 @@ import json, sys
 from antumbra.kernels.toolchain.compile_pool import import_numba
 import_numba()
 from time import process_time
-from antumbra.kernels import compiling, machine
-from antumbra.kernels.marshalling import named
-from antumbra.kernels.machine_code import level
+from antumbra.kernels.machine_code import emit_object, level, optimise
+from antumbra.kernels.marshalling import import_object
+from antumbra.kernels.toolchain import compiling
 
 for name, key in json.load(sys.stdin):
     start = process_time()
-    module, _ = compiling.lowered(named(name), key, "measured")
+    module, _ = compiling.lower_kernel(import_object(name), key, "measured")
     functions, instructions = compiling.size_of(module)
-    machine.emitted(machine.optimised(module, level()), level())
+    emit_object(optimise(module, level()), level())
     print(json.dumps([name, key, functions, instructions, round(process_time() - start, 1)]), flush=True)
 """
 
 
-def run(code: str, *arguments: str, given: str = "") -> list:
-    """Run code in a new Python process; return its output, one JSON value for each line."""
-    done = subprocess.run([sys.executable, "-c", code, *arguments], input=given, capture_output=True, text=True)
+def run(code: str, *arguments: str, stdin: str = "") -> list:
+    """Run code in a new Python process; return its output, one JSON value per line."""
+    done = subprocess.run([sys.executable, "-c", code, *arguments], input=stdin, capture_output=True, text=True)
     if done.returncode:
         raise RuntimeError(done.stderr)
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def called(index: int) -> list[tuple[str, str]]:
-    """The kernels that a job calls: (name, kinds of arguments)."""
+    """The kernels that a job calls: (name, argument types)."""
     return [tuple(each) for each in run(JOB, str(index))[-1]]
 
 
 def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
-    """Kernel -> functions and instructions before LLVM's optimisation, and seconds to compile it.
+    """Kernel -> functions and instructions before LLVM's optimisation, and seconds to compile.
 
-    A kernel compiles faster if it shares functions with one before.
+    A kernel compiles faster if it shares functions with an earlier one.
     """
     sizes = {}
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
         shares = [json.dumps(kernels[i::cores]) for i in range(cores)]
-        for rows in pool.map(lambda share: run(MEASURE, given=share), shares):
+        for rows in pool.map(lambda share: run(MEASURE, stdin=share), shares):
             for name, key, functions, instructions, seconds in rows:
                 sizes[name, key] = {"functions": functions, "instructions": instructions, "seconds": seconds}
     return sizes
@@ -77,22 +77,22 @@ def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
     kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
-    said = {
+    record = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
         "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
     }
-    file.write_text(json.dumps(said, indent=0) + "\n")
+    file.write_text(json.dumps(record, indent=0) + "\n")
     print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
 
 
-def kept(only: str) -> tuple[dict, dict]:
-    """What is recorded of jobs whose names do not contain `only`: (calls, sizes)."""
+def recorded_jobs(only: str) -> tuple[dict, dict]:
+    """The records of the jobs without `only` in their names: (calls, sizes)."""
     calls, sizes = {}, {}
     for file in (MANIFEST, PAPERS):
-        said = json.loads(file.read_text())
-        kernels = [(name, key) for name, key, _ in said["kernels"]]
-        sizes |= {(name, key): size for name, key, size in said["kernels"]}
-        calls |= {job: [kernels[i] for i in places] for job, places in said["jobs"].items() if only not in job}
+        record = json.loads(file.read_text())
+        kernels = [(name, key) for name, key, _ in record["kernels"]]
+        sizes |= {(name, key): size for name, key, size in record["kernels"]}
+        calls |= {job: [kernels[i] for i in places] for job, places in record["jobs"].items() if only not in job}
     return calls, sizes
 
 
@@ -102,20 +102,20 @@ def main() -> int:
     parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded_kernels().kernels}
-    own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
-    known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # by now, kernels of the papers are added
-    calls, sizes = kept(options.only) if options.only else ({}, {})
-    wanted = [i for i, name in enumerate(names) if name not in calls]
+    product, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
+    known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # now with the papers' kernels
+    calls, sizes = recorded_jobs(options.only) if options.only else ({}, {})
+    missing = [i for i, name in enumerate(names) if name not in calls]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        calls |= dict(zip([names[i] for i in wanted], pool.map(called, wanted)))
+        calls |= dict(zip([names[i] for i in missing], pool.map(called, missing)))
     kernels = sorted({kernel for each in calls.values() for kernel in each})
     if options.check:
         new = [kernel for kernel in kernels if kernel not in known]
-        print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
+        print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all called kernels are recorded")
         return bool(new)
     sizes |= measured([kernel for kernel in kernels if kernel not in sizes])
-    written(MANIFEST, own, calls, sizes)
-    written(PAPERS, [name for name in names if name not in own], calls, sizes)
+    written(MANIFEST, product, calls, sizes)
+    written(PAPERS, [name for name in names if name not in product], calls, sizes)
     return 0
 
 

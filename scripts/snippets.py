@@ -1,6 +1,6 @@
-"""Runs the examples of the documents: the README's commands, and the blocks of any page.
+"""Runs the examples in the docs: the README's commands, and the code blocks of any page.
 
-python scripts/snippets.py command README.md pytest   prints the one command line that ends with pytest
+python scripts/snippets.py command README.md pytest   prints the only command line that ends with pytest
 python scripts/snippets.py run README.md docs/*.md    runs the Python blocks of each page, as one program
 python scripts/snippets.py all docs/tutorials/*.md    runs the shell blocks (sh) too, all blocks in their order
 """
@@ -22,16 +22,16 @@ def blocks(text: str, language: str) -> list[str]:
 
 
 def command(path: Path, ending: str) -> str:
-    """The one line in the shell blocks of a page that ends with `ending`."""
+    """The only line in the shell blocks of a page that ends with `ending`."""
     lines = [line for block in blocks(path.read_text(), "sh") for line in block.splitlines()]
-    found = [line for line in lines if line.endswith(ending)]
-    if len(found) != 1:
-        raise SystemExit(f"{path}: {len(found)} commands end with {ending!r}, not one")
-    return found[0]
+    matches = [line for line in lines if line.endswith(ending)]
+    if len(matches) != 1:
+        raise SystemExit(f"{path}: {len(matches)} commands end with {ending!r}, not one")
+    return matches[0]
 
 
 def program(text: str) -> str:
-    """The Python blocks of a page, on their original lines, so that tracebacks have the right line numbers."""
+    """The Python blocks of a page at their original lines, so that tracebacks have the right line numbers."""
     lines = []
     position = 0
     for match in _BLOCK.finditer(text):
@@ -67,7 +67,7 @@ def run_all(paths: list[Path]) -> None:
 
 
 def run_shell(text: str, folder: Path, **options) -> None:
-    """Run shell commands in a folder, with the antumbra and the Python of this process."""
+    """Run shell commands in a folder, with this process's antumbra and Python."""
     tools = {"antumbra": "-m antumbra ", "python": ""}
     head = "".join(f'{name}() {{ "{sys.executable}" {first}"$@"; }}\n' for name, first in tools.items())
     subprocess.run(["bash", "-euc", head + text], cwd=folder, check=True, **options)
@@ -75,7 +75,7 @@ def run_shell(text: str, folder: Path, **options) -> None:
 
 @contextmanager
 def empty_folder():
-    """A new folder as the current one."""
+    """A new, empty current folder."""
     before = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)

@@ -1,7 +1,7 @@
-"""Takes the picture of the viewer in the docs: python scripts/viewer_picture.py SCENE X,Y FILE.png
+"""Takes the viewer screenshot of the docs: python scripts/viewer_picture.py SCENE X,Y FILE.png
 
-It opens SCENE in headless Chromium, clicks at X,Y (pixels of the page, 1280 x 800), and saves the page at its finest.
-Needs antumbra[view,view-test], and Chromium.
+It opens SCENE in headless Chromium, clicks at X,Y (pixels of the 1280 x 800 page), and saves the page once refined.
+Requires antumbra[view,view-test] and Chromium.
 """
 
 import shutil
@@ -18,7 +18,7 @@ SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-s
 
 
 def settle(page, viewer) -> None:
-    """Wait until the finest picture is on the page."""
+    """Wait until the page shows the fully refined picture."""
     time.sleep(2.0)
     viewer._page.worker.wait(600.0)
     page.wait_for_timeout(2000)
@@ -32,7 +32,7 @@ def main(scene: str, click: str, file: str) -> None:
         page.goto(viewer.url)
         page.wait_for_selector("canvas")
         settle(page, viewer)
-        page.locator(".mantine-Notification-closeButton").first.click()  # that WebGL is drawn by software
+        page.locator(".mantine-Notification-closeButton").first.click()  # the notice about software WebGL
         page.mouse.click(x, y)
         settle(page, viewer)
         page.screenshot(path=file)

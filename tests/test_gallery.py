@@ -23,8 +23,8 @@ def test_program_draws_its_picture(name, tmp_path):
     if lacking := gallery.missing(PROGRAMS[name]):
         pytest.skip(f"the picture {name} is NOT tried: {', '.join(lacking)} is not in ANTUMBRA_SCENES")
     text = PROGRAMS[name].path.read_text(encoding="utf-8")
-    assert gallery.quickened(text) != text or name == "ray_hierarchy"
-    picture = Image.open(gallery.drawn(PROGRAMS[name], tmp_path, quick=True)).convert("RGB")
+    assert gallery.quick_version(text) != text or name == "ray_hierarchy"
+    picture = Image.open(gallery.draw(PROGRAMS[name], tmp_path, quick=True)).convert("RGB")
     assert len(picture.getcolors(1 << 24)) > 20
 
 
@@ -77,9 +77,9 @@ def site(folder, body: str):
 
 
 def test_words_that_no_page_has_are_told(tmp_path):
-    assert pages.unfound(site(tmp_path, "")) == []
+    assert pages.search_faults(site(tmp_path, "")) == []
     (tmp_path / "searchindex.js").write_text('Search.setIndex({"docnames": ["a"], "terms": {}, "titleterms": {}})')
-    assert len(pages.unfound(tmp_path)) == len(pages.WORDS)
+    assert len(pages.search_faults(tmp_path)) == len(pages.WORDS)
 
 
 def test_pages_that_scroll_sideways_are_told(tmp_path):
@@ -87,5 +87,5 @@ def test_pages_that_scroll_sideways_are_told(tmp_path):
         pytest.skip("no Chromium: the widths of pages are NOT checked")
     site(tmp_path, '<article><p>narrow</p></article><article><div style="width: 500px">wide</div></article>')
     (tmp_path / "good.html").write_text("<!doctype html><article><p>narrow</p></article>")
-    lines = pages.faults(pages.looked_at(tmp_path, pages.chromium(), None))
+    lines = pages.faults(pages.check_pages(tmp_path, pages.chromium(), None))
     assert len(lines) == 1 and lines[0].startswith("page.html is ") and "at 390" in lines[0]

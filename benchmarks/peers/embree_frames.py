@@ -75,7 +75,7 @@ class Hits(NamedTuple):
 
 
 @inlined
-def _put_ray(floats, whole, lanes, lane, o, d, tmax):
+def _put_ray(floats, ints, lanes, lane, o, d, tmax):
     """Write ray `lane` of a packet. A single ray is a packet of one."""
     for k in range(3):
         put(floats, k * lanes + lane, o[k])
@@ -83,15 +83,15 @@ def _put_ray(floats, whole, lanes, lane, o, d, tmax):
     put(floats, 3 * lanes + lane, np.float32(0.0))
     put(floats, 7 * lanes + lane, np.float32(0.0))
     put(floats, _TFAR * lanes + lane, tmax)
-    put(whole, 9 * lanes + lane, np.int32(-1))
-    put(whole, 10 * lanes + lane, np.int32(0))
-    put(whole, 11 * lanes + lane, np.int32(0))
+    put(ints, 9 * lanes + lane, np.int32(-1))
+    put(ints, 10 * lanes + lane, np.int32(0))
+    put(ints, 11 * lanes + lane, np.int32(0))
 
 
 @cache
-def _caller(ask: str, lanes: int):
+def _caller(query: str, lanes: int):
     """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address. The mask lies before the packet."""
-    call = getattr(functions(), f"{ask}{lanes}")
+    call = getattr(functions(), f"{query}{lanes}")
 
     @numba.njit(nogil=True)
     def one(scene, packet, args):
@@ -116,7 +116,7 @@ def _primary_loop(lanes: int):
         set_control(before | FLUSH)
         memory = np.empty(_WORDS, np.float32)
         packet = (memory.ctypes.data + 4 * lanes + 63) // 64 * 64
-        floats, whole, mask = f32_at(packet), i32_at(packet), i32_at(packet - 4 * lanes)
+        floats, ints, mask = f32_at(packet), i32_at(packet), i32_at(packet - 4 * lanes)
         surface, triangles, out = surface_of(gbuffer), ptr(corners), ptr(origins)
         h, w = gbuffer.face.shape
         origin = rays.origin[0], rays.origin[1], rays.origin[2]
@@ -129,21 +129,21 @@ def _primary_loop(lanes: int):
                         y, x = y0 + lane // wide, x0 + lane % wide
                         if lanes > 1:
                             put(mask, lane, np.int32(-1) if y < h and x < w else np.int32(0))
-                        _put_ray(floats, whole, lanes, lane, origin, pixel_direction(rays, x, y), infinite)
-                        put(whole, _GEOMETRY * lanes + lane, np.int32(-1))
-                        put(whole, 19 * lanes + lane, np.int32(-1))
+                        _put_ray(floats, ints, lanes, lane, origin, pixel_direction(rays, x, y), infinite)
+                        put(ints, _GEOMETRY * lanes + lane, np.int32(-1))
+                        put(ints, 19 * lanes + lane, np.int32(-1))
                     call(scene, packet, args)
                     for lane in range(lanes):
                         y, x = y0 + lane // wide, x0 + lane % wide
                         if y >= h or x >= w:
                             continue
                         at = y * w + x
-                        if get(whole, _GEOMETRY * lanes + lane) < 0:
+                        if get(ints, _GEOMETRY * lanes + lane) < 0:
                             gbuffer.face[y, x], gbuffer.depth[y, x], gbuffer.side[y, x] = -1, infinite, NOTHING
                             for k in range(3):
                                 gbuffer.position[y, x, k] = gbuffer.normal[y, x, k] = np.float32(0.0)
                             continue
-                        face, t = get(whole, _FACE * lanes + lane), get(floats, _TFAR * lanes + lane)
+                        face, t = get(ints, _FACE * lanes + lane), get(floats, _TFAR * lanes + lane)
                         gbuffer.face[y, x], gbuffer.depth[y, x] = face, t
                         if face != last:  # as in our own filling
                             last, normal = np.int64(face), face_normal(triangles, np.int64(face))
@@ -165,7 +165,7 @@ class _Packet(NamedTuple):
     floats: object  # float32 *, the RTCRayN
     mask: object  # int32 *, before the RTCRayN
     normals: object  # float32 *, (3, lanes): normals of the receivers
-    found: object  # int64 *, (lanes,): bits of each lane's pixel
+    unseen: object  # int64 *, (lanes,): bits of each lane's pixel
 
 
 @inlined
@@ -174,7 +174,7 @@ def _put_receiver(packet, lanes, lane, gbuffer, origins, at):
     for k in range(3):
         put(packet.floats, k * lanes + lane, get(origins, 3 * at + k) if at >= 0 else np.float32(0.0))
         put(packet.normals, k * lanes + lane, get(gbuffer.normal, 3 * at + k) if at >= 0 else np.float32(0.0))
-    put(packet.found, lane, 0)
+    put(packet.unseen, lane, 0)
 
 
 @inlined
@@ -187,7 +187,7 @@ def _pixel(gbuffer, y0, x0, p, h, w):
 
 
 @cache
-def _asker(lanes: int):
+def _tracer(lanes: int):
     """A function that traces the rays of a packet to light points. It returns the bits of lanes that do not see theirs.
 
     The x of the points are at `first`; y and z follow, `step` apart. Points below the horizon, and NaN, are not traced.
@@ -195,7 +195,7 @@ def _asker(lanes: int):
     call = _caller("occluded", lanes)
 
     @numba.njit(nogil=True, error_model="numpy")
-    def ask_one(scene, address, packet, points, first, step, args):
+    def trace_one(scene, address, packet, points, first, step, args):
         height = np.float32(0.0)
         for k in range(3):
             d = get(points, first + k * step) - get(packet.floats, k)
@@ -208,42 +208,42 @@ def _asker(lanes: int):
         return 1 if get(packet.floats, _TFAR) < np.float32(0.0) else 0
 
     if lanes == 1:
-        return ask_one
+        return trace_one
     load, splat, everyone = *{4: (load4, splat4), 8: (load8, splat8), 16: (load16, splat16)}[lanes], (1 << lanes) - 1
 
     @numba.njit(nogil=True, error_model="numpy")
-    def ask(scene, address, packet, points, first, step, args):
+    def trace(scene, address, packet, points, first, step, args):
         floats, normals = packet.floats, packet.normals
         x = load(points, first) - load(floats, 0)
         y = load(points, first + step) - load(floats, lanes)
         z = load(points, first + 2 * step) - load(floats, 2 * lanes)
         height = x * load(normals, 0) + y * load(normals, lanes) + z * load(normals, 2 * lanes)
-        asked = height > np.float32(0.0)
-        if bits(asked) == 0:
+        mask = height > np.float32(0.0)
+        if bits(mask) == 0:
             return everyone
         store(floats, 4 * lanes, x)
         store(floats, 5 * lanes, y)
         store(floats, 6 * lanes, z)
         store(floats, _TFAR * lanes, splat(np.float32(1.0)))
-        store(packet.mask, 0, select(asked, splat(np.int32(-1)), splat(np.int32(0))))
+        store(packet.mask, 0, select(mask, splat(np.int32(-1)), splat(np.int32(0))))
         call(scene, address, args)
-        return bits(~asked | (load(floats, _TFAR * lanes) < np.float32(0.0)))
+        return bits(~mask | (load(floats, _TFAR * lanes) < np.float32(0.0)))
 
-    return ask
+    return trace
 
 
 @cache
 def _shadow_loop(lanes: int, order: str):
     """Worker: trace shadow rays of rows of blocks of 4 x 4 pixels. Bit s of a pixel is set if sample s is not seen."""
-    ask, by_pixels, pixels = _asker(lanes), order == "pixels", lanes if order == "pixels" else 1
+    trace, by_pixels, pixels = _tracer(lanes), order == "pixels", lanes if order == "pixels" else 1
 
     @numba.njit(nogil=True, error_model="numpy")
     def work(ticket, scene, gbuffer, origins, lights, spp, out, args):
         before = control()
         set_control(before | FLUSH)
-        memory, normals, found = np.zeros(_WORDS, np.float32), np.empty(48, np.float32), np.empty(16, np.int64)
+        memory, normals, unseen_bits = np.zeros(_WORDS, np.float32), np.empty(48, np.float32), np.empty(16, np.int64)
         address = (memory.ctypes.data + 4 * lanes + 63) // 64 * 64
-        packet = _Packet(f32_at(address), i32_at(address - 4 * lanes), ptr(normals), ptr(found))
+        packet = _Packet(f32_at(address), i32_at(address - 4 * lanes), ptr(normals), ptr(unseen_bits))
         for lane in range(lanes):  # ray masks: the same for all rays, and Embree does not change them
             put(i32_at(address), 9 * lanes + lane, np.int32(-1))
         h, w = gbuffer.face.shape
@@ -259,17 +259,17 @@ def _shadow_loop(lanes: int, order: str):
                             _put_receiver(packet, lanes, lane, surface, receivers, at)
                         if by_pixels:
                             for s in range(spp):
-                                unseen = ask(scene, address, packet, points, 3 * width * s + p, width, args)
+                                unseen = trace(scene, address, packet, points, 3 * width * s + p, width, args)
                                 for lane in range(lanes):
-                                    put(packet.found, lane, get(packet.found, lane) | (unseen >> lane & 1) << s)
+                                    put(packet.unseen, lane, get(packet.unseen, lane) | (unseen >> lane & 1) << s)
                         elif _pixel(surface, row * BLOCK, x0, p, h, w) >= 0:
                             for s in range(0, spp, lanes):
-                                unseen = ask(scene, address, packet, points, 3 * width * p + s, width, args)
-                                put(packet.found, 0, get(packet.found, 0) | unseen << s)
+                                unseen = trace(scene, address, packet, points, 3 * width * p + s, width, args)
+                                put(packet.unseen, 0, get(packet.unseen, 0) | unseen << s)
                         for lane in range(pixels):
                             at = _pixel(surface, row * BLOCK, x0, p + lane, h, w)
                             if at >= 0:
-                                put(results, at, found[lane])
+                                put(results, at, unseen_bits[lane])
             first = take(ticket)
         memory[0], normals[0] = np.float32(0.0), np.float32(0.0)  # keeps both arrays alive until here
         set_control(before)

@@ -91,12 +91,12 @@ def irradiance(vertices, light: at.Light, points, normals, spp: int, seed: int =
     scene = mitsuba.load_dict(
         {"type": "scene", "triangles": mesh, "light": emitter(light), "integrator": {"type": "direct"}}
     )
-    found = []
+    batches = []
     for first in range(0, len(points), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         sensor = mitsuba.load_dict(_meters(points[some], normals[some]))
-        found.append(np.array(mitsuba.render(scene, sensor=sensor, spp=spp, seed=seed + first), np.float64)[0])
-    return np.pi * np.concatenate(found)
+        batches.append(np.array(mitsuba.render(scene, sensor=sensor, spp=spp, seed=seed + first), np.float64)[0])
+    return np.pi * np.concatenate(batches)
 
 
 def _meters(points, normals) -> dict:

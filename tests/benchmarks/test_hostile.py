@@ -26,7 +26,7 @@ def test_times_are_compared_with_the_best_plan():
 
 @pytest.mark.parametrize("name", hostile.SCENES)
 def test_scenes_are_exact_in_float32(name):
-    made = hostile.made(name, 90, 25)
+    made = hostile.hostile_scene(name, 90, 25)
     assert made.triangles.shape == (192, 3, 3) and made.points.shape == (25, 3)
     np.testing.assert_array_equal(made.triangles, made.triangles.astype(np.float32))
     np.testing.assert_array_equal(made.points, made.points.astype(np.float32))

@@ -30,7 +30,7 @@ def test_ours_without_embree(view, monkeypatch):
     without_embree(monkeypatch)
     rows = bench.rebuild(view, "atrium", 1, 2, 1, silent)
     assert bench.embree_version() == "" and [r.method for r in rows] == list(PLANS)
-    assert all(r.differs == 0 and r.triangles == view.scene.n_triangles and r.made == "atrium" for r in rows)
+    assert all(r.differs == 0 and r.triangles == view.scene.n_triangles and r.family == "atrium" for r in rows)
     assert all(r.image > r.shadows == pytest.approx(r.cull + r.build + r.trace) for r in rows)
     assert ratio(rows, rows[0]) is None
 
@@ -47,9 +47,9 @@ def test_embree_answers_nearly_the_same(view):
 
 def test_answers_of_embree_are_not_all_alike(view):
     """Otherwise the comparison above could not fail."""
-    asked, rest = bench._ask(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
-    _, bits = bench._Ours(PLANS[-1], view, 2).shadows(asked)
-    assert 0 < np.count_nonzero(bits) < bits.size and rest > 0
+    frame_input, seconds = bench._input_of(bench.Renderer(view.scene, PLANS[-1], 2), view, 0.0)
+    _, bits = bench._Ours(PLANS[-1], view, 2).shadows(frame_input)
+    assert 0 < np.count_nonzero(bits) < bits.size and seconds > 0
 
 
 def test_sizes_are_about_what_is_asked(view):
