@@ -1,24 +1,24 @@
-"""Any-hit queries on numpy arrays: `Scene.occluded` beside Embree, embreex and Open3D, in one process, turn by turn.
+"""Any-hit queries on NumPy arrays: `Scene.occluded`, Embree, embreex and Open3D, alternating in one process.
 
     python benchmarks/arrays.py [scene ...] [--rays N] [--threads N ...] [--rounds N] [--fresh] [--json FILE]
 
-A scene is a file that `antumbra.load` reads, or the name of a procedural scene. A file takes camera and light from an
-info.json beside it, or else the default ones. Without a scene, it measures the procedural forest and three real scenes:
-Sponza, San Miguel and the robots. They lie in $ANTUMBRA_SCENES, or in ../shared/scenes beside the repository.
+A scene is a file that `antumbra.load` reads, or the name of a procedural scene. Camera and light of a file come from an
+info.json beside it, if it exists. The default scenes are the procedural forest and three real scenes (Sponza, San
+Miguel and the robots) from $ANTUMBRA_SCENES, or from ../shared/scenes beside the repository.
 
-Rays are segments (tmax = 1). Coherent rays go from the surfaces that the pixels of a picture see to one point of light,
-row by row. Incoherent rays go between random pairs of points in the scene's bounds.
+Rays are segments (tmax = 1). Coherent rays go from the visible surfaces of a picture, row by row, to a point on the
+light. Incoherent rays connect random pairs of points in the scene's bounds.
 
 Timed calls:
 
 - `occluded`: the whole call, from arrays to an array of bool.
-- `embree 1` and `embree 16`: rtcOccluded1 and rtcOccluded16 in compiled loops on as many threads, with the coherent
-  flag for coherent rays, in trees of medium and of high build quality. The times do *not* include making the ray
+- `embree 1` and `embree 16`: rtcOccluded1 and rtcOccluded16 in compiled loops on the same number of threads, with the
+  coherent flag for coherent rays, in trees of medium and high build quality. The times do *not* include writing the ray
   records and reading the answers.
 - `embreex` and `open3d`: their own Python calls.
 
-Trees are built and kernels compiled before. A scene optimises its tree once its rays have lost the time that this
-takes. So rays are traced until then, and a line says for how long. With --fresh the scene keeps its first tree instead.
+Trees are built and kernels compiled beforehand. A scene optimises its tree once traversal has lost as much time as that
+costs, so rays are traced until then, and a line reports how long it took. With --fresh, the scene keeps its first tree.
 """
 
 import json
@@ -89,7 +89,7 @@ QUALITIES = "medium", "high"
 
 
 class Records:
-    """Embree's scenes, and the rays in its layout: one by one, and in packets of 16."""
+    """Embree's scenes, and the rays in its layout: single rays, and packets of 16."""
 
     def __init__(self, scene, rays, threads: int):
         origins, directions = rays
@@ -102,7 +102,7 @@ class Records:
         self.packets = write(self.local, ids.reshape(-1, 16), threads=threads)
 
     def fresh(self) -> None:
-        """Reset the records; call this before each trace."""
+        """Reset the records before a trace."""
         self.single.memory[:, 8], self.packets.memory[:, 9] = 1.0, 1.0  # tfar; a packet begins with its mask
 
     def answers(self) -> np.ndarray:
@@ -116,7 +116,7 @@ class Records:
 
 
 def settle(name: str, scene, rays) -> None:
-    """Trace rays until the scene has optimised its tree. Very large scenes never do."""
+    """Trace rays until the scene has optimised its tree, which very large scenes never do."""
     if not best_pays(np.inf, scene.n_triangles):
         return
     start, n_rays = time.perf_counter(), 0
@@ -124,11 +124,11 @@ def settle(name: str, scene, rays) -> None:
         scene.occluded(*rays, tmax=1.0)
         n_rays += len(rays[0])
     scene.occluded(*(side[:1] for side in rays))
-    print(f"{name}: tree optimised after {n_rays / 1e6:.0f} M rays, {time.perf_counter() - start:.1f} s in all")
+    print(f"{name}: tree optimised after {n_rays / 1e6:.0f} M rays, {time.perf_counter() - start:.1f} s in total")
 
 
 def ask(scene, origins, directions, threads: int, fresh: bool) -> np.ndarray:
-    """Our call. fresh: the scene forgets what its rays have cost before."""
+    """Our call. fresh: reset the traversal time that triggers an optimisation."""
     if fresh:
         scene.engine.source.ray_lists.spent = 0.0
     return scene.occluded(origins, directions, tmax=1.0, threads=threads)
@@ -167,7 +167,7 @@ def _open3d(scene, origins, directions, threads):
 
 
 def measure(name: str, scene, kind: str, rays, threads: int, rounds: int, fresh: bool) -> list[dict]:
-    """One row for each method."""
+    """A row per method."""
     peer = Records(scene, rays, threads) if has_embree() else None
     calls, differ = methods(scene, rays, kind == "coherent", threads, peer, fresh), None
     seconds: dict[str, list[float]] = {k: [] for k in calls}

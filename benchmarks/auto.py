@@ -1,19 +1,19 @@
-"""The plan `auto` beside named plans, on cases that took no part in fitting its rates: `auto_cases.json`.
+"""Compares the plan `auto` with named plans, on cases that were not used to fit its rates: `auto_cases.json`.
 
     python benchmarks/auto.py [--cases FILE] [--only TEXT] [--rounds N] [--threads N] [--json FILE]
 
-A case is a scene, a light, rays a receiver, and one of these jobs:
+A case is a scene, a light, a number of rays per receiver, and one of these jobs:
 
-- `picture`: one frame, as `antumbra.render` makes it.
-- `walk`: six frames of a static scene by one `Renderer`; the camera turns.
-- `animation`: six frames of a moving scene by one `Renderer`.
-- `bounce`: one frame with four diffuse rays a pixel.
-- `points`, `surface`, `grid`, `shuffled`: `antumbra.visibility` of points, of a scene that has no tree yet. The points
-  are random in the scene's box, random on its surfaces, a level grid, and the same grid in random order.
+- `picture`: one frame, as rendered by `antumbra.render`.
+- `walk`: six frames of a static scene with one `Renderer` and a turning camera.
+- `animation`: six frames of an animated scene with one `Renderer`.
+- `bounce`: one frame with four diffuse rays per pixel.
+- `points`, `surface`, `grid`, `shuffled`: `antumbra.visibility` of points in a scene without a tree. The points are
+  random in the scene's box, random on its surfaces, a horizontal grid, and the same grid in random order.
 
-The time of a case is that of the whole job: trees, culling, G-buffers and tracing. Evaluating the scene is not counted.
-Plans take turns in random order, and the least of their times counts. A plan that takes three times as long as the best
-in the first round has no second. All bits must be the same.
+The time of a case covers the whole job: trees, culling, G-buffers and tracing, but not evaluating the scene. Plans run
+in random order, and the minimum of their times counts. A plan that takes three times as long as the best in the first
+round is not repeated. All plans must return the same bits.
 """
 
 import argparse
@@ -44,7 +44,7 @@ FRAMES, SLOW = 6, 3.0
 
 
 class Case(NamedTuple):
-    """A line of the file of cases."""
+    """An entry of the cases file."""
 
     scene: str  # folder of $ANTUMBRA_SCENES, or a procedural scene
     job: str
@@ -132,7 +132,7 @@ def run_case(case: Case, view, plan: str, threads: int) -> tuple[float, list[np.
 
 
 def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
-    """Plan -> least seconds of a case.
+    """Plan -> minimum seconds of a case.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
     """
     view, rng = named_view(case.scene, case.size, square(40)), np.random.default_rng(0)
     seconds_of: dict[str, float] = {}
-    _, reference = run_case(case, view, "lbvh+single", threads)  # the first run warms the machine up
+    _, reference = run_case(case, view, "lbvh+single", threads)  # the first run is a warm-up
     for _ in range(rounds):
         for plan in rng.permutation(plans_of(case)).tolist():
             if seconds_of.get(plan, 0.0) > SLOW * min(seconds_of.values(), default=0.0):
@@ -154,7 +154,7 @@ def measure(case: Case, threads: int, rounds: int) -> dict[str, float]:
 
 
 def report(rows: list[tuple[Case, dict[str, float]]]) -> None:
-    """Print the summary: total times, and the worst cases."""
+    """Print the summary: total times and worst cases."""
     chosen = np.array([seconds[DEFAULT_PLAN] for _, seconds in rows])
     best = np.array([min(seconds.values()) for _, seconds in rows])
     ratios = chosen / best
@@ -182,7 +182,7 @@ def main() -> None:
         try:
             seconds = measure(case, options.threads, options.rounds)
         except at.InputError as error:
-            print(f"left out: {error}", file=sys.stderr)
+            print(f"skipped: {error}", file=sys.stderr)
             continue
         rows.append((case, seconds))
         best = min(seconds, key=seconds.__getitem__)

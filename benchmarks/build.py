@@ -1,16 +1,15 @@
-"""Time to build a BVH: every builder of Antumbra beside Embree's three, in one process, in turns.
+"""BVH build times: every builder of Antumbra and Embree's three, alternating in one process.
 
     python benchmarks/build.py [scene ...] [--hills N ...] [--threads N] [--rounds N] [--size N] [--json FILE]
 
-A scene is a file that `antumbra.load` reads. --hills adds generated hills of about N triangles. The default is Sponza
-and San Miguel from the folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the repository). Without
-such a folder it is hills.
+A scene is a file that `antumbra.load` reads. --hills adds generated hills of about N triangles. The default scenes are
+Sponza and San Miguel from $ANTUMBRA_SCENES, or from ../shared/scenes beside the repository, else hills.
 
-Timed for Antumbra: from the (n, 3, 3) float32 vertices to the finished Bvh, after the kernels are compiled. Timed for
-Embree: `rtcCommitScene`, with the same triangles and threads, after its buffers are filled.
+Timed for Antumbra: from the (n, 3, 3) float32 vertices to the finished Bvh, with compiled kernels. Timed for Embree:
+`rtcCommitScene`, with the same triangles and threads and filled buffers.
 
-Each tree is checked first, and traced by two tracers. They trace 16 shadow rays to the default light from each of the
-default camera's 512 x 512 (or N x N) pixels.
+Each tree is validated, and traced by two tracers with 16 shadow rays to the default light per pixel of the default
+camera (512 x 512 or N x N).
 """
 
 import json
@@ -34,7 +33,7 @@ from common import SCENES, arguments, has_embree, machine
 
 PEER = "embree medium"  # ratios are relative to this method
 TRACED_BY = ("single", "multifrusta")
-PAUSE = 0.05  # seconds after each Embree build, because its threads continue to spin for a while
+PAUSE = 0.05  # seconds to wait after each Embree build, because its threads spin for a while
 REAL = ("sponza_crytek", "sanmiguel_lite")
 
 
@@ -56,7 +55,7 @@ def scenes(paths: list[Path], sizes: list[int]):
         return
     paths = paths or [p for name in REAL if (p := SCENES / name / "scene.glb").exists()]
     if not paths:
-        print(f"no scene is given and none is in {SCENES}: generated hills instead")
+        print(f"no scene given and none in {SCENES}: using generated hills")
         yield "hills", hills()
     for path in paths:
         yield path.parent.name if path.stem == "scene" else path.stem, antumbra.load(path).triangles(0.0).vertices
@@ -78,7 +77,7 @@ def embree_seconds(device: Device, vertices, quality: str) -> float:
 
 
 def query_of_trees(vertices, threads: int, size: int):
-    """The shadow query that traces the trees."""
+    """The shadow query for tracing the trees."""
     scene = antumbra.Scene.from_arrays(vertices)
     renderer, triangles, light = Renderer(scene, threads=threads), scene.triangles(0.0), scene.default_light()
     gbuffer = renderer.see(triangles, scene.default_camera(size, size), None)
@@ -93,7 +92,7 @@ def trace_ms(bvh, tracer, query, threads: int) -> float:
 
 
 def describe(build, vertices, query, threads: int) -> dict:
-    """Measures of a tree's quality. This also compiles the kernels and checks the tree."""
+    """Quality measures of a tree; also compiles the kernels and validates the tree."""
     bvh = build()
     validate(bvh, vertices)
     shape = shape_of(bvh)
@@ -102,7 +101,7 @@ def describe(build, vertices, query, threads: int) -> dict:
 
 
 def measure(name: str, vertices, threads: int, rounds: int, size: int) -> list[dict]:
-    """One row for each method."""
+    """A row per method."""
     ours = {k: lambda b=b: b.build(vertices, threads) for k, b in BUILDERS.items()}
     query = query_of_trees(vertices, threads, size)
     facts = {k: describe(build, vertices, query, threads) for k, build in ours.items()}
@@ -144,7 +143,9 @@ def line(row: dict) -> str:
 def main() -> None:
     parser = arguments(__doc__)
     parser.add_argument("--hills", type=int, nargs="+", default=[], metavar="N")
-    parser.add_argument("--size", type=int, default=512, metavar="N", help="pixels a side of the traced picture")
+    parser.add_argument(
+        "--size", type=int, default=512, metavar="N", help="width and height of the traced picture in pixels"
+    )
     options = parser.parse_args()
     threads = thread_count(options.threads)
     print(

@@ -1,17 +1,17 @@
-"""Scaling of a job over the nodes of a cluster: measured on small local nodes, and simulated for many.
+"""Scaling of a job over cluster nodes: measured on small local nodes, and simulated for many.
 
     python benchmarks/cluster.py [scene] [--nodes N ...] [--size WxH] [--spp N] [--store GB] [--json FILE]
 
-It starts a Ray cluster of N nodes with one core each on this machine, for each N, and renders one picture in bands of
-rows with ``--ray``. A machine should have a core more than there are nodes, and nothing else to do.
+For each N, it starts a local Ray cluster of N one-core nodes and renders one picture in row bands with ``--ray``. The
+machine should be idle and have one more core than there are nodes.
 
-- `work`: seconds from the moment when a worker is ready until the last part is written, summed over workers
-- `parts`: the sum of the seconds that nodes took for parts, without handing out, sending, and waiting for the last one
+- `work`: seconds from when a worker is ready until the last part is written, summed over workers
+- `parts`: total seconds that nodes spent on parts, without scheduling, transfers, and waiting for the last part
 - `of ideal`: parts / work
 
-The simulation takes the measured seconds of the parts, repeats them to the number of parts of a larger job, and hands
-them out as the engine does. Nodes become ready after the start of a worker, and the fetch of a store from one machine.
-One node in fifty is three times slower (a straggler). `docs/jobs/cluster.md` has its table.
+The simulation resamples the measured part times to the size of a larger job and schedules them as the engine does. A
+node is ready after its worker has started and it has fetched the store from one machine. One node in fifty is a
+straggler, three times slower. `docs/jobs/cluster.md` has the table.
 """
 
 import heapq
@@ -31,14 +31,14 @@ from antumbra.jobs.engines import Asked, numbered
 from common import arguments, machine
 
 SIMULATED = 8, 64, 512  # nodes
-START = 8.0  # seconds from the command to a ready worker: Ray's actor, and the import of the package
-WIDE, NARROW = 1.25e9, 1.25e8  # bytes a second that the driver's machine sends, and that a node writes: 10 and 1 Gbit/s
+START = 8.0  # seconds from the command to a ready worker: starting Ray's actor and importing the package
+WIDE, NARROW = 1.25e9, 1.25e8  # bytes per second that the driver sends and a node writes: 10 and 1 Gbit/s
 SLOW, SLOWER = 0.02, 3.0  # share of stragglers, and how much longer their parts take
 _MEMORY = 80 << 20  # bytes of a node's object store
 
 
 def measured(words: list[str], nodes: int, folder: Path) -> dict:
-    """Do the job of a command on so many nodes of one core: seconds of its phases and of each part."""
+    """Run a command's job on one-core nodes; return the seconds of its phases and of each part."""
     from ray.cluster_utils import Cluster as Nodes
 
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
@@ -75,10 +75,10 @@ def command_arguments(words: list[str]):
 
 
 def simulated(parts: list[float], nodes: int, store: float, seed: int = 1) -> dict:
-    """The seconds of a job on so many nodes, and the share of ideal: the sum of its parts over nodes x seconds.
+    """The seconds of a job on `nodes` nodes, and the share of ideal: total part time over nodes x seconds.
 
     parts : seconds of each part on one node
-    store : bytes that each node fetches from the driver's machine
+    store : bytes that each node fetches from the driver
     """
     rng = np.random.default_rng(seed)
     pace = np.where(rng.random(nodes) < SLOW, SLOWER, 1.0)
@@ -95,7 +95,7 @@ def simulated(parts: list[float], nodes: int, store: float, seed: int = 1) -> di
 
 
 def larger(parts: list[float], hours: float) -> list[float]:
-    """Parts like the measured ones, so many that one node works on them for some hours."""
+    """Resampled parts that take one node this many hours."""
     rng = np.random.default_rng(2)
     return rng.choice(parts, max(1, round(hours * 3600.0 / np.mean(parts)))).tolist()
 
@@ -125,7 +125,7 @@ def plot(parts: list[float], options) -> None:
 
 def main() -> None:
     parser = arguments(__doc__)
-    parser.add_argument("--plot", type=Path, help="draw the simulation here, .png")
+    parser.add_argument("--plot", type=Path, help="plot the simulation to a .png file")
     parser.add_argument("--nodes", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--size", default="1024x1024")
     parser.add_argument("--spp", type=int, default=64)

@@ -1,4 +1,4 @@
-"""Helpers of all benchmarks: the folder of real scenes, the description of the machine, and common options."""
+"""Common helpers of the benchmarks: the folder of real scenes, the machine description, and options."""
 
 import argparse
 import os
@@ -20,27 +20,27 @@ def machine(threads: int) -> dict:
     return {**about(), "threads": threads}
 
 
-@cache  # so that the line is printed once
-def installed(library: Callable) -> bool:
-    """Whether ``library()`` finds the peer. If it does not, a line says that the peer is left out."""
+@cache  # print the message once
+def installed(library: Callable[[], object]) -> bool:
+    """Whether ``library()`` finds the peer; otherwise prints that the peer is skipped."""
     try:
         library()
     except antumbra.InputError as error:
-        print(f"left out: {error}", file=sys.stderr)
+        print(f"skipped: {error}", file=sys.stderr)
         return False
     return True
 
 
 def has_embree() -> bool:
-    """Whether Embree is installed. If it is not, a line says that it is left out."""
+    """Whether Embree is installed; otherwise prints that it is skipped."""
     return installed(embree.library)
 
 
 def arguments(description: str) -> argparse.ArgumentParser:
-    """An argument parser with the options of every comparison."""
+    """An argument parser with the common options of the benchmarks."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("scene", nargs="*", type=Path)
     parser.add_argument("--threads", type=int, default=None, help="default: all cores")
     parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     return parser

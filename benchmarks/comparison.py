@@ -1,4 +1,4 @@
-"""Helpers of comparisons with peers: options, a header with versions and hardware, JSON, and a summary."""
+"""Common helpers of the comparisons with peers: options, a header with versions and hardware, JSON, and a summary."""
 
 import argparse
 import json
@@ -15,15 +15,15 @@ from peer_contenders import describe_embree
 from views import VIEWS, views
 
 AVX2 = {"ANTUMBRA_LEVEL": "x86-64-v3"}
-"""Environment that makes our kernels use no more than AVX2."""
+"""Environment that restricts our kernels to AVX2."""
 
 
 def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namespace:
-    """Parse the options of a script and of all comparisons.
+    """Parse the options of a script and the common options of all comparisons.
 
-    With --isa avx2 the script restarts itself with `AVX2` in its environment, unless this is already set.
+    With --isa avx2, the script restarts itself with `AVX2` in its environment, unless it is already set.
 
-    scenes : names that may be given
+    scenes : accepted scene names
     """
     threads = lambda text: thread_count(None if text == "all" else int(text))
     parser.add_argument("scene", nargs="*", help=f"{', '.join(scenes)}, or files; default: all of these")
@@ -31,11 +31,11 @@ def options_of(parser: argparse.ArgumentParser, scenes=VIEWS) -> argparse.Namesp
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--clock", choices=CLOCKS, default="wall", help="cpu: for one thread on a busy machine")
-    parser.add_argument("--isa", choices=("avx2",), help="ours, and Embree, on no more than AVX2")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--isa", choices=("avx2",), help="restrict ours and Embree to AVX2")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     options = parser.parse_args()
     if options.clock == "cpu" and set(options.threads) != {1}:
-        parser.error("--clock cpu adds up the threads: use it with --threads 1")
+        parser.error("--clock cpu adds up all threads; use it with --threads 1")
     options.threads = list(dict.fromkeys(options.threads))
     if options.isa == "avx2" and any(os.environ.get(k) != v for k, v in AVX2.items()):
         os.execve(sys.executable, [sys.executable, *sys.argv], {**os.environ, **AVX2})
@@ -46,7 +46,7 @@ HEAD = f"{'contender':44s} {'Mrays/s':>8s} {'best':>8s} {'ratio':>6s} {'differs'
 
 
 def line(row: dict) -> str:
-    """A row as a line of the table. A rate in brackets is from a single try."""
+    """A row as a line of the table. A rate in brackets is from a single run."""
     median = f"{row['mrays']:.2f}" if row["rounds"] else f"({row['mrays']:.2f})"
     best = f"{row['best_mrays']:.2f}" if row["rounds"] else ""
     ratio = f"{row['ratio']:.2f}" if "ratio" in row else ""
@@ -54,13 +54,13 @@ def line(row: dict) -> str:
 
 
 def progress(text: str) -> None:
-    """Show a line on a terminal; the next one overwrites it."""
+    """Show a line on a terminal, overwriting the previous one."""
     if sys.stderr.isatty():
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def start(main: Callable[[], None]) -> None:
-    """Run a script's main function. An InputError becomes one line."""
+    """Run a script's main function, and print an InputError as one line."""
     try:
         main()
     except InputError as error:
@@ -68,7 +68,7 @@ def start(main: Callable[[], None]) -> None:
 
 
 def compare(options: argparse.Namespace, measure: Callable, views_of: Callable = views) -> None:
-    """Call ``measure(view, options)`` for each view of ``looked_at``; print and write the rows that it returns."""
+    """Call ``measure(view, options)`` for each view of ``views_of``; print and write the returned rows."""
     command = " ".join(["python", f"benchmarks/{Path(sys.argv[0]).name}", *sys.argv[1:]])
     about = {"command": command, **machine(max(options.threads)), "isa": options.isa or "native"}
     about["embree"] = describe_embree(options.isa)

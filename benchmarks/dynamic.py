@@ -1,22 +1,22 @@
-"""Whole frames of moving scenes, from evaluation to the shaded picture: ours beside frames made with Embree.
+"""Whole frames of animated scenes, from evaluation to the shaded picture: ours, and frames rendered with Embree.
 
     python benchmarks/dynamic.py [scene ...] [--plans PLAN ...] [--threads N ...] [--frames N] [--rounds N]
 
 A scene is bart_robots or synthetic_garden_foxes ($ANTUMBRA_SCENES), or a file that `antumbra.load` reads. Camera and
-small square light are those of its info.json.
+small square light come from its info.json.
 
 Timed for ours: `Renderer.render` without anti-aliasing, from the call to the picture.
 
-Timed for the peer: our evaluation; Embree's build or refit; primary rays, receivers and shadow rays; our fractions and
-our shading. Rays are made and traced in compiled loops on all threads, to the same points of the light. Copying
-vertices into Embree's buffer and making the light's points are not timed.
+Timed for the peer: our evaluation; Embree's build or refit; primary rays, receivers and shadow rays; our visibility
+fractions and our shading. Rays are generated and traced in compiled loops on all threads, to the same light samples.
+Copying vertices into Embree's buffer and generating the light samples are not timed.
 
-Every way of tracing is tried on one frame, then every build with the fastest two. The fastest two of these combinations
-go on to the rounds, where ours and the peer's render the frames in turns. The ratio is the ratio of the median frames,
-ours to the peer's fastest.
+Every tracing mode is tried on one frame, then every build with the two fastest modes. The two fastest combinations
+enter the rounds, where ours and the peer's render the frames alternately. The ratio compares the frame rates at the
+median frame time, ours over the peer's fastest.
 
-`differs` counts the pixels of all frames whose fraction of the light differs from our first plan's. Embree rounds, and
-so do offsets of receivers; ours do not differ among themselves.
+`differs` counts the pixels of all frames whose visibility fraction differs from our first plan's. Embree and receiver
+offsets are subject to rounding; our plans all agree.
 """
 
 import argparse
@@ -46,7 +46,7 @@ BUILDS += [("medium", embree.DYNAMIC, True)]  # (quality, flags, whether to refi
 
 
 class FrameMode(NamedTuple):
-    """How Embree makes a frame."""
+    """How Embree renders a frame."""
 
     build: tuple[str, int, bool]  # one of BUILDS
     primary: Primary
@@ -59,14 +59,14 @@ class FrameMode(NamedTuple):
 
 
 class Result(NamedTuple):
-    """One frame: seconds of each phase, and the fraction of the light that each pixel sees."""
+    """One frame: seconds of each phase, and the fraction of the light visible from each pixel."""
 
     seconds: dict[str, float]  # phase -> seconds
     visibility: np.ndarray  # (H, W) float32
 
 
 class Ours:
-    """One of our plans, with a renderer that keeps state from frame to frame."""
+    """One of our plans, with a renderer that keeps its state between frames."""
 
     family = OURS
 
@@ -133,13 +133,13 @@ class EmbreeFrames:
 
 
 def moments(view: Moving, count: int) -> list[float]:
-    """Times of `count` frames of a film, spread over the animation."""
+    """Times of `count` film frames, evenly spaced over the animation."""
     last = int(view.scene.duration * FPS)
     return [k / FPS for k in np.unique(np.linspace(0, last, count).round().astype(int)).tolist()]
 
 
 def best_modes(device, view: Moving, threads: int, options) -> list[FrameMode]:
-    """The fastest two combinations of a build and a way of tracing."""
+    """The two fastest combinations of build and tracing mode."""
     moment, width = moments(view, 3)[1], device.width
     eyes = [Primary(n, c) for n in (1, width) for c in (False, True)]
     lamps = [Shadow(n, o, c) for n in (1, width) for o in ORDERS[n == 1 :] for c in (False, True)]
@@ -165,7 +165,7 @@ def best_modes(device, view: Moving, threads: int, options) -> list[FrameMode]:
 
 
 def measure(view: Moving, options) -> list[dict]:
-    """Rows of all numbers of threads."""
+    """Rows for all thread counts."""
     rows = []
     for threads in options.threads:
         rows += _measure(_device(threads, options.isa), view, threads, options)
@@ -174,7 +174,7 @@ def measure(view: Moving, options) -> list[dict]:
 
 @cache
 def _device(threads: int, isa: str | None):
-    """Embree's device, or None without Embree. All scenes share it: threads of a closed one stay busy."""
+    """Embree's device, or None without Embree. All scenes share it, because a closed device's threads stay busy."""
     return embree.Device(threads, isa) if has_embree() else None
 
 
@@ -185,7 +185,7 @@ def _measure(device, view: Moving, threads: int, options) -> list[dict]:
     contenders += [EmbreeFrames(mode, device, view, threads, options.spp, clock) for mode in modes]
     frames = {c.name: [] for c in contenders}
     differs = dict.fromkeys(frames, 0)
-    for turn in range(-1, options.rounds):  # the first turn warms up and compares answers
+    for turn in range(-1, options.rounds):  # the first round is a warm-up and compares answers
         for i, moment in enumerate(times):
             progress(f"round {turn + 1} of {options.rounds}, frame {i + 1} of {len(times)}")
             reference = None
@@ -231,7 +231,9 @@ def _line(row: dict) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--plans", nargs="+", default=[DEFAULT_PLAN])
-    parser.add_argument("--frames", type=int, default=8, help="of a film of 24 a second, spread over the animation")
+    parser.add_argument(
+        "--frames", type=int, default=8, help="frames of a 24 fps film, evenly spaced over the animation"
+    )
     parser.add_argument("--spp", type=int, default=16)
     options = options_of(parser, MOVING)
     compare(options, measure, moving_views)

@@ -1,17 +1,16 @@
-"""Error and cost of the discontinuity filter and of adaptive sampling, compared with many samples for every pixel.
+"""Error and cost of the discontinuity filter and of adaptive sampling, compared with many samples per pixel.
 
     python benchmarks/filter_quality.py [scene ...] [--size N] [--threads N] [--rounds N] [--json FILE] [--out DIR]
 
-A scene is the name of a procedural scene, a folder of real scenes ($ANTUMBRA_SCENES, or ../shared/scenes beside the
-repository), or a path. An info.json gives the camera and the light's position. The light is a horizontal square with
-sides of a fiftieth of the scene's diagonal. The default is atrium, forest, and sponza_crytek and bart_robots if they
-exist.
+A scene is the name of a procedural scene, a folder of $ANTUMBRA_SCENES (or ../shared/scenes beside the repository), or
+a path. An info.json gives the camera and the light's position. The light is a horizontal square with an edge of 1/50 of
+the scene's diagonal. The default scenes are atrium, forest, and, if they exist, sponza_crytek and bart_robots.
 
-Errors of the visibility are over the pixels that see something, times 1000. They are the root mean square and the mean
-absolute difference from 256 and from 1024 samples a pixel.
+Visibility errors are the root mean square and the mean absolute difference from 256 and 1024 samples per pixel over the
+pixels with a visible surface, times 1000.
 
-Errors of the picture are in 8-bit steps of sRGB at one exposure. They are the root mean square difference from a
-picture with 4 x 4 times as many pixels of 16 samples each, averaged over blocks of 4 x 4.
+Picture errors are the root mean square difference from a 4 x 4 supersampled picture with 16 samples per sub-pixel, in
+8-bit sRGB steps at a common exposure.
 
 `--out` writes the pictures, and crops side by side where 16 samples are worst.
 """
@@ -71,7 +70,7 @@ def rendered(*scene, noise=filter.NOISE, **method):
 
 
 def supersampled(scene, camera, lights, threads) -> np.ndarray:
-    """A picture with 4 x 4 times as many pixels, averaged over blocks of 4 x 4."""
+    """A 4 x 4 supersampled picture."""
     big = camera.resized(4 * camera.width, 4 * camera.height)
     image = at.render(scene, big, lights, threads=threads, antialias=False).image
     return image.reshape(camera.height, 4, camera.width, 4, 3).mean((1, 3), dtype=np.float64).astype(np.float32)
@@ -84,14 +83,14 @@ def errors(a, b) -> tuple[float, float]:
 
 
 def measure(name: str, options) -> list[dict]:
-    """One row for each method."""
+    """A row per method."""
     scene, camera, lights = opened(name, options.size)
     frames, seconds = {}, {k: [] for k in METHODS}
     for turn in range(options.rounds + 1):
         for k, method in METHODS.items():
             if turn <= 1 or method["spp"] < 256:
                 frames[k] = rendered(scene, camera, lights, threads=options.threads, **method)
-            if turn:  # the first turn loads kernels
+            if turn:  # the first round loads kernels
                 seconds[k].append(frames[k].timings)
     fine = at.render(scene, camera, lights, threads=options.threads, spp=1024)
     reference = supersampled(scene, camera, lights, options.threads)

@@ -1,14 +1,14 @@
-"""Scenes made to be slow: how long each plan takes on them, and how many times as long as the best plan.
+"""Worst-case scenes: how long each plan takes on them, also relative to the best plan.
 
     python benchmarks/hostile.py [--scenes NAME ...] [--plans PLAN ...] [--triangles N] [--points N] [--limit SECONDS]
                                  [--threads N] [--json FILE]
 
-The triangles have no area, or hardly any; or many of them share a centroid, a plane, an edge or a point; or all of them
-lie at the light. Each of these faults is found in files, though seldom as densely. A plan that takes more than 10 times
-as long as the best one on a scene is marked.
+The triangles have no or hardly any area; or many share a centroid, plane, edge or point; or all lie at the light. Real
+files have each of these defects, though seldom as densely. A plan that takes more than 10 times as long as the best one
+on a scene is marked.
 
-Times are CPU times of all threads, with the build of the tree. Each scene is traced in a process of its own, which is
-killed when a plan exceeds the limit.
+Times are CPU times of all threads, with the build of the tree. Each scene is traced in its own process, which is killed
+when a plan exceeds the limit.
 """
 
 import json
@@ -28,34 +28,34 @@ from antumbra.kernels.parallel import thread_count
 from common import arguments, machine
 
 MOST = 10.0
-"""Times as long as the best plan that a plan may take on each scene."""
+"""Largest acceptable time of a plan on a scene, relative to the best plan."""
 
-LEAST = 0.02  # seconds below which nothing is compared: a call costs some of them
+LEAST = 0.02  # seconds; shorter times count as this, because calls have overhead
 LIGHT = np.array([0.0, 8.0, 0.0])
 _DIRECTIONS = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1], [1, -1, 1], [2, 1, 0]], float
 )
 
 
-_CORNERS = np.array([[[k, k, k], [k / 2, k, k], [k, k, k / 2]] for k in (-16.0, 16.0)])  # their middle is zero
+_CORNERS = np.array([[[k, k, k], [k / 2, k, k], [k, k, k / 2]] for k in (-16.0, 16.0)])  # centred at zero
 
 
 class Hostile(NamedTuple):
     """A query that is slow for its size. Coordinates are exact in float32, before and after recentring."""
 
     triangles: np.ndarray  # (n, 3, 3) float64
-    points: np.ndarray  # (m, 3) float64: begins of the segments
+    points: np.ndarray  # (m, 3) float64: starts of the segments
     lights: Sequence  # their ends
 
 
 def _ordinary(rng, n: int) -> np.ndarray:
-    """Triangles like those of other scenes, between the points and the light, in steps of 2^-8."""
+    """Ordinary triangles between the points and the light, in steps of 2^-8."""
     at_ = rng.uniform((-6, 1, -6), (6, 3, 6), (n, 1, 3)) + rng.normal(size=(n, 3, 3)) * 0.5
     return np.round(at_ * 256) / 256
 
 
 def _points(rng, m: int) -> np.ndarray:
-    """Points on a floor, in rows as jobs have them."""
+    """Points on a floor, in rows as in jobs."""
     side = int(np.ceil(m**0.5))
     x, z = np.meshgrid(np.linspace(-6, 6, side), np.linspace(-6, 6, side))
     return np.round(np.stack([x, np.zeros_like(x), z], -1).reshape(-1, 3)[:m] * 256) / 256
@@ -76,12 +76,12 @@ def _on_lines(n: int) -> np.ndarray:
 
 
 def lines(rng, n: int, m: int) -> Hostile:
-    """Corners at powers of two along nine lines: no triangle has an area, and their boxes are nested."""
+    """Corners at powers of two along nine lines: triangles without area and with nested boxes."""
     return _hostile(rng, _on_lines(n), m, np.zeros(3) + (0, 4, 0))
 
 
 def near_lines(rng, n: int, m: int) -> Hostile:
-    """The same, with the last bits of all corners changed: every triangle has hardly any area."""
+    """The same with perturbed last bits of all corners: triangles with hardly any area."""
     bad = _on_lines(n)
     return _hostile(rng, bad + bad * rng.integers(-2, 3, bad.shape) * 2.0**-20, m, np.zeros(3) + (0, 4, 0))
 
@@ -119,7 +119,7 @@ def fan_at_light(rng, n: int, m: int) -> Hostile:
 
 
 def behind_light(rng, n: int, m: int) -> Hostile:
-    """Ordinary triangles that share the light's position as a corner, and lie behind the light."""
+    """Ordinary triangles behind the light that share its position as a corner."""
     corners = rng.normal(size=(n, 3, 3)) * 2
     corners[..., 1] = 1 + abs(corners[..., 1])
     corners[:, 0] = 0.0
@@ -137,7 +137,7 @@ def slanted_copies(rng, n: int, m: int) -> Hostile:
 
 
 def concentric(rng, n: int, m: int) -> Hostile:
-    """Triangles with one centroid, and of all sizes and orientations."""
+    """Triangles of all sizes and orientations with the same centroid."""
     corners = rng.normal(size=(n, 3, 3))
     corners[:, 2] = -corners[:, 0] - corners[:, 1]
     size = 2.0 ** -rng.integers(0, 16, (n, 1, 1))
@@ -145,7 +145,7 @@ def concentric(rng, n: int, m: int) -> Hostile:
 
 
 def edge_on(rng, n: int, m: int) -> Hostile:
-    """Triangles in one plane, which holds the light and half of the points."""
+    """Triangles in one plane, which contains the light and half of the points."""
     bad = rng.integers(-128, 129, (n, 3, 3)) / 32.0 + (0, 4, 0)
     bad[..., 2] = 0.0
     scene = _hostile(rng, bad, m)
@@ -154,7 +154,7 @@ def edge_on(rng, n: int, m: int) -> Hostile:
 
 
 def shared_edge(rng, n: int, m: int) -> Hostile:
-    """Triangles around one edge, on the way from a line of points to the light."""
+    """Triangles around one edge, between a line of points and the light."""
     bad = rng.integers(-128, 129, (n, 3, 3)) / 32.0 + (0, 4, 0)
     bad[:, 0], bad[:, 1] = (-4, 4, 0), (4, 4, 0)
     scene = _hostile(rng, bad, m)
@@ -191,12 +191,12 @@ class Timed(NamedTuple):
 
     scene: str
     plan: str
-    seconds: float  # of all threads, with the build of the tree; inf: not done at the limit
-    occluded: int  # bits that are set
+    seconds: float  # CPU time of all threads, with the build of the tree; inf: not done within the limit
+    occluded: int  # set bits
 
 
 def _trace(to: Connection, name: str, sizes: tuple[int, int], plans: Sequence[str], threads: int) -> None:
-    """The process of a scene: sends the `Timed` of each plan."""
+    """The process of a scene: sends a `Timed` for each plan."""
     hostile = hostile_scene(name, *sizes)
     small = hostile_scene(name, 8, 4)
     for plan in plans:
@@ -208,14 +208,14 @@ def _trace(to: Connection, name: str, sizes: tuple[int, int], plans: Sequence[st
 
 
 def _occluded(hostile: Hostile, plan: str, threads: int) -> int:
-    """The number of samples that are occluded."""
+    """The number of occluded samples."""
     scene = at.Scene.from_arrays(hostile.triangles)
     visibility = at.visibility(scene, hostile.points, hostile.lights, spp=8, plan=plan, threads=threads)
     return int(np.bitwise_count(visibility.bits).sum())
 
 
 def timed(name: str, sizes: tuple[int, int], plans: Sequence[str], threads: int, limit: float) -> list[Timed]:
-    """The time of each plan on a scene, with the build of its tree. `limit`: seconds for each."""
+    """The time of each plan on a scene, with the build of its tree. `limit`: seconds per plan."""
     remaining, results = list(plans), []
     while remaining:
         ours, theirs = get_context("spawn").Pipe()
@@ -236,7 +236,7 @@ def timed(name: str, sizes: tuple[int, int], plans: Sequence[str], threads: int,
 
 
 def ratios(rows: Sequence[Timed]) -> dict[str, float]:
-    """Plan -> times as long as the best plan, on one scene."""
+    """Plan -> time relative to the best plan, on one scene."""
     best = max(min(row.seconds for row in rows), LEAST)
     return {row.plan: max(row.seconds, LEAST) / best for row in rows}
 
@@ -254,7 +254,7 @@ def main() -> None:
     parser.add_argument("--plans", nargs="+", default=[str(plan) for plan in covering_plans()], metavar="PLAN")
     parser.add_argument("--triangles", type=int, default=20_000)
     parser.add_argument("--points", type=int, default=1_000)
-    parser.add_argument("--limit", type=float, default=20.0, help="seconds for each plan and scene")
+    parser.add_argument("--limit", type=float, default=20.0, help="seconds per plan and scene")
     options = parser.parse_args()
     threads = thread_count(options.threads)
     rows = []

@@ -1,6 +1,6 @@
-"""Memory of a loaded scene with its BVH, in bytes a triangle: the sizes of arrays, and the growth of the process.
+"""Memory of a loaded scene with its BVH, in bytes per triangle: array sizes, and growth of the process.
 
-python benchmarks/memory.py [SCENE]        (San Miguel from the real scenes by default)
+python benchmarks/memory.py [SCENE]        (default: San Miguel)
 """
 
 import gc
@@ -37,8 +37,8 @@ def main() -> None:
     n = scene.n_triangles
     print(f"{path}: {n} triangles")
     for name, size in arrays.items():
-        print(f"  {name:10} {size / n:7.1f} bytes a triangle")
-    print(f"process grew by {growth / n:.1f} bytes a triangle ({growth / 2**20:.0f} MiB)")
+        print(f"  {name:10} {size / n:7.1f} bytes per triangle")
+    print(f"process grew by {growth / n:.1f} bytes per triangle ({growth / 2**20:.0f} MiB)")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Draws the shadow rays a second of Antumbra and its peers as bars, from rows that `soft_shadows` wrote.
+"""Draws a bar chart of shadow rays per second of Antumbra and its peers, from rows of `soft_shadows`.
 
     python benchmarks/soft_shadows.py --plans bsah+auto --threads 1 --clock cpu --json rows.json
     python benchmarks/peer_chart.py rows.json ... -o docs/images/peers.svg
 
-Each bar is the median of the best mode of a library. The command, the processor and the versions stand below.
+Each bar is the median of a library's best mode. The caption has the command, the processor and the versions.
 """
 
 import argparse
@@ -19,7 +19,7 @@ PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
 
 
 def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
-    """(scene and light, threads) -> million rays a second of each library's best mode."""
+    """(scene and light, threads) -> million rays per second of each library's best mode."""
     cases: dict = {}
     for row in rows:
         if row["rounds"]:
@@ -30,7 +30,7 @@ def best(rows: list[dict]) -> dict[tuple[str, int], dict[str, float]]:
 
 
 def caption(about: dict) -> str:
-    """The lines below the bars."""
+    """The caption: command, processor and versions."""
     names = []
     for package, name in PACKAGES.items():
         try:
@@ -55,7 +55,7 @@ def draw(rows: list[dict], about: dict, output: Path) -> None:
         bars = axes.bar(at, heights, 0.92 * width, color=COLOURS[family], label=family.replace(OURS, "Antumbra"))
         axes.bar_label(bars, [f"{height:.1f}" if height else "" for height in heights], fontsize=7, padding=1)
     axes.set_xticks(range(len(cases)), [name for name, _ in cases], fontsize=8)
-    axes.set_ylabel("million shadow rays a second", fontsize=8)
+    axes.set_ylabel("million shadow rays per second", fontsize=8)
     axes.set_title(f"Soft shadows, {' and '.join(map(str, sorted(threads)))} thread(s): more is better", fontsize=10)
     axes.legend(fontsize=8, frameon=False, ncols=len(families))
     axes.spines[["top", "right"]].set_visible(False)

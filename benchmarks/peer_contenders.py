@@ -1,4 +1,4 @@
-"""The peers as contenders for a ray set: Embree in all its modes, Mitsuba 3 and Open3D. Missing ones are left out."""
+"""The peers as contenders for a ray set: Embree in all its modes, Mitsuba 3 and Open3D. Missing ones are skipped."""
 
 from contextlib import contextmanager
 
@@ -25,7 +25,7 @@ def describe_embree(isa: str | None) -> str:
 
 
 def mitsuba_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
-    """Contenders that call ray_test in both orders, coherent and not."""
+    """Contenders that call ray_test in both orders, with and without the coherent flag."""
     mitsuba_rays.set_threads(threads)
     return [
         Contender(
@@ -56,7 +56,7 @@ def open3d_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
 
 
 def other_peers(vertices) -> list:
-    """[(function that makes contenders, scene)] of Mitsuba and Open3D. A line names each that is not installed."""
+    """[(function that makes contenders, scene)] of Mitsuba and Open3D, if they are installed."""
     peers = []
     if installed(mitsuba_rays.library):
         peers.append((mitsuba_contenders, mitsuba_rays.MitsubaScene(vertices)))

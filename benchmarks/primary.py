@@ -1,4 +1,4 @@
-"""Primary visibility: our rasteriser and rays beside Embree, in one process, turn by turn, on the same pixels.
+"""Primary visibility: our rasteriser, our rays and Embree, alternating in one process on the same pixels.
 
     python benchmarks/primary.py [scene ...] [--size W H] [--threads N ...] [--rounds N] [--isa avx2] [--json FILE]
 
@@ -7,12 +7,12 @@ A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest
 
 Timed for ours:
 
-- `rays`: from the `BlockTree` to face and t of each pixel. The tree is made before, like the peers' trees.
+- `rays`: from the `BlockTree` to face and t of each pixel. The tree is built beforehand, like the peers' trees.
 - `rasterise`: from the triangles to face and t of each pixel, without a BVH.
 - `gbuffer`: `rasterise`, then positions and normals.
 
-Timed for Embree: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays that were made before. Rays are in Morton order
-of 4 x 4 pixels, and such a block is a packet. Answers stay in the records. Ratios are as in `soft_shadows`.
+Timed for Embree: rtcIntersect1 and rtcIntersect16 (8 on AVX2) on rays generated beforehand, in Morton order of 4 x 4
+pixel blocks, each of which is a packet. Answers stay in the records. Ratios are as in `soft_shadows`.
 """
 
 import argparse
@@ -49,7 +49,7 @@ def our_contenders(tree, triangles, rays, threads: int) -> list[Contender]:
 
 
 def measure(view, options) -> list[dict]:
-    """Rows of all numbers of threads."""
+    """Rows for all thread counts."""
     triangles, table = view.triangles, []
     rays = view.camera.rays(triangles.origin)
     peer_rays = primary_rays(rays)

@@ -1,11 +1,11 @@
-"""Hours of sun beside Radiance, on a floor with boxes: every disagreement, and how near to an edge it is.
+"""Compares hours of sun with Radiance, on a floor with boxes: every disagreement, and its distance from an edge.
 
     python benchmarks/radiance_sun.py [--boxes N] [--sensors N] [--days DAYS] [--threads N] [--json FILE]
 
-`rtrace` of Radiance traces each pair of sensor and sun whose sun is above the surface, from the same receivers in the
-same directions: no surface, no shadow. It needs Radiance: pip install 'antumbra[all-peers]'. Its rays are float64, and
-it reads the same vertices. A pair on which the two differ is listed with the angle by which the ray passes the nearest
-edge of a box.
+Radiance's `rtrace` traces each pair of a sensor and a sun above its surface, from the same receivers in the same
+directions; a ray without a hit means no shadow. Its rays are float64, and it reads the same vertices. Pairs on which
+the two differ are listed with the angle between the ray and the nearest edge of a box. Requires Radiance:
+pip install 'antumbra[all-peers]'
 """
 
 import argparse
@@ -22,7 +22,7 @@ from antumbra.query.receivers import Receivers
 from common import installed, machine
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
-FAR = 1e4  # metres: where suns stand for Antumbra; the town is smaller than 100
+FAR = 1e4  # metres: distance of suns for Antumbra; the town is smaller than 100
 MISS = 1e9  # of rtrace's distances
 QUADS = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
@@ -37,7 +37,7 @@ def library():
 
 
 def town(boxes: int) -> np.ndarray:
-    """(n, 3, 3) float32: a floor with boxes; no two of them share a plane."""
+    """(n, 3, 3) float32: a floor with boxes, no two of which share a plane."""
     rng = np.random.default_rng(7)
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
     faces = np.array([t for a, b, c, d in QUADS for t in ((a, b, c), (a, c, d))])
@@ -48,7 +48,7 @@ def town(boxes: int) -> np.ndarray:
 
 
 def hit_by_radiance(soup: np.ndarray, origins: np.ndarray, directions: np.ndarray, threads: int) -> np.ndarray:
-    """(n,) bool: the rays that meet a triangle, by rtrace."""
+    """(n,) bool: the rays that hit a triangle, by rtrace."""
     radiance = library()
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "town.rad"
@@ -65,7 +65,7 @@ def hit_by_radiance(soup: np.ndarray, origins: np.ndarray, directions: np.ndarra
 
 
 def angle_to_edges(soup: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> float:
-    """Degrees: the least angle between a ray and a point of an edge."""
+    """Degrees: the smallest angle between a ray and a point on an edge."""
     a = soup.reshape(-1, 3).astype(np.float64) - origin
     b = np.roll(soup, -1, 1).reshape(-1, 3).astype(np.float64) - origin
     t = np.linspace(0.0, 1.0, 4097)[:, None, None]
@@ -80,7 +80,7 @@ def main() -> None:
     parser.add_argument("--sensors", type=int, default=20_000)
     parser.add_argument("--days", default="2026-01-21:2026-12-21:30")
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     options = parser.parse_args()
     soup = town(options.boxes)
     scene = at.Scene.from_arrays(soup, up="z")

@@ -1,17 +1,17 @@
-"""Irradiance beside Mitsuba 3: every kind of light, near and far, fully lit and in penumbrae; and skies.
+"""Compares irradiance with Mitsuba 3: every kind of light, near and far, fully lit and in penumbrae; and skies.
 
     python benchmarks/radiometry.py [--size N] [--reference N] [--cases TEXT] [--json FILE]
 
-A white floor is lit by one light, above it or in part below it. Pixels see the floor from just above it, so that lights
-and blockers may come near. *Lit* is the mean relative error without a blocker, and *worst* the largest. The two
-last errors are the mean difference over the mean irradiance where a card hides part of the light: of pixels that see 2
-to 98 % of it, with no filter. 4,096 samples are four renderings of 1,024. Between them the camera moves by a pixel, so
-that each point has four of the sixteen sample sets.
+A white floor is lit by one light above or partly below it. The camera is just above the floor, so that lights and
+blockers may be close. *Lit* is the mean relative error without a blocker, and *worst* the largest. The last two errors
+are the mean difference over the mean irradiance where a card hides part of the light, without a filter, over pixels
+that see 2 to 98 % of it. 4,096 samples are four renderings of 1,024, between which the camera moves by a pixel, so that
+each point uses four of the sixteen sample sets.
 
 Skies light boxes on a floor. Their rows have the mean relative error, and the mean difference over the mean, of
 pictures with the default filter, for several numbers of lights.
 
-The truth is Mitsuba's integrator `direct` at the same points, with --reference samples.
+The reference is Mitsuba's integrator `direct` at the same points, with --reference samples.
 """
 
 import argparse
@@ -38,11 +38,11 @@ class Case(NamedTuple):
     name: str
     light: at.Light
     card: tuple  # corner and two edges
-    extent: float = 2.0  # of the floor that is seen, around zero
+    extent: float = 2.0  # of the visible part of the floor, around zero
 
 
 class Row(NamedTuple):
-    """What was found, in per cent."""
+    """The errors of a case, in per cent."""
 
     case: str
     lit: float
@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 def level(height: float, half: float, x: float = 0.0, z: float = 0.0) -> tuple:
-    """A level card around (x, height, z)."""
+    """A horizontal card around (x, height, z)."""
     return (x - half, height, z - half), (0, 0, 2 * half), (2 * half, 0, 0)
 
 
@@ -87,7 +87,7 @@ def with_card(card: Sequence) -> np.ndarray:
     return np.concatenate([FLOOR, [[corner, corner + u, corner + u + v], [corner, corner + u + v, corner + v]]])
 
 
-class Seen(NamedTuple):
+class FloorPixels(NamedTuple):
     """Pixels of a floor."""
 
     irradiance: np.ndarray  # (n,)
@@ -95,8 +95,8 @@ class Seen(NamedTuple):
     points: np.ndarray  # (n, 3)
 
 
-def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
-    """A picture of size x size pixels, the mean of up to four."""
+def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> FloorPixels:
+    """A picture of size x size pixels, the mean of up to four renderings."""
     scene, times = at.Scene.from_arrays(vertices, colours=np.ones(3)), -(-spp // MOST)
     pixel, frames = case.extent / size, []
     for k in range(times):
@@ -110,7 +110,7 @@ def ours(vertices: np.ndarray, case: Case, spp: int, size: int) -> Seen:
         world = frame.gbuffer.position[:, columns].astype(float) + frame.gbuffer.origin
         frames.append((np.pi * frame.image[:, columns, 0], frame.visibility[0][:, columns], world))
     irradiance, fraction, points = (np.mean([each[i] for each in frames], 0) for i in range(3))
-    return Seen(irradiance.ravel(), fraction.ravel(), points.reshape(-1, 3))
+    return FloorPixels(irradiance.ravel(), fraction.ravel(), points.reshape(-1, 3))
 
 
 def truth(vertices: np.ndarray, light: at.Light, points: np.ndarray, normals, reference: int) -> np.ndarray:
@@ -135,7 +135,7 @@ def measure(case: Case, size: int, reference: int) -> Row:
 
 
 class SkyRow(NamedTuple):
-    """What was found of a sky, in per cent."""
+    """The errors of a sky, in per cent."""
 
     case: str
     count: int  # of lights
@@ -193,11 +193,11 @@ def line(row: Row) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--size", type=int, default=48, help="pixels along a side of the pictures")
-    parser.add_argument("--reference", type=int, default=16_384, help="samples of Mitsuba for each point")
-    parser.add_argument("--counts", type=int, nargs="+", default=[256, 512, 1024], help="lights of skies")
-    parser.add_argument("--cases", default="", metavar="TEXT", help="only the cases whose names contain it")
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--size", type=int, default=48, help="width and height of the pictures")
+    parser.add_argument("--reference", type=int, default=16_384, help="Mitsuba's samples per point")
+    parser.add_argument("--counts", type=int, nargs="+", default=[256, 512, 1024], help="numbers of lights for skies")
+    parser.add_argument("--cases", default="", metavar="TEXT", help="only cases with TEXT in their names")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     options = parser.parse_args()
     rows: list[Row | SkyRow] = []
     if installed(mitsuba_light.library):

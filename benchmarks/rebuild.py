@@ -1,14 +1,14 @@
-"""Ray hierarchies against building: shadows of scenes whose triangles are new in each frame, beside Embree's.
+"""Ray hierarchies versus building: shadows in scenes with new triangles in each frame, compared with Embree.
 
     python benchmarks/rebuild.py [scene ...] [--sizes N,...] [--size W H] [--frames N] [--plot FILE] [--json FILE]
 
-A scene is a folder of the real scenes, a file, or a procedural scene. Procedural scenes are also made in several sizes.
-There is one point light, and one shadow ray for each pixel. `differs` counts pixels whose answer differs from our last
-plan's.
+A scene is a folder of the real scenes, a file, or a procedural scene. Procedural scenes are also generated in several
+sizes. There is one point light, and one shadow ray per pixel. `differs` counts pixels whose answer differs from our
+last plan's.
 
-All methods get the same triangles, G-buffer and receivers, and take turns within each round. Times of shadows include
-culling, building and tracing. Time to image adds the steps that all methods share: evaluating, rasterising, receivers
-and shading, measured once a turn. Copying vertices into Embree's buffer is not timed.
+All methods get the same triangles, G-buffer and receivers, and alternate within each round. Shadow times include
+culling, building and tracing. Time to image adds the shared steps (evaluating, rasterising, receivers and shading),
+measured once per frame and round. Copying vertices into Embree's buffer is not timed.
 """
 
 import json
@@ -43,13 +43,13 @@ PLANS = ("cones", "lbvh+single", "lbvh+multifrusta")
 """Our plans. The bits of all methods are compared with those of the last plan."""
 
 PROCEDURAL = ("atrium", "city")
-"""Procedural scenes that are made in several sizes."""
+"""Procedural scenes that are generated in several sizes."""
 
 BUILDS = [(quality, flags) for quality in ("low", "medium") for flags in (0, embree.DYNAMIC)]
-"""Embree's builds that are tried. The fastest one for each packet width goes on to the rounds."""
+"""Embree's builds to try. The fastest for each packet width enters the rounds."""
 
 _WIDTH, _STYLES, _MARKERS = 170, ("-", "--", ":", "-."), "osD^vP*X"
-_SMALL = 110_000  # triangles of small scenes, where we claim to be faster than Embree; the limit has a tenth of slack
+_SMALL = 110_000  # triangles of small scenes, where we claim to be faster than Embree, with 10 % slack
 _COMMON = "evaluate", "gbuffer", "filter", "shade"
 
 
@@ -66,15 +66,15 @@ class Rebuilt(NamedTuple):
 
     scene: str
     triangles: int
-    family: str  # name of a procedural scene that is made in several sizes; "" for other scenes
+    family: str  # name of a procedural scene generated in several sizes; "" for other scenes
     method: str
     how: str  # the plan, or how Embree builds and traces
     cull: float
     build: float
     trace: float
     shadows: float  # cull + build + trace
-    image: float  # shadows, and the steps that all methods share
-    differs: int  # pixels, of all times, whose answer differs from the last plan's
+    image: float  # shadows and the shared steps
+    differs: int  # pixels, over all times, whose answer differs from the last plan's
 
 
 class _Method(Protocol):
@@ -137,9 +137,9 @@ class _Embree:
 def rebuild(
     view: BenchmarkView, family: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]
 ) -> list[Rebuilt]:
-    """Measure all methods in one scene; without Embree if it is not installed.
+    """Measure all methods in one scene, without Embree if it is not installed.
 
-    family : name of the scene if it is made in several sizes
+    family : name of the scene if it is generated in several sizes
     """
     common, times = Renderer(view.scene, PLANS[-1], threads), times_of(view.scene, frames)
     first, _ = _input_of(common, view, times[len(times) // 2])
@@ -152,9 +152,9 @@ def rebuild(
                 methods.append(stack.enter_context(_opened(device, build, mode, first, view, threads)))
         laps: dict[str, list[dict[str, float]]] = {m.name: [] for m in methods}
         differs = dict.fromkeys(laps, 0)
-        for turn in range(-1, rounds):  # the first turn warms up and compares answers
+        for turn in range(-1, rounds):  # the first round is a warm-up and compares answers
             for k, time in enumerate(times):
-                say(f"{view.name}, moment {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
+                say(f"{view.name}, frame {k + 1} of {len(times)}, round {max(turn, 0) + 1} of {rounds}")
                 frame_input, common_seconds = _input_of(common, view, time)
                 bits = {}
                 for m in methods:
@@ -207,7 +207,7 @@ def _opened(device, build, mode, frame_input, view, threads) -> Iterator[_Embree
 def _fastest(
     device, frame_input: FrameInput, view: BenchmarkView, threads: int
 ) -> list[tuple[tuple[str, int], Shadow]]:
-    """The fastest build and way to trace, for single rays, and for the widest packets that Embree has kernels for."""
+    """The fastest build and mode for single rays, and for the widest native packets."""
     seconds: dict[int, list] = {lanes: [] for lanes in dict.fromkeys((1, device.width))}
     for build in BUILDS:
         modes = [Shadow(n, "samples" if n == 1 else "pixels", c) for n in seconds for c in (False, True)]
@@ -224,13 +224,13 @@ def sized(name: str, triangles: int, size: tuple[int, int]) -> BenchmarkView:
 
 
 def ratio(rows: Iterable[Rebuilt], row: Rebuilt) -> float | None:
-    """The speed of a row's shadows relative to Embree's best; None without Embree."""
+    """The shadow speed of a row relative to Embree's best; None without Embree."""
     peers = [r.shadows for r in rows if r.scene == row.scene and r.method.startswith("Embree")]
     return min(peers) / row.shadows if peers else None
 
 
 def crossings(sizes: Sequence[int], ours: Sequence[float], theirs: Sequence[float]) -> list[tuple[float, float]]:
-    """(triangles, seconds) where two curves cross. Curves are straight between measured points on logarithmic axes."""
+    """(triangles, seconds) where two curves cross, interpolated linearly on logarithmic axes."""
     n, a, b = (np.log(np.asarray(values, float)) for values in (sizes, ours, theirs))
     gap, points = a - b, []
     for k in np.flatnonzero(gap[:-1] * gap[1:] < 0.0):
@@ -242,7 +242,7 @@ def crossings(sizes: Sequence[int], ours: Sequence[float], theirs: Sequence[floa
 
 
 def curve(rows: Iterable[Rebuilt], family: str, method: str) -> tuple[list[int], list[float]]:
-    """(triangles, seconds of shadows) of a method in a procedural scene of several sizes."""
+    """(triangles, shadow seconds) of a method in a procedural scene of several sizes."""
     some = sorted((r.triangles, r.shadows) for r in rows if (r.family, r.method) == (family, method))
     return [n for n, _ in some], [s for _, s in some]
 
@@ -255,7 +255,7 @@ def _ms(seconds: float) -> str:
 
 
 def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
-    """Print the times, and where a hierarchy over the rays is faster than building."""
+    """Print the times, and where a ray hierarchy is faster than building."""
     table = []
     for r in rows:
         faster = ratio(rows, r)
@@ -283,7 +283,7 @@ def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
         "Embree / it",
         "differs",
     )
-    print(f"Shadows of triangles that are new in each frame, ms (Embree {version or 'is not installed'})")
+    print(f"Shadows with new triangles in each frame, ms (Embree {version or 'is not installed'})")
     report.print_table(head, table, right=(1, *range(4, len(head))), width=_WIDTH)
     fields = []
     ours, *others = dict.fromkeys(r.method for r in rows)
@@ -303,7 +303,7 @@ def _print_rebuilt(rows: list[Rebuilt], version: str) -> None:
 
 
 def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
-    """A text that says where our curve is below the other."""
+    """A text that states where our curve is below the other."""
     points = [n for n, _ in crossings(sizes, ours, theirs)]
     first = "faster" if ours[0] < theirs[0] else "slower"
     if not points:
@@ -312,7 +312,7 @@ def _winner(sizes: list[int], ours: list[float], theirs: list[float]) -> str:
 
 
 def write_plot(rows: list[Rebuilt], path: Path) -> None:
-    """Write a plot of the seconds of shadows over the number of triangles."""
+    """Write a plot of shadow times over the number of triangles."""
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(14.0, 5.5), layout="constrained")
@@ -322,7 +322,7 @@ def write_plot(rows: list[Rebuilt], path: Path) -> None:
 
 
 def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
-    """Draw each method in a colour: a line for a procedural scene, a mark for any other. Rings mark crossings."""
+    """Draw each method in its own colour: lines for procedural scenes, markers for others, and rings at crossings."""
     ours, *others = dict.fromkeys(r.method for r in rows)
     families = [name for name in dict.fromkeys(r.family for r in rows) if name]
     for k, method in enumerate((ours, *others)):
@@ -339,7 +339,7 @@ def _draw_rebuild(panel, rows: list[Rebuilt]) -> None:
         for r in (r for r in rows if r.scene == name):
             panel.plot(r.triangles, 1e3 * r.shadows, mark, color=f"C{[ours, *others].index(r.method)}")
         panel.plot([], [], mark, color="black", label=name)
-    panel.plot([], [], "o", markersize=12, fillstyle="none", color="black", label=f"{ours} is overtaken, or overtakes")
+    panel.plot([], [], "o", markersize=12, fillstyle="none", color="black", label=f"{ours} crosses the other method")
     panel.set(xscale="log", yscale="log", xlabel="triangles, all new in each frame", ylabel="build and trace, ms")
     panel.legend(fontsize=8, ncols=3)
     panel.grid(alpha=0.3, which="both")
@@ -349,7 +349,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.set_defaults(rounds=3)
     parser.add_argument("--size", type=int, nargs=2, default=(1024, 1024), metavar=("W", "H"))
-    parser.add_argument("--frames", type=int, default=10, help="moments of each scene that moves")
+    parser.add_argument("--frames", type=int, default=10, help="frames of each animated scene")
     parser.add_argument("--sizes", default="10k,30k,100k,300k,1M,2M", help="triangles of the procedural scenes")
     parser.add_argument("--plot", type=Path, help="write curves to a .png file")
     options = parser.parse_args()

@@ -2,9 +2,8 @@
 
     python benchmarks/small.py [SCENE ...] [--rounds N] [--threads N] [--json FILE]
 
-Each round asks every question in turn; the table has the median over the rounds of the mean time of a call, in
-microseconds, and its ratio to trimesh's answer to one ray. Without a scene, a procedural one of 20,000 triangles is
-asked.
+Each round runs every query in turn. The table has the median over the rounds of the mean time per call, in
+microseconds, and its ratio to a single-ray query of trimesh. The default scene is procedural, with 20,000 triangles.
 """
 
 import json
@@ -19,7 +18,7 @@ import antumbra as at
 from antumbra.kernels.parallel import thread_count
 from common import arguments, installed, machine
 
-_SECONDS = 0.03  # of a question in a round, about
+_SECONDS = 0.03  # approximate time per query and round
 _RAYS = 100, 10_000
 
 
@@ -35,7 +34,7 @@ def main() -> int:
 
 
 def rows_of(scene, threads: int, rounds: int) -> list[dict]:
-    """The table of a scene, printed as well."""
+    """Print and return the table of a scene."""
     calls = queries(scene, threads)
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
@@ -84,7 +83,7 @@ def seconds(call: Callable[[], object]) -> float:
 
 
 def _trimesh() -> Callable:
-    """A function that makes trimesh's intersector of a scene, which Embree answers."""
+    """A function that makes a scene's trimesh intersector, which uses Embree."""
     try:
         import trimesh
         from trimesh.ray.ray_pyembree import RayMeshIntersector

@@ -39,7 +39,7 @@ def views(named, size: tuple[int, int]):
     """Yield the views of names of VIEWS, or of scene files; without names, all of VIEWS that exist."""
     missing = [n for n in VIEWS if n != FOREST and not (SCENES / n / "scene.glb").exists()]
     if missing and not named:
-        print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
+        print(f"not in {SCENES}, skipped: {', '.join(missing)}", file=sys.stderr)
     for name in named or [n for n in VIEWS if n not in missing]:
         name = str(name)
         if name == FOREST:
@@ -59,7 +59,7 @@ def moving_views(named, size: tuple[int, int]):
     """Yield the moving scenes of names of MOVING, files or folders; without names, all of MOVING that exist."""
     missing = [n for n in MOVING if not (SCENES / n / "frames.npy").exists()]
     if missing and not named:
-        print(f"not in {SCENES}, so left out: {', '.join(missing)}", file=sys.stderr)
+        print(f"not in {SCENES}, skipped: {', '.join(missing)}", file=sys.stderr)
     for name in named or [n for n in MOVING if n not in missing]:
         if name in missing:
             sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")

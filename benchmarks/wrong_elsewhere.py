@@ -188,7 +188,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rays", type=int, default=10_000, help="of each case")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path, help="write the rows here too")
+    parser.add_argument("--json", type=Path, help="also write the rows to this file")
     parser.add_argument("--write", type=Path, metavar="PAGE", help="a page with the marks of the table")
     options = parser.parse_args()
     rows = count(options.rays, options.seed)

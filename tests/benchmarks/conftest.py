@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
 
     def left_out(self) -> list[str]:
         """The lines about peers that are not installed."""
-        return [line for line in self.err.splitlines() if line.startswith("left out: ")]
+        return [line for line in self.err.splitlines() if line.startswith("skipped: ")]
 
 
 @pytest.fixture
