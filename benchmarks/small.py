@@ -1,4 +1,4 @@
-"""Small queries: what a call costs, beside trimesh with Embree.
+"""Small queries: the cost of a call, compared with trimesh with Embree.
 
     python benchmarks/small.py [SCENE ...] [--rounds N] [--threads N] [--json FILE]
 

@@ -1,4 +1,4 @@
-"""Soft shadows: our tracers beside Embree, Mitsuba 3 and Open3D, in one process, turn by turn, on the same rays.
+"""Soft shadows: our tracers, Embree, Mitsuba 3 and Open3D, alternating in one process on the same rays.
 
     python benchmarks/soft_shadows.py [scene ...] [--plans PLAN ...] [--threads N ...] [--rounds N] [--isa avx2]
 
@@ -7,19 +7,19 @@ A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest
 (`antumbra.papers.benchmark_views` has the exception), or that of the forest's own light. The large light's edge is four
 times as long.
 
-Timed for ours: from a ShadowQuery to its bits, as a frame is rendered, with making the array of bits.
+Timed for ours: from a ShadowQuery to its bits, as when rendering a frame, including allocation of the bits.
 
-Timed for the peers: tracing rays that were made before. Rays are in Morton order of 4 x 4 pixels, one by one or in
-packets. A packet is one light sample of 16 pixels, or 16 samples of one pixel. On AVX2 a packet has 8 rays, because
-Embree traces 16 ray by ray there. Answers stay where the peer wrote them. Reading rays from memory costs Embree about
-6 %. Making rays costs it nothing here; ours makes its own.
+Timed for the peers: tracing rays generated beforehand, in Morton order of 4 x 4 pixel blocks, singly or in packets. A
+packet is one light sample of 16 pixels, or 16 samples of one pixel; on AVX2 it has 8 rays, because Embree traces
+packets of 16 ray by ray there. Answers stay where the peer wrote them. Reading rays from memory costs Embree about 6 %.
+Its time does not include generating rays; ours does.
 
-Peers get only rays above their receiver's horizon, and for all contenders only these count in Mrays/s. Builds are timed
+Peers get only rays above their receiver's horizon, and only these count in Mrays/s for all contenders. Builds are timed
 separately.
 
-Every mode of every peer is tried once. Then ours and the best modes of each peer are timed in turns. The ratio is the
-ratio of the medians, ours to the fastest peer's. `differs` counts the rays whose answers differ from our first plan's
-(peers round; ours do not).
+Every mode of every peer is tried once. Then ours and the best modes of each peer are timed alternately. The ratio
+compares the median rates, ours over the fastest peer's. `differs` counts the rays whose answers differ from our first
+plan's (peers are subject to rounding; ours are exact).
 """
 
 import argparse
@@ -41,7 +41,7 @@ QUALITY = "bsah"
 
 
 def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
-    """Plan -> the acceleration structure of its tracer. Prints the times to build and prepare it."""
+    """Plan -> its tracer's acceleration structure. Prints the times to build and prepare it."""
     prepared, trees = {}, {}
     for plan in plans:
         build = plan.build or (QUALITY if plan.tracer.builds else None)  # the plan auto would choose among three
@@ -60,7 +60,7 @@ def our_scenes(plans: list[Plan], triangles) -> dict[Plan, object]:
 
 
 def measure_light(view, size, prepared, built, others, options) -> list[dict]:
-    """Rows of one light, "small" or "large", for all numbers of threads."""
+    """Rows for one light, "small" or "large", and all thread counts."""
     light = view.lights[size]
     query = query_of(view.triangles, view.camera, light, options.spp, thread_count(None))
     rays = shadow_rays(query)
@@ -81,7 +81,7 @@ def measure_light(view, size, prepared, built, others, options) -> list[dict]:
 
 
 def measure(view, options) -> list[dict]:
-    """Rows of both lights and all numbers of threads."""
+    """Rows for both lights and all thread counts."""
     vertices = view.triangles.vertices
     print(f"\n{view.name}: {len(vertices)} triangles")
     prepared = our_scenes(options.plans, view.triangles)

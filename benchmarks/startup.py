@@ -1,9 +1,9 @@
-"""Start-up times: installing, the first picture, the next one, the first query, and tests after an edit.
+"""Start-up times: installation, first and second render, first query, and tests after an edit.
 
 python benchmarks/startup.py [--rounds N] [--only CASE ...] [--json FILE]
 
-Each case runs as a user would run it, with its own caches. Cases that install make a new virtual environment each time.
-`wheel`, `clone`, `cold` and `edits` take a minute or more for each round.
+Each case runs as it does for a user, with its own caches. Cases that install create a new virtual environment in each
+round. `wheel`, `clone`, `cold` and `edits` take a minute or more per round.
 """
 
 import argparse
@@ -50,11 +50,11 @@ EDITS = {
         "    if i == -{i}:\n        return 0\n",
     ),
 }
-"""Edited file -> (its tests, a line of a kernel, lines to insert before it, which change no answer)."""
+"""Edited file -> (its tests, a line of a kernel, lines to insert before it that change no result)."""
 
 
 class Place:
-    """A folder of a round, with its own caches."""
+    """The folder of a round, with its own caches."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -80,13 +80,13 @@ class Place:
         return time.perf_counter() - start
 
     def new_environment(self) -> Path:
-        """Make a virtual environment; return the folder of its programs."""
+        """Create a virtual environment; return the folder of its programs."""
         self.run(sys.executable, "-m", "venv", ".venv")
         return self.folder / ".venv" / ("Scripts" if os.name == "nt" else "bin")
 
 
 def wheel(rounds: int) -> Iterator[tuple[str, float]]:
-    """Installing the platform wheel, then the first render. Wheels of other packages come from pip's cache."""
+    """Install the platform wheel, then render. Wheels of other packages come from pip's cache."""
     with tempfile.TemporaryDirectory() as built:
         place = Place(Path(built))
         place.run(
@@ -117,7 +117,7 @@ def wheel(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def clone(rounds: int) -> Iterator[tuple[str, float]]:
-    """The README's first command in a clone, with all caches empty, including pip's; then a second render."""
+    """The README's first command in a clone, with empty caches, including pip's; then a second render."""
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             place = Place(Path(folder))
@@ -137,7 +137,7 @@ def clone(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def here(rounds: int) -> Iterator[tuple[str, float]]:
-    """Start-up in this environment, with kernels in the user's cache."""
+    """Start-up in this environment, with the user's kernel cache."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         place.environment = dict(os.environ)
@@ -153,7 +153,7 @@ def here(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def cold(rounds: int) -> Iterator[tuple[str, float]]:
-    """The first render in this environment, without shipped kernels and with an empty cache each time."""
+    """The first render in this environment, without shipped kernels and with an empty cache."""
     for _ in range(rounds):
         with tempfile.TemporaryDirectory() as folder:
             yield (
@@ -163,7 +163,7 @@ def cold(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 def edits(rounds: int) -> Iterator[tuple[str, float]]:
-    """Running the tests of a file again, after a line of it was edited."""
+    """Rerun the tests of a file after an edit."""
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
         shutil.copytree(

@@ -1,16 +1,17 @@
-"""Hours of sun beside Embree: sensors and the hourly suns of a year, the same rays in the same process.
+"""Compares hours of sun with Embree: sensors and the hourly suns of a year, with the same rays in the same process.
 
     python benchmarks/sun.py [scene] [--sensors N] [--slice N] [--rounds N] [--threads N] [--json FILE]
 
 The scene is a file with +Z up (default: the Delft of $ANTUMBRA_SCENES, else the procedural city, +Y up). A grid of
-about N sensors lies on all surfaces. Timed, turn by turn:
+about N sensors covers all surfaces. Timed alternately:
 
 - `sun_hours`: the whole call, from sensors to the table of hours. Its rate counts all pairs of sensor and sun.
-- `embree numpy`: the pairs with the sun above the surface, of every k-th sensor: numpy makes their arrays, and compiled
-  loops call rtcOccluded1 on as many threads, until numpy has the hours. Its rate counts all pairs of these sensors.
-- `embree bare`: the calls of rtcOccluded1 alone, without making and reading the records.
+- `embree numpy`: the pairs with the sun above the surface for every k-th sensor, from NumPy arrays of rays, through
+  compiled loops over rtcOccluded1 on the same number of threads, to hours in NumPy. Its rate counts all pairs of these
+  sensors.
+- `embree bare`: only the calls of rtcOccluded1, without writing and reading the records.
 
-The hours of both are compared.
+The resulting hours are compared.
 """
 
 import json
@@ -49,7 +50,7 @@ def grid(scene, count: int):
 
 
 def embree_hours(scene, sensors, suns, every: int, threads: int):
-    """(hours of each k-th sensor, seconds in all, seconds of Embree's calls)."""
+    """(hours of every k-th sensor, total seconds, seconds of Embree's calls)."""
     start = time.perf_counter()
     points, normals = sensors.points[::every], sensors.normals[::every]
     origins = Receivers.on_surface(points, normals, scene.origin).origins[0]
@@ -74,7 +75,7 @@ def main() -> None:
     parser = arguments(__doc__)
     parser.set_defaults(rounds=1)
     parser.add_argument("--sensors", type=int, default=1_000_000)
-    parser.add_argument("--slice", type=int, default=4000, help="sensors that Embree asks")
+    parser.add_argument("--slice", type=int, default=4000, help="sensors for Embree")
     options = parser.parse_args()
     threads = thread_count(options.threads)
     name, scene = opened(options.scene[0] if options.scene else None)

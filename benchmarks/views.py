@@ -18,7 +18,7 @@ MOVING = ("bart_robots", "synthetic_garden_foxes")
 
 
 class View(NamedTuple):
-    """A scene with the camera and the lights of a benchmark."""
+    """A scene with the camera and lights of a benchmark."""
 
     name: str
     triangles: Triangles
@@ -27,7 +27,7 @@ class View(NamedTuple):
 
 
 class Moving(NamedTuple):
-    """A moving scene with the camera and the light of a benchmark."""
+    """An animated scene with the camera and light of a benchmark."""
 
     name: str
     scene: antumbra.Scene
@@ -36,10 +36,10 @@ class Moving(NamedTuple):
 
 
 def views(named, size: tuple[int, int]):
-    """Yield the views of names of VIEWS, or of scene files; without names, all of VIEWS that exist."""
+    """Yield the views of names in VIEWS or of scene files; without names, all of VIEWS that exist."""
     missing = [n for n in VIEWS if n != FOREST and not (SCENES / n / "scene.glb").exists()]
     if missing and not named:
-        print(f"not in {SCENES}, skipped: {', '.join(missing)}", file=sys.stderr)
+        print(f"skipped, not in {SCENES}: {', '.join(missing)}", file=sys.stderr)
     for name in named or [n for n in VIEWS if n not in missing]:
         name = str(name)
         if name == FOREST:
@@ -56,10 +56,10 @@ def _forest(size) -> View:
 
 
 def moving_views(named, size: tuple[int, int]):
-    """Yield the moving scenes of names of MOVING, files or folders; without names, all of MOVING that exist."""
+    """Yield the animated scenes of names in MOVING, files or folders; without names, all of MOVING that exist."""
     missing = [n for n in MOVING if not (SCENES / n / "frames.npy").exists()]
     if missing and not named:
-        print(f"not in {SCENES}, skipped: {', '.join(missing)}", file=sys.stderr)
+        print(f"skipped, not in {SCENES}: {', '.join(missing)}", file=sys.stderr)
     for name in named or [n for n in MOVING if n not in missing]:
         if name in missing:
             sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")

@@ -1,16 +1,16 @@
-"""Wrong answers about rays and shadows: ours and those of peers, counted against exact arithmetic.
+"""Counts wrong answers for rays and shadows, ours and those of peers, against exact arithmetic.
 
     python benchmarks/wrong_elsewhere.py [--rays N] [--seed N] [--json FILE] [--write PAGE]
 
-All get the same float32 triangles, origins and directions (`zoo` makes them), and say which rays are blocked. The truth
-is real arithmetic on these numbers (`zoo_truth`). It says too that no ray leaves a closed mesh.
+All contenders get the same float32 triangles, origins and directions (from `zoo`), and return which rays are blocked.
+The reference is real arithmetic on these numbers (`zoo_truth`), in which no ray leaves a closed mesh.
 
-Points on surfaces have no such truth, because float32 rounds them off their faces. So these meshes are convex: from
-outside, a point sees the sun exactly if the sun is in front of its face, and from inside it never does. Peers must move
-such points first, along the normal: by 1e-4, and in a second row by the offset of Mitsuba's `spawn_ray`, which grows
-with the coordinates. Antumbra gets the points as they are, with their normals.
+Points on surfaces have no such reference, because float32 rounds them off their faces. Their meshes are therefore
+convex: outside, a point sees the sun exactly if the sun is in front of its face; inside, it never does. For peers, such
+points are offset along the normal, by 1e-4, and in a second row by the offset of Mitsuba's `spawn_ray`, which grows
+with the coordinates. Antumbra gets the original points with their normals.
 
---write puts the table into a page, between two marks.
+--write inserts the table into a page, between two marks.
 """
 
 import argparse
@@ -37,7 +37,7 @@ OFFSETS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "offset 1e-4": lambda points: np.full(len(points), 1e-4),
     "offset of spawn_ray": lambda points: RAY_EPSILON * (1 + np.abs(points).max(1)),
 }
-"""What peers move points on faces by: a function of the points ((n, 3)) that gives lengths ((n,))."""
+"""Offsets of points on faces for peers: functions from points ((n, 3)) to lengths ((n,))."""
 
 Peer = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
@@ -67,7 +67,7 @@ def normals_of(case: Case) -> np.ndarray:
 
 
 def truth(case: Case) -> np.ndarray:
-    """(n,) bool: the right answers."""
+    """(n,) bool: the correct answers."""
     if case.faces is None:
         hit = blocked(case.vertices, case.origins, case.directions)
         assert hit.all() or not case.inside, f"{case.name}: a ray leaves a closed mesh"
@@ -76,12 +76,12 @@ def truth(case: Case) -> np.ndarray:
 
 
 def answers_of(peer: Peer, case: Case, offset: str) -> np.ndarray:
-    """(n,) bool: a peer's answers; of points on faces after an offset of OFFSETS."""
+    """(n,) bool: a peer's answers; points on faces are offset as in OFFSETS."""
     if case.faces is None:
         return peer(case.vertices, case.origins, case.directions)
     normals, points = normals_of(case), case.origins.astype(np.float64)
     moved = (points + normals * OFFSETS[offset](points)[:, None]).astype(np.float32)
-    behind = (normals * case.directions).sum(1) <= 0  # no renderer traces these: the face itself is in the way
+    behind = (normals * case.directions).sum(1) <= 0  # no renderer traces these, because the face itself blocks them
     return peer(case.vertices, moved, case.directions) | behind
 
 
@@ -128,7 +128,7 @@ def _rtree():
 
 
 def peers() -> dict[str, Peer]:
-    """The installed peers by name; a line names each that is left out."""
+    """The installed peers by name; prints which ones are skipped."""
     available: dict[str, Peer] = {}
     if has_embree():
         available |= {
@@ -148,7 +148,7 @@ def peers() -> dict[str, Peer]:
 
 
 def count(n: int, seed: int) -> list[dict]:
-    """A row for each case and offset: its name, rays, triangles, blocked rays, and everyone's wrong answers."""
+    """A row per case and offset: its name, triangles, rays, blocked rays, and wrong answers of each contender."""
     rows, others = [], peers()
     for make in CASES:
         case = make(np.random.default_rng(seed), n)
@@ -164,7 +164,7 @@ def count(n: int, seed: int) -> list[dict]:
 
 
 def table(rows: list[dict]) -> str:
-    """The rows as Markdown, a column for each contender."""
+    """The rows as Markdown, with a column per contender."""
     names = list(rows[0]["wrong"])
     lines = [f"| case | rays | {' | '.join(names)} |", f"|---|---:|{'---:|' * len(names)}"]
     for row in rows:
@@ -174,7 +174,7 @@ def table(rows: list[dict]) -> str:
 
 
 def versions() -> str:
-    """The versions of all libraries that are installed."""
+    """The versions of the installed libraries."""
     texts = []
     for name in ("embreex", "trimesh", "open3d", "mitsuba", "warp-lang"):
         try:

@@ -1,7 +1,7 @@
-"""The cases of `wrong_elsewhere`: closed meshes of float32, and rays for which rounding is hard.
+"""The cases of `wrong_elsewhere`: closed float32 meshes, and rays that are sensitive to rounding.
 
-All coordinates are whole numbers of steps of a power of two. So Antumbra's recentred frame holds exactly the same
-numbers, and every library gets the same input.
+All coordinates are multiples of a power of two, so that Antumbra's recentred frame represents them exactly, and every
+library gets the same input.
 """
 
 from collections.abc import Callable
@@ -11,18 +11,18 @@ import numpy as np
 import trimesh
 
 UTM = np.array([592_770.0, 5_763_170.0, 20.0])
-"""A place in Delft, in metres: float32 has steps of 6 cm towards east, and of 50 cm towards north."""
+"""A place in Delft, in metres: float32 has steps of 6 cm eastwards and 50 cm northwards."""
 
 
 class Case(NamedTuple):
-    """A question about one mesh. Rays start in space; points lie on faces, and look to suns."""
+    """A query on one mesh: rays that start in space, or points on faces that look towards suns."""
 
     name: str
     vertices: np.ndarray  # (m, 3, 3) float32; counter-clockwise from outside, or from inside for rooms
     origins: np.ndarray  # (n, 3) float32: origins of rays, or points on faces
     directions: np.ndarray  # (n, 3) float32: of rays, or towards suns
     faces: np.ndarray | None = None  # (n,) the face of each point; None: rays
-    inside: bool = False  # the mesh is closed around all origins, so every ray must be blocked
+    inside: bool = False  # whether the closed mesh contains all origins, so that every ray is blocked
 
 
 def _stepped(values: np.ndarray, size: float) -> np.ndarray:
@@ -32,7 +32,7 @@ def _stepped(values: np.ndarray, size: float) -> np.ndarray:
 
 
 def _ball(rng, stretch=(1.0, 1.0, 1.0), rings: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and faces (f, 3) of a turned and stretched ball."""
+    """Vertices (v, 3) and faces (f, 3) of a rotated and stretched ball."""
     ball = trimesh.creation.icosphere(rings)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
@@ -41,7 +41,7 @@ def _ball(rng, stretch=(1.0, 1.0, 1.0), rings: int = 2) -> tuple[np.ndarray, np.
 
 
 def _house(parts: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """A box of 12 x 16 x 8 m, each wall in squares, in world coordinates of UTM. Its corners are float32."""
+    """A box of 12 x 16 x 8 m with walls of squares, in UTM coordinates. Its corners are exact in float32."""
     box = trimesh.creation.box((12, 16, 8))
     for _ in range(parts // 2):
         box = box.subdivide()
@@ -82,12 +82,12 @@ def edges_of_ball(rng, n: int) -> Case:
 
 
 def slivers(rng, n: int) -> Case:
-    """A ball drawn out to a needle: triangles 10,000 times as long as wide."""
+    """A ball stretched to a needle: triangles 10,000 times as long as wide."""
     return _closed("slivers", _ball(rng, (1.0, 1e-4, 1e-4)), rng, n, at_edges=True)
 
 
 def grazing(rng, n: int) -> Case:
-    """A ball pressed flat: rays leave through its rim, almost along the faces."""
+    """A flattened ball: rays leave through its rim, almost parallel to the faces."""
     return _closed("grazing rays", _ball(rng, (1.0, 1.0, 1e-3)), rng, n, at_edges=True)
 
 
@@ -105,7 +105,7 @@ def house(rng, n: int) -> Case:
 
 
 def silhouettes(rng, n: int) -> Case:
-    """Rays from outside past the outline of a ball, as near as float32 can say: some meet it, and some do not."""
+    """Rays from outside past the outline of a ball, as close as float32 allows: some hit it, and some do not."""
     vertices, faces = _ball(rng)
     eye = _stepped(3.0 * rng.normal(size=3) / np.sqrt(3) + 2.0, 8.0)
     corners = vertices[faces]
@@ -123,9 +123,9 @@ def silhouettes(rng, n: int) -> Case:
 
 
 def _sunlit(name: str, mesh, rng, n: int, room: bool = False) -> Case:
-    """Points on the faces of a convex mesh, and suns all around. In a room, the faces look inwards.
+    """Points on the faces of a convex mesh, and suns all around. In a room, the faces point inwards.
 
-    Points nearer than two steps of float32 to another face are left out: rounding may have put them on it.
+    Points closer than two float32 steps to another face are skipped, because rounding may have moved them onto it.
     """
     vertices, faces = mesh
     corners = vertices[faces][:, ::-1] if room else vertices[faces]

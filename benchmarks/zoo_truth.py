@@ -1,20 +1,20 @@
-"""Exact answers for rays and triangles of float32, by integers: the truth of `wrong_elsewhere`.
+"""Exact answers for float32 rays and triangles in integer arithmetic: the reference of `wrong_elsewhere`.
 
-Every float32 is a whole number of steps of 2^-149. So all sums and products are exact in Python's integers, and signs
-of determinants decide everything. This file shares no formula's code with the package.
+Every float32 is a multiple of 2^-149, so all sums and products are exact in Python integers, and signs of determinants
+decide. This file shares no code with the package.
 """
 
 import numpy as np
 
 _SCALE = 2**149
-_PAIRS = 200_000  # in memory at a time
+_PAIRS = 200_000  # in memory at once
 
-_whole = np.frompyfunc(lambda x: int(x.as_integer_ratio()[0] * (_SCALE // x.as_integer_ratio()[1])), 1, 1)
+_to_steps = np.frompyfunc(lambda x: int(x.as_integer_ratio()[0] * (_SCALE // x.as_integer_ratio()[1])), 1, 1)
 
 
 def _integers(values) -> np.ndarray:
     """The float32 values in steps of 2^-149, as an object array of int."""
-    return _whole(np.asarray(values, np.float32).astype(float))
+    return _to_steps(np.asarray(values, np.float32).astype(float))
 
 
 def _det(a, b, c):
@@ -26,20 +26,20 @@ def _columns(rows: np.ndarray) -> list:
 
 
 def blocked(vertices: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether the ray origin + t direction, t > 0, meets a closed triangle, in real arithmetic.
+    """(n,) bool: whether the ray origin + t direction, t > 0, hits a closed triangle, in real arithmetic.
 
     vertices : (m, 3, 3) float32
     origins, directions : (n, 3) float32
     """
-    corners, starts, ways = _integers(vertices), _integers(origins), _integers(directions)
+    corners, starts, vectors = _integers(vertices), _integers(origins), _integers(directions)
     step = max(1, _PAIRS // len(corners))
-    parts = [_some(corners, starts[i : i + step], ways[i : i + step]) for i in range(0, len(starts), step)]
+    parts = [_some(corners, starts[i : i + step], vectors[i : i + step]) for i in range(0, len(starts), step)]
     return np.concatenate(parts)
 
 
-def _some(corners, starts, ways) -> np.ndarray:
+def _some(corners, starts, vectors) -> np.ndarray:
     a, b, c = (_columns(corners[None, :, k] - starts[:, None]) for k in range(3))
-    d = _columns(ways[:, None])
+    d = _columns(vectors[:, None])
     edges = np.stack([_det(d, b, c), _det(d, c, a), _det(d, a, b)])
     low, high, total = edges.min(0), edges.max(0), edges.sum(0)
     ahead = _det(a, b, c) * total > 0  # the sign of t; total is 0 where the line is edge-on
@@ -47,7 +47,7 @@ def _some(corners, starts, ways) -> np.ndarray:
 
 
 def above(triangles: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether each direction leads away from the front of its triangle ((n, 3, 3) float32)."""
+    """(n,) bool: whether each direction points to the front side of its triangle ((n, 3, 3) float32)."""
     corners, d = _integers(triangles), _columns(_integers(directions))
     edges = (_columns(corners[:, k] - corners[:, 0]) for k in (1, 2))
     return (_det(d, *edges) > 0).astype(bool)

@@ -1,8 +1,9 @@
-"""A frame as a program written for Embree renders it: primary rays, and shadow rays to one light.
+"""A frame as rendered by a program written for Embree: primary rays, and shadow rays to one light.
 
-The loops are compiled, and make rays where they are traced. Threads share blocks of 4 x 4 pixels. A receiver is moved
-off its surface by the formula of `query.receivers`, without its exact test. A sample below the horizon is not traced.
-The light's points are those of our frames and the same for all receivers. So the light must be a point, quad or disk.
+The loops are compiled, and generate rays where they trace them. Threads share blocks of 4 x 4 pixels. Receivers are
+offset from their surfaces by the formula of `query.receivers`, without its exact test. Samples below the horizon are
+not traced. The light samples are those of our frames and the same for all receivers, so the light must be a point, quad
+or disk.
 """
 
 import ctypes
@@ -41,15 +42,15 @@ BLOCK = 4
 ORDERS = "pixels", "samples"
 """The packets of shadow rays: one sample of several pixels, or several samples of one pixel."""
 
-_WORDS = 16 * (1 + HIT_WORDS) + 16  # 4-byte words of a packet of 16 rays with its mask, and room to align it
+_WORDS = 16 * (1 + HIT_WORDS) + 16  # 4-byte words of a packet of 16 rays with its mask and alignment
 _TFAR, _FACE, _GEOMETRY = 8, 17, 18
 _SHIFT = np.float32(2.0**-21)
 
 
 class Primary(NamedTuple):
-    """How primary rays are traced."""
+    """The tracing mode of primary rays."""
 
-    lanes: int  # rays for each call: 1, 4, 8 or 16
+    lanes: int  # rays per call: 1, 4, 8 or 16
     coherent: bool  # RTC_RAY_QUERY_FLAG_COHERENT
 
     def __str__(self) -> str:
@@ -57,9 +58,9 @@ class Primary(NamedTuple):
 
 
 class Shadow(NamedTuple):
-    """How shadow rays are traced."""
+    """The tracing mode of shadow rays."""
 
-    lanes: int  # rays for each call: 1, 4, 8 or 16
+    lanes: int  # rays per call: 1, 4, 8 or 16
     order: str  # one of ORDERS
     coherent: bool  # RTC_RAY_QUERY_FLAG_COHERENT
 
@@ -90,7 +91,7 @@ def _put_ray(floats, ints, lanes, lane, o, d, tmax):
 
 @cache
 def _caller(query: str, lanes: int):
-    """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address. The mask lies before the packet."""
+    """A compiled call of rtcIntersectN or rtcOccludedN on the packet at an address, with the mask before the packet."""
     call = getattr(functions(), f"{query}{lanes}")
 
     @numba.njit(nogil=True)
@@ -106,7 +107,7 @@ def _caller(query: str, lanes: int):
 
 @cache
 def _primary_loop(lanes: int):
-    """Worker: trace primary rays of rows of blocks. It holds addresses of this process, so it is not cached on disk."""
+    """Worker: trace primary rays of rows of blocks. It contains process addresses, so it is not cached on disk."""
     call, wide = _caller("intersect", lanes), min(lanes, BLOCK)
     infinite, high = np.float32(np.inf), max(lanes // BLOCK, 1)
 
@@ -160,7 +161,7 @@ def _primary_loop(lanes: int):
 
 
 class _Packet(NamedTuple):
-    """Pointers into one thread's memory for a packet of rays, or a single ray. Words of a lane are `lanes` apart."""
+    """Pointers into a thread's memory for a packet of rays, or a single ray. Words of a lane are `lanes` apart."""
 
     floats: object  # float32 *, the RTCRayN
     mask: object  # int32 *, before the RTCRayN
@@ -179,7 +180,7 @@ def _put_receiver(packet, lanes, lane, gbuffer, origins, at):
 
 @inlined
 def _pixel(gbuffer, y0, x0, p, h, w):
-    """The number of pixel p of a block; -1 if it sees nothing or is outside the picture."""
+    """The number of pixel p of a block; -1 without a visible surface or outside the picture."""
     y, x = y0 + p // BLOCK, x0 + p % BLOCK
     if y >= h or x >= w or get(gbuffer.side, y * w + x) == NOTHING:
         return -1
@@ -188,9 +189,9 @@ def _pixel(gbuffer, y0, x0, p, h, w):
 
 @cache
 def _tracer(lanes: int):
-    """A function that traces the rays of a packet to light points. It returns the bits of lanes that do not see theirs.
+    """A function that traces a packet's rays to light points and returns the bits of lanes that do not see theirs.
 
-    The x of the points are at `first`; y and z follow, `step` apart. Points below the horizon, and NaN, are not traced.
+    The points' x are at `first`; y and z follow, `step` apart. Points below the horizon and NaN are not traced.
     """
     call = _caller("occluded", lanes)
 
@@ -234,7 +235,7 @@ def _tracer(lanes: int):
 
 @cache
 def _shadow_loop(lanes: int, order: str):
-    """Worker: trace shadow rays of rows of blocks of 4 x 4 pixels. Bit s of a pixel is set if sample s is not seen."""
+    """Worker: trace shadow rays of rows of 4 x 4 blocks. Bit s of a pixel is set if sample s is not visible."""
     trace, by_pixels, pixels = _tracer(lanes), order == "pixels", lanes if order == "pixels" else 1
 
     @numba.njit(nogil=True, error_model="numpy")
@@ -278,7 +279,7 @@ def _shadow_loop(lanes: int, order: str):
 
 
 def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threads: int) -> Hits:
-    """The G-buffer of a camera, and its receivers."""
+    """The G-buffer of a camera and its receivers."""
     shape = rays.height, rays.width
     vectors = [np.empty((*shape, 3), np.float32) for _ in range(3)]
     face, depth, side = (np.empty(shape, dtype) for dtype in (np.int32, np.float32, np.int8))
@@ -291,7 +292,7 @@ def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threa
 
 
 def light_points(light, origin: np.ndarray, spp: int) -> np.ndarray:
-    """(16, spp, 3) float32: the points of a light in the frame at `origin`. They are the same for all receivers."""
+    """(16, spp, 3) float32: the samples of a light in the frame at `origin`, the same for all receivers."""
     patch = light.patch(origin, 1.0)
     if patch.kind != FIXED or spp > 64:
         raise NotImplementedError("a point, quad or disk, and at most 64 samples")
@@ -300,7 +301,7 @@ def light_points(light, origin: np.ndarray, spp: int) -> np.ndarray:
 
 
 def shadows(scene: EmbreeScene, hits: Hits, points: np.ndarray, how: Shadow, threads: int) -> np.ndarray:
-    """(H, W, 1) uint64: bit s is set if sample s of `light_points` is not seen."""
+    """(H, W, 1) uint64: bit s is set if sample s of `light_points` is not visible."""
     shape, spp = hits.gbuffer.face.shape, points.shape[1]
     filled = -(-spp // how.lanes) * how.lanes
     if how.order == "pixels":

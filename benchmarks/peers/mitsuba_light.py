@@ -1,4 +1,4 @@
-"""Irradiance at points of white surfaces by Mitsuba 3: the integrator `direct`, in a scene with one of our lights."""
+"""Irradiance on white surfaces by Mitsuba 3: the integrator `direct`, in a scene with one of our lights."""
 
 from functools import cache
 
@@ -8,7 +8,7 @@ import antumbra as at
 from antumbra.errors import InputError
 
 VARIANT = "scalar_rgb"  # it needs no LLVM
-_FAR = 1e6  # where suns stand; receivers lie within a few units of zero
+_FAR = 1e6  # distance of suns; receivers lie within a few units of zero
 _AT_ONCE = 1 << 10  # points
 _NEAR = 1e-3  # rays start this far above the points that they see
 

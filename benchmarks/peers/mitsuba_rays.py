@@ -1,4 +1,4 @@
-"""Traces ray sets by Mitsuba 3. Its LLVM variant traces packets with its own Embree."""
+"""Traces ray sets with Mitsuba 3, whose LLVM variant traces packets with its own Embree."""
 
 import time
 from functools import cache
@@ -19,7 +19,7 @@ def library():
     Raises
     ------
     InputError
-        If Mitsuba is not installed or finds no LLVM. Its scalar variants trace only one ray for each Python call.
+        If Mitsuba is not installed or finds no LLVM. Its scalar variants trace only one ray per Python call.
     """
     try:
         import drjit
@@ -85,7 +85,7 @@ def set_threads(threads) -> None:
 
 
 def occluded_of(rays: PeerRays, ids: np.ndarray, blocked) -> np.ndarray:
-    """(rays,) bool by ray id: the answers of `MitsubaScene.trace`; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers of `MitsubaScene.trace`; False for rays that were not traced."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = np.array(blocked)
     return out

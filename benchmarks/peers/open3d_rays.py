@@ -1,4 +1,4 @@
-"""Traces ray sets by Open3D, which calls its own Embree one ray at a time."""
+"""Traces ray sets with Open3D, which calls its own Embree one ray at a time."""
 
 import time
 from functools import cache
@@ -49,7 +49,7 @@ class Open3DScene:
 
 
 def occluded_of(rays: PeerRays, ids: np.ndarray, blocked) -> np.ndarray:
-    """(rays,) bool by ray id: the answers of `Open3DScene.trace`; False for a ray that was not asked."""
+    """(rays,) bool by ray id: the answers of `Open3DScene.trace`; False for rays that were not traced."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = blocked.numpy()
     return out

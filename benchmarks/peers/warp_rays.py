@@ -1,4 +1,4 @@
-"""Traces rays by NVIDIA Warp on the processor: its own BVH, and one `mesh_query_ray` for each ray."""
+"""Traces rays with NVIDIA Warp on the CPU: its own BVH, and one `mesh_query_ray` per ray."""
 
 from functools import cache
 
@@ -45,7 +45,7 @@ def _kernel():
 
 
 def occluded(vertices: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """(n,) bool: whether rays ((n, 3) float32 each) meet triangles ((m, 3, 3) float32)."""
+    """(n,) bool: whether rays ((n, 3) float32 each) hit triangles ((m, 3, 3) float32)."""
     wp = library()
     points = wp.array(vertices.reshape(-1, 3), dtype=wp.vec3, device="cpu")
     mesh = wp.Mesh(points, wp.array(np.arange(3 * len(vertices), dtype=np.int32), dtype=wp.int32, device="cpu"))

@@ -29,7 +29,7 @@ class Outcome(NamedTuple):
     err: str
     rows: list | dict | None  # rows of the JSON file; None: there is no file
 
-    def left_out(self) -> list[str]:
+    def skipped(self) -> list[str]:
         """The lines about peers that are not installed."""
         return [line for line in self.err.splitlines() if line.startswith("skipped: ")]
 

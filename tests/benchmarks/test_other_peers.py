@@ -48,7 +48,7 @@ def test_absence_is_told_with_its_cure(peer, module, monkeypatch):
 def test_the_sun_beside_radiance(run):
     small = "--boxes", 4, "--sensors", 300, "--days", "2026-03-21", "--threads", 1
     alone = run("radiance_sun", *small, without="pyradiance")
-    assert [line.split()[2] for line in alone.left_out()] == ["Radiance"] and alone.rows == []
+    assert [line.split()[1] for line in alone.skipped()] == ["Radiance"] and alone.rows == []
     pytest.importorskip("pyradiance", reason="Radiance is not installed: pip install 'antumbra[all-peers]'")
     assert run("radiance_sun", *small).rows == []
 
@@ -56,7 +56,7 @@ def test_the_sun_beside_radiance(run):
 def test_radiometry_beside_mitsuba(run):
     small = "--size", 8, "--reference", 64, "--counts", 16
     alone = run("radiometry", *small, without="mitsuba")
-    assert [line.split()[2] for line in alone.left_out()] == ["Mitsuba"] and alone.rows == []
+    assert [line.split()[1] for line in alone.skipped()] == ["Mitsuba"] and alone.rows == []
     pytest.importorskip("mitsuba", reason="Mitsuba is not installed: pip install 'antumbra[all-peers]'")
     done = run("radiometry", *small, "--cases", "disk, d = R")
     assert [row["case"] for row in done.rows] == ["disk, d = R", "disk, d = R / 2"]
