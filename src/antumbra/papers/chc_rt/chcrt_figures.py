@@ -7,7 +7,7 @@ triangles that queries cover, and colour bleeding. Figures 7 and 8 are curves ov
 import re
 from colorsys import hsv_to_rgb
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -328,7 +328,7 @@ def differences_of(state: CullingState) -> tuple[np.ndarray, int]:
     return differences, 2 ** max(0, int(np.ceil(np.log2(_FAINT / typical))))
 
 
-def _sheet(panels: int, state: CullingState, title: str):
+def _sheet(panels: int, state: CullingState, title: str) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
     h, w = state.shape
@@ -337,13 +337,13 @@ def _sheet(panels: int, state: CullingState, title: str):
     return sheet, sheet.subplots(1, panels, squeeze=False)[0]
 
 
-def _show(panel, image: np.ndarray, title: str, **options):
+def _show(panel: Any, image: np.ndarray, title: str, **options: Any) -> Any:
     panel.set_title(title, fontsize=9)
     panel.set_axis_off()
     return panel.imshow(image, interpolation="nearest", **options)
 
 
-def _mark_tiles(panel, shape: tuple[int, int], tiles: Tiles, values: np.ndarray) -> None:
+def _mark_tiles(panel: Any, shape: tuple[int, int], tiles: Tiles, values: np.ndarray) -> None:
     """Draw the borders of the smallest tiles, with a number in each."""
     h, w = shape
     panel.hlines(np.arange(tiles.pixels, h, tiles.pixels) - 0.5, -0.5, w - 0.5, color="black", lw=0.4)
@@ -355,7 +355,7 @@ def _mark_tiles(panel, shape: tuple[int, int], tiles: Tiles, values: np.ndarray)
         panel.text(*at, text, fontsize=6, ha="center", va="center", bbox=_LABEL)
 
 
-def _draw_tiles(state: CullingState):
+def _draw_tiles(state: CullingState) -> Any:
     """Figure 4."""
     sheet, panels = _sheet(3, state, "query pairs and triangles of each tile (Figure 4)")
     pairs, columns = overdraw(state.camera.fronts), columns_of(state.parts)
@@ -378,7 +378,7 @@ def _draw_tiles(state: CullingState):
     return sheet
 
 
-def _draw_parts(state: CullingState):
+def _draw_parts(state: CullingState) -> Any:
     """Figure 5."""
     from matplotlib.colors import LinearSegmentedColormap
 
@@ -398,7 +398,7 @@ def _draw_parts(state: CullingState):
     return sheet
 
 
-def _draw_matrix(state: CullingState):
+def _draw_matrix(state: CullingState) -> Any:
     """Figure 6."""
     sheet, panels = _sheet(2, state, "rays by triangles (Figure 6)")
     sheet.set_figheight(8.0)
@@ -412,7 +412,7 @@ def _draw_matrix(state: CullingState):
     return sheet
 
 
-def _draw_pairs(panel, kind: str, pass_state: PassState, columns: MatrixColumns, state: CullingState) -> None:
+def _draw_pairs(panel: Any, kind: str, pass_state: PassState, columns: MatrixColumns, state: CullingState) -> None:
     from matplotlib.collections import PolyCollection
 
     pairs = rectangles(pass_state.fronts, columns, state.shape)
@@ -430,7 +430,7 @@ def _draw_pairs(panel, kind: str, pass_state: PassState, columns: MatrixColumns,
     panel.set_xlabel(f"{len(columns.places):,} triangles by subtree", fontsize=8)
 
 
-def _add_legend(sheet) -> None:
+def _add_legend(sheet: Any) -> None:
     from matplotlib.patches import Patch
 
     meanings = {_RED: "visible pairs", _GREEN: "invisible pairs", _BLUE: "actual hits"}
@@ -438,7 +438,7 @@ def _add_legend(sheet) -> None:
     sheet.legend(handles=patches, loc="outside lower center", ncols=3, fontsize=9)
 
 
-def _draw_bleeding(state: CullingState):
+def _draw_bleeding(state: CullingState) -> Any:
     """Figure 9."""
     sheet, panels = _sheet(3, state, "diffuse colour bleeding, exact and aggressive (Figure 9)")
     differences, times = differences_of(state)
@@ -490,7 +490,7 @@ def shares(turns: list[Turn]) -> dict[str, float]:
     return {part: sum(value_of(t, part) for t in after) / sum(t.seconds for t in after) for part in _TIME_PARTS}
 
 
-def _draw_bars(panel, turns: list[Turn]) -> None:
+def _draw_bars(panel: Any, turns: list[Turn]) -> None:
     """Draw a bar per ray kind and method with phases, next to plain tracing from the root."""
     rows = rows_of([t for t in turns if t.statistics], "kind", "method")
     at, bottom, bars = np.arange(len(rows)), np.zeros(len(rows)), [of(turns, **row) for row in rows]
@@ -510,7 +510,7 @@ def _draw_bars(panel, turns: list[Turn]) -> None:
     panel.set_ylabel("share of CHC+RT's time", fontsize=8)
 
 
-def _draw_curves(panel, turns: list[Turn], colours: dict[str, str]) -> None:
+def _draw_curves(panel: Any, turns: list[Turn], colours: dict[str, str]) -> None:
     highest = 0.0
     for row in rows_of(turns, "method"):
         some = of(turns, **row)

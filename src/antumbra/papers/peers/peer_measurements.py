@@ -90,7 +90,16 @@ def embree_contenders(
 
 
 def _embree_contender(
-    built: EmbreeModes, rays: PeerRays, hits: bool, threads: int, quality, flags, lanes, how, ids, coherent
+    built: EmbreeModes,
+    rays: PeerRays,
+    hits: bool,
+    threads: int,
+    quality: str,
+    flags: int,
+    lanes: int,
+    how: str,
+    ids: np.ndarray,
+    coherent: bool,
 ) -> Contender:
     function = f"{'rtcIntersect' if hits else 'rtcOccluded'}{lanes}"
     robust = " robust" if flags & embree.ROBUST else ""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
-from ...techniques.culling.culling_grid import PAD, cell_at
+from ...techniques.culling.culling_grid import PAD, CellGrid, Targets, cell_at
 
 # --- Lines between cells ----------------------------------------------------------------------------------------------
 #
@@ -21,7 +21,7 @@ from ...techniques.culling.culling_grid import PAD, cell_at
 # `techniques.culling.culling_grid` marks fewer cells in less time; this serves for comparison.
 
 
-def _cells_of(boxes: np.ndarray, grid) -> np.ndarray:
+def _cells_of(boxes: np.ndarray, grid: CellGrid) -> np.ndarray:
     """(m, 3) int64: the distinct cells that (k, 2, 3) boxes overlap."""
     overlapped = np.zeros((grid.n,) * 3, np.bool_)
     ranges = np.empty(boxes.shape, np.int64)
@@ -74,7 +74,7 @@ def _walk_all(ticket, sources, ends, marked):
             _walk(sources[i, 0], sources[i, 1], sources[i, 2], ends[k, 0], ends[k, 1], ends[k, 2], marked)
 
 
-def mark_lines(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
+def mark_lines(sources: np.ndarray, targets: Targets, grid: CellGrid, marked: np.ndarray, threads: int) -> None:
     """Mark cells like `mark_hulls`, for a grid that includes the targets.
 
     The paper has no lights that move with the receiver; for these, all cells are marked.
@@ -108,7 +108,7 @@ def _spans(boxes: np.ndarray) -> np.ndarray:
     return np.stack([along.min(1).sum(-1).min(0), along.max(1).sum(-1).max(0)])
 
 
-def _cells(grid) -> np.ndarray:
+def _cells(grid: CellGrid) -> np.ndarray:
     """(3, n, 2) float64: the bounds of each cell along each axis, rounded outwards."""
     low, high = grid.bounds.astype(np.float64)[:, :3, None]
     scale = grid.scale.astype(np.float64)[:3, None]
@@ -119,7 +119,7 @@ def _cells(grid) -> np.ndarray:
     return np.stack([walls[:, :-1] - pad, np.where(size > 0.0, walls[:, 1:], high) + pad], -1)
 
 
-def mark_convex(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
+def mark_convex(sources: np.ndarray, targets: Targets, grid: CellGrid, marked: np.ndarray, threads: int) -> None:
     """Mark cells like `mark_hulls`: all cells that the region overlaps."""
     source_spans, target_spans = _spans(sources), _spans(targets.boxes)
     end_spans = source_spans + target_spans if targets.relative else target_spans

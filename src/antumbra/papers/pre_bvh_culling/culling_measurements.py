@@ -24,11 +24,12 @@ from ...engine.scene_loading import load
 from ...errors import InputError
 from ...files import atomic_output
 from ...query.light_samples import light_samples
-from ...query.shadow_query import shadow_queries
+from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light, QuadLight
 from ...scene.mesh import Piece
+from ...scene.triangles import Triangles
 from ...techniques.culling.pre_bvh_culling import STEPS, cull
 from ..benchmark_views import digest, real_path
 from .cell_marking import mark_convex, mark_lines
@@ -180,10 +181,10 @@ class Swaying:
             moved = np.stack([x + by * np.sin(0.05 * z), y, z + by * np.cos(0.05 * x)], -1)
             yield piece._replace(vertices=moved.astype(piece.vertices.dtype))
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return self._cameras
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return self._lights
 
 
@@ -283,20 +284,25 @@ def times_to_image(
     return rows
 
 
-def _queries(view: CullingView, renderer: Renderer, spp: int):
+def _queries(view: CullingView, renderer: Renderer, spp: int) -> tuple[Triangles, list[ShadowQuery]]:
     triangles = view.scene.triangles(view.time, renderer.threads)
     gbuffer = renderer.see(triangles, view.camera, None)
     samples = [light_samples(light, spp) for light in view.lights]
     return triangles, shadow_queries(triangles, gbuffer, view.lights, samples, threads=renderer.threads)
 
 
-def _remaining(view, renderer) -> float:
+def _remaining(view: CullingView, renderer: Renderer) -> float:
     triangles, queries = _queries(view, renderer, 1)
     return len(renderer.accelerator.culled(triangles, queries).kept) / len(triangles.vertices)
 
 
 def grid_rows(
-    view: CullingView, grids: dict[str, Sequence[int]], tracers: Sequence[str], threads: int, rounds: int, say
+    view: CullingView,
+    grids: dict[str, Sequence[int]],
+    tracers: Sequence[str],
+    threads: int,
+    rounds: int,
+    say: Callable[[str], None],
 ) -> list[GridRow]:
     """Measure culling in one view with `grids`, such as USUAL or VIDEO.
 
@@ -320,7 +326,9 @@ def grid_rows(
     return rows if tracers else rows[1:]
 
 
-def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
+def _steps(
+    triangles: Triangles, queries: Sequence[ShadowQuery], threads: int, n: int, options: dict[str, Any]
+) -> dict[str, float]:
     """The seconds of each step of culling."""
     last, seconds = perf_counter(), dict.fromkeys(STEPS, 0.0)
 
@@ -334,7 +342,9 @@ def _steps(triangles, queries, threads, n, options) -> dict[str, float]:
     return seconds
 
 
-def _all_traced(accelerators, triangles, culled, queries, rounds) -> tuple[dict[str, float], dict[str, float]]:
+def _all_traced(
+    accelerators: dict[str, Accelerator], triangles: Triangles, culled: Any, queries: Sequence[ShadowQuery], rounds: int
+) -> tuple[dict[str, float], dict[str, float]]:
     """(seconds to build, seconds to trace) of each plan, the medians of `_traced`."""
     build, trace = {}, {}
     for plan, accelerator in accelerators.items():
@@ -343,7 +353,9 @@ def _all_traced(accelerators, triangles, culled, queries, rounds) -> tuple[dict[
     return build, trace
 
 
-def _traced(accelerator: Accelerator, triangles, culled, queries) -> tuple[float, float]:
+def _traced(
+    accelerator: Accelerator, triangles: Triangles, culled: Any, queries: Sequence[ShadowQuery]
+) -> tuple[float, float]:
     """(seconds to build a BVH of the remaining triangles, seconds to trace the queries)."""
     start = perf_counter()
     ready = accelerator.build(triangles, culled)
@@ -417,7 +429,7 @@ def print_details(times: list[TimeToImage], grids: list[GridRow]) -> None:
     report.print_table(head, table, right=range(1, len(head)), width=_WIDTH)
 
 
-def _details(figure: str, tracer: str, times, grids) -> dict[str, str]:
+def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[GridRow]) -> dict[str, str]:
     """The column of one view and tracer: row name -> times."""
     methods = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
     grid = next(r for r in grids if r.figure == figure and r.marked == HULLS)
@@ -519,7 +531,7 @@ def write_plot(times: list[TimeToImage], path: Path) -> None:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw(panel, methods: dict[str, TimeToImage]) -> None:
+def _draw(panel: Any, methods: dict[str, TimeToImage]) -> None:
     """Draw the curves of one view and one tracer."""
     spp, last = np.geomspace(1, 1000, 200), methods["BSAH"]
     for method, t in methods.items():

@@ -14,7 +14,7 @@ The published results were measured on a GPU (Sec. 5, Tables 1 and 2).
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from statistics import fmean, median, pstdev
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -386,7 +386,13 @@ def write_plot(pictures: list[PictureRays], costs: list[Cost], path: Path) -> No
 
 
 def _draw_pictures(
-    panel, pictures: list[PictureRays], costs: list[Cost], variants: tuple[str, ...], fields, label: str, scale: float
+    panel: Any,
+    pictures: list[PictureRays],
+    costs: list[Cost],
+    variants: tuple[str, ...],
+    fields: tuple[str, str],
+    label: str,
+    scale: float,
 ) -> None:
     """Draw each variant in its own colour. Lines connect the frames of an animation.
 

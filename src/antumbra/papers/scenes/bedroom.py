@@ -3,6 +3,9 @@
 The window's wall lies along x with its inner face at z = 0; the room is at z > 0.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from ...generate import palette as p
@@ -58,7 +61,9 @@ SLATS = 56  # slats per panel at full detail
 COARSE = 0.3  # up to this detail, slats have no ladder rungs
 
 
-def pierced(low, high, thickness: float, colour=p.PLASTER) -> PaletteMesh:
+def pierced(
+    low: tuple[float, float], high: tuple[float, float], thickness: float, colour: int = p.PLASTER
+) -> PaletteMesh:
     """A wall from `low` to `high` ((2,): x, y) with the window opening."""
     hole = np.array([(-WIDTH / 2, SILL), (WIDTH / 2, SILL), (WIDTH / 2, LINTEL), (-WIDTH / 2, LINTEL)])
     edge = np.array([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])])
@@ -85,7 +90,7 @@ def frame(d: float) -> list[ScenePart]:
     ]
 
 
-def slat(length: float, width: float, d: float, ladders) -> PaletteMesh:
+def slat(length: float, width: float, d: float, ladders: Sequence[float] | np.ndarray) -> PaletteMesh:
     """A curved slat along x, centred at the origin, concave side down, above a rung of every ladder (at x)."""
     n, m = steps(12, d), steps(4, d, 2)
     t = np.sin(np.linspace(-0.5, 0.5, n + 1) * np.pi)[:, None]  # denser at the rounded ends
@@ -102,7 +107,7 @@ def slat(length: float, width: float, d: float, ladders) -> PaletteMesh:
     return merge(body, tubes(rungs, np.full(3, 0.0014), 3, p.WHITE))
 
 
-def panel(width: float, height: float, tilt: float, d: float, rng) -> list[ScenePart]:
+def panel(width: float, height: float, tilt: float, d: float, rng: np.random.Generator) -> list[ScenePart]:
     """One blind around x = z = 0, from y = 0 down to -`height`: head rail, slats tilted by `tilt`, cords, rod."""
     n = min(SLATS, steps(SLATS, d**0.5, 12))
     rail, foot = 0.06, 0.03
@@ -123,7 +128,9 @@ def panel(width: float, height: float, tilt: float, d: float, rng) -> list[Scene
     return parts if d <= SKETCH else parts + _strings(width, height, 0.5 * chord * np.cos(tilt), ladders, d)
 
 
-def _strings(width: float, height: float, reach: float, ladders, d: float) -> list[ScenePart]:
+def _strings(
+    width: float, height: float, reach: float, ladders: Sequence[float] | np.ndarray, d: float
+) -> list[ScenePart]:
     """The ladder cords in front of and behind the slats, the lift cord, and the tilt rod."""
     y = np.linspace(-0.05, 0.02 - height, steps(12, d, 2) + 1)
     cords = np.stack([np.stack([0.0 * y + x, y, 0.0 * y + s * reach], axis=1) for x in ladders for s in (-1.0, 1.0)])
@@ -144,7 +151,7 @@ def _strings(width: float, height: float, reach: float, ladders, d: float) -> li
     ]
 
 
-def venetian(tilts, d: float, rng) -> list[ScenePart]:
+def venetian(tilts: np.ndarray, d: float, rng: np.random.Generator) -> list[ScenePart]:
     """A blind per panel, with slats tilted by `tilts` ((PANELS,), radians); positive lowers the room side."""
     each = WIDTH / PANELS
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
@@ -154,7 +161,7 @@ def venetian(tilts, d: float, rng) -> list[ScenePart]:
     return parts
 
 
-def curtains(top: float, colour: int, d: float, rng) -> list[ScenePart]:
+def curtains(top: float, colour: int, d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Two folded curtains, drawn aside, on a rod at height `top`."""
     nx, ny, wide = steps(64, d, 6), steps(40, d, 3), 0.5
     half, z = WIDTH / 2 + 0.14, 0.15
@@ -184,10 +191,10 @@ WEAVE = ((0.45, 90), (0.32, 64))  # along x and z: (cells of the rug's ground pe
 CAMERA = {"position": (2.3, 1.62, 2.5), "target": (-0.72, 0.76, -1.7), "up": (0.0, 1.0, 0.0), "vfov": 66.0}
 
 
-def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the bedroom, with about `triangles` triangles."""
 
-    def build(d):
+    def build(d: float) -> list[ScenePart]:
         room = _shell(d, np.random.default_rng([seed, 0])) + _window(d, np.random.default_rng([seed, 1]))
         return room + _furniture(d, np.random.default_rng([seed, 2])) + _clutter(d, np.random.default_rng([seed, 3]))
 
@@ -196,7 +203,7 @@ def blinds(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), CAMERA, _sun()
 
 
-def _sun() -> dict:
+def _sun() -> dict[str, Any]:
     """A strip light far outside: four metres long along the slats, and little higher than the sun's apparent size."""
     azimuth, height = np.radians(SUN[:2])
     to = np.array([-np.cos(azimuth) * np.cos(height), np.sin(height), np.sin(azimuth) * np.cos(height)])
@@ -206,7 +213,7 @@ def _sun() -> dict:
     return {"corner": tuple(middle - u / 2 - v / 2), "u": tuple(u), "v": tuple(v)}
 
 
-def _shell(d: float, rng) -> list[ScenePart]:
+def _shell(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Floorboards, the three plain walls, ceiling, skirting, cornice, door."""
     x, z, h = HALF_X, HALF_Z, HEIGHT
     boards = tiles(-x - 0.05, x + 0.05, -z - 0.05, z + 0.05, 3, steps(40, d, 8), rng, p.OAK, None, 0.008, 0.003)
@@ -225,7 +232,7 @@ def _shell(d: float, rng) -> list[ScenePart]:
     ]
 
 
-def _window(d: float, rng) -> list[ScenePart]:
+def _window(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The window wall with its blinds, each tilted slightly differently, and its curtains."""
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
@@ -233,7 +240,7 @@ def _window(d: float, rng) -> list[ScenePart]:
     return moved(parts, (-HALF_X, 0.0, 0.0), np.pi / 2)
 
 
-def _furniture(d: float, rng) -> list[ScenePart]:
+def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Furniture along the walls, pictures on them, and a chandelier."""
     back, right = -HALF_Z, HALF_X
     table, low = drawers(0.5, 0.52, 0.4, 2, 1, d), drawers(1.3, 0.84, 0.45, 3, 2, d)
@@ -255,7 +262,7 @@ def _furniture(d: float, rng) -> list[ScenePart]:
     ]
 
 
-def _clutter(d: float, rng) -> list[ScenePart]:
+def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Plants and toys."""
     leaves = palm(rng, steps(13, d, 4), steps(16, d, 3), 0.7, 0.62, d)
     ficus = shrub(rng, steps(420, d * d, 14), 0.3, 0.8, 0.13 / max(1.0, d**0.5))
@@ -277,7 +284,7 @@ def _clutter(d: float, rng) -> list[ScenePart]:
     return parts
 
 
-def _pattern(u, v) -> np.ndarray:
+def _pattern(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Materials of the rug at u, v in [-1, 1]: a border around diamonds."""
     edge = np.maximum(np.abs(u) * 1.15, np.abs(v)) + 0.0 * u
     diamond = np.abs((2.2 * u) % 1.0 - 0.5) + np.abs((1.5 * v) % 1.0 - 0.5)
@@ -285,7 +292,7 @@ def _pattern(u, v) -> np.ndarray:
     return np.where(edge > 0.93, p.LIMESTONE, np.where(edge > 0.82, p.BLUE, inside))
 
 
-def _rug(rng, triangles: int) -> list[ScenePart]:
+def _rug(rng: np.random.Generator, triangles: int) -> list[ScenePart]:
     """A rug of about `triangles` triangles, most of them in its pile, two per fibre."""
     x, z, w, length = RUG
     u, v = (np.linspace(-1.0, 1.0, min(most, steps(share * triangles**0.5, 1.0, 6)) + 1) for share, most in WEAVE)

@@ -1,6 +1,7 @@
 """Vaulted cellars on several levels: a maze of rooms with very little visible from any point."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class _Maze(NamedTuple):
         )
 
 
-def _maze(n: int, rng) -> _Maze:
+def _maze(n: int, rng: np.random.Generator) -> _Maze:
     """A random maze: a spanning tree on every level (each room opens east or south), and stairs between levels."""
     levels = 1 if n < 8 else 2 if n < 24 else 3 if n < 200 else 5
     nx = max(2, round(np.sqrt(n / levels)))
@@ -64,7 +65,7 @@ def _maze(n: int, rng) -> _Maze:
     return _Maze(np.stack([level, i, j], axis=1), east, south, grid.ravel(), (levels, nx, nz))
 
 
-def cellar(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def cellar(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the cellar, with about `triangles` triangles."""
     maze = _maze(max(4, round(triangles / FULL_ROOM)), np.random.default_rng([seed, 0]))
     each = triangles / len(maze.rooms) / FULL_ROOM
@@ -82,7 +83,7 @@ def cellar(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), camera, light
 
 
-def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
+def _structure(maze: _Maze, d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Floors, walls with and without doorways, piers, vaults, pillars, stairs."""
     at, (_, nx, nz), (_, i, j) = maze.centres(), maze.shape, maze.rooms.T
     hole = np.zeros(len(at), bool)  # rooms without a floor, where stairs come up
@@ -111,7 +112,7 @@ def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
     return parts + _supports(maze, d, at, hole, rng)
 
 
-def _supports(maze: _Maze, d: float, at, hole, rng) -> list[ScenePart]:
+def _supports(maze: _Maze, d: float, at: np.ndarray, hole: np.ndarray, rng: np.random.Generator) -> list[ScenePart]:
     """Vaults, corner piers, central pillars in some rooms, and stairs."""
     _, i, j = maze.rooms.T
     half, above = ROOM / 2, ~maze.stairs
@@ -141,7 +142,7 @@ def _view_room(maze: _Maze) -> np.ndarray:
     return (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
 
 
-def _wall(rng, d: float) -> PaletteMesh:
+def _wall(rng: np.random.Generator, d: float) -> PaletteMesh:
     """A closed wall between two piers along x, in courses of stone on both sides."""
     w, n, m = ROOM - 0.7, steps(6, d, 1), steps(7, d, 1)
     x = np.linspace(-w / 2, w / 2, 2 * n + 1)
@@ -152,13 +153,13 @@ def _wall(rng, d: float) -> PaletteMesh:
     return shell(front, front * [1, 1, -1], p.SANDSTONE + stone)
 
 
-def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[ScenePart]:
+def _furniture(maze: _Maze, detail: float, triangles: int, seed: Sequence[int]) -> list[ScenePart]:
     """Objects along the walls, in most places and in as much detail as `triangles` allow.
 
     A small budget gives coarse objects in fewer places.
     """
 
-    def build(d, share):
+    def build(d: float, share: float) -> list[ScenePart]:
         return _things(maze, d, share, np.random.default_rng(seed))
 
     coarse = min(detail, 0.45)
@@ -167,7 +168,7 @@ def _furniture(maze: _Maze, detail: float, triangles: int, seed) -> list[ScenePa
     return fitted(lambda d: build(d, 0.85), triangles, detail)
 
 
-def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
+def _things(maze: _Maze, d: float, share: float, rng: np.random.Generator) -> list[ScenePart]:
     """Barrels, crates, bottle racks and vases in a `share` of the places, clear of the doorways."""
     at = maze.centres()[~maze.stairs]
     view = _view_room(maze)[~maze.stairs]

@@ -1,5 +1,7 @@
 """Wooden and metal furniture, upholstery, and toys. Everything stands on y = 0; furniture faces +z."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...generate import palette as p
@@ -32,7 +34,9 @@ SKETCH = 0.12  # up to this detail, shapes are as plain as possible
 SPINES = (p.RED, p.BLUE, p.OCHRE, p.PINE, p.SLATE, p.CLAY, p.TEAL, p.LIMESTONE)
 
 
-def drawers(width: float, height: float, depth: float, rows: int, columns: int, d: float, colour=p.OAK) -> PaletteMesh:
+def drawers(
+    width: float, height: float, depth: float, rows: int, columns: int, d: float, colour: int = p.OAK
+) -> PaletteMesh:
     """A chest of drawers on tapered legs."""
     leg, bevel = 0.14, 0.006 if d > SKETCH else 0.0
     body = height - leg - 0.02
@@ -58,7 +62,7 @@ def drawers(width: float, height: float, depth: float, rows: int, columns: int, 
     return merge(*meshes, assemble(parts))
 
 
-def table_lamp(height: float, d: float, colour=p.TEAL) -> PaletteMesh:
+def table_lamp(height: float, d: float, colour: int = p.TEAL) -> PaletteMesh:
     """A lamp with a turned foot and a pleated shade, open at the top and bottom."""
     h = height
     foot = np.concatenate(
@@ -96,7 +100,9 @@ def book(d: float, colour: int) -> PaletteMesh:
     return merge(shell(front, inside, colour + 4 * band + np.zeros((len(outer) - 1, 1), int)), pages)
 
 
-def bookcase(width: float, height: float, depth: float, boards: int, d: float, rng) -> list[ScenePart]:
+def bookcase(
+    width: float, height: float, depth: float, boards: int, d: float, rng: np.random.Generator
+) -> list[ScenePart]:
     """A shelf full of books, with a vase or a gap here and there."""
     share = min(1.0, 1.2 * d**0.5)  # fewer and thicker books at low detail
     kinds = [book(d, colour) for colour in SPINES]
@@ -164,7 +170,7 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
     return [*moved(parts, low), place_copies(revolve(rose, steps(20, d, 6), p.PLASTER))]
 
 
-def _beads(ends, turn, d: float) -> PaletteMesh:
+def _beads(ends: np.ndarray, turn: np.ndarray, d: float) -> PaletteMesh:
     """Strings of glass beads between the arms and from the arms up to the body."""
     n = 9
     t = (np.arange(n) + 0.5)[None, :, None] / n
@@ -209,7 +215,7 @@ def door(width: float, height: float, d: float) -> PaletteMesh:
 # --- Upholstery -------------------------------------------------------------------------------------------------------
 
 
-def creases(rng, x, z, waves: int = 9) -> np.ndarray:
+def creases(rng: np.random.Generator, x: np.ndarray, z: np.ndarray, waves: int = 9) -> np.ndarray:
     """Heights, 0 to about 1, of a creased cloth at x, z (metres). The ridges bend, and fade in places."""
     total = 0.0
     for _ in range(waves):
@@ -220,7 +226,9 @@ def creases(rng, x, z, waves: int = 9) -> np.ndarray:
     return total / (0.2 * waves)
 
 
-def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> PaletteMesh:
+def cushion(
+    size: tuple[float, float, float], n: int, rng: np.random.Generator, edge: float, wrinkle: float, colour: int
+) -> PaletteMesh:
     """A stuffed cushion of `size` (3,) on y = 0, with n cells along its longer side.
 
     edge : sharpness of the edge where its faces meet: 2 for a pillow, 8 for upholstery
@@ -240,7 +248,7 @@ def cushion(size, n: int, rng, edge: float, wrinkle: float, colour: int) -> Pale
     return shell(front, back, colour + np.int32(0))
 
 
-def _over(s, half: float, r: float):
+def _over(s: np.ndarray, half: float, r: float) -> tuple[np.ndarray, np.ndarray]:
     """(outward offset, drop) at arc length s of a cloth over an edge of radius r at `half`."""
     beyond = np.maximum(np.abs(s) - (half - r), 0.0)
     angle = np.minimum(beyond / r, np.pi / 2)
@@ -249,7 +257,9 @@ def _over(s, half: float, r: float):
     return np.sign(s) * out, r * (1.0 - np.cos(angle)) + hanging
 
 
-def cover(size, drop: float, n: int, rng, rise: float, colours) -> PaletteMesh:
+def cover(
+    size: tuple[float, float], drop: float, n: int, rng: np.random.Generator, rise: float, colours: tuple[int, int]
+) -> PaletteMesh:
     """A quilted cover over a mattress of `size` ((2,): x, z) with its top at y = 0 and its head at z = 0.
 
     The cover hangs `drop` metres over the sides and the foot, and has creases `rise` high and n cells across.
@@ -289,7 +299,7 @@ def headboard(width: float, height: float, n: int, colour: int) -> PaletteMesh:
     return shell(front, front * [1.0, 1.0, 0.0], colour)
 
 
-def bed(width: float, length: float, d: float, rng) -> PaletteMesh:
+def bed(width: float, length: float, d: float, rng: np.random.Generator) -> PaletteMesh:
     """A bed with its head at z = 0: frame, mattress, cover, turned-down sheet, pillows and a throw at the foot."""
     top, bevel = 0.52, 0.01 if d > SKETCH else 0.0
     foot = box((width + 0.1, 0.5, 0.06), (0, 0.25, length + 0.2), p.DARK_WOOD, bevel)
@@ -332,7 +342,7 @@ def bed(width: float, length: float, d: float, rng) -> PaletteMesh:
     )
 
 
-def armchair(d: float, rng) -> PaletteMesh:
+def armchair(d: float, rng: np.random.Generator) -> PaletteMesh:
     """An armchair: an upholstered seat, back and arms, a small cushion, turned feet."""
     n = steps(30, d, 4)
     seat = cushion((0.62, 0.2, 0.64), n, rng, 8.0, 0.02, p.TERRACOTTA)
@@ -359,7 +369,7 @@ def armchair(d: float, rng) -> PaletteMesh:
 COLOURS = (p.RED, p.YELLOW, p.BLUE, p.LIME, p.TEAL, p.OCHRE)
 
 
-def _ball(radius, segments: int, colour: int) -> PaletteMesh:
+def _ball(radius: Sequence[float], segments: int, colour: int) -> PaletteMesh:
     """An ellipsoid of `radius` (3,) around zero."""
     n = max(3, segments // 2)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)

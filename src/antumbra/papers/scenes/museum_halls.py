@@ -3,6 +3,8 @@
 Each work of art has about a given number of triangles, and stands on y = 0 or hangs from above.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...generate import palette as p
@@ -38,7 +40,9 @@ def _resolution(triangles: float, aspect: float, least: int = 4) -> tuple[int, i
     return max(3 * least, round(triangles / 2.0 / around)), around
 
 
-def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRONZE) -> PaletteMesh:
+def knot(
+    triangles: float, turns: int = 2, loops: int = 3, size: float = 1.0, thick: float = 0.26, colour: int = p.BRONZE
+) -> PaletteMesh:
     """A torus knot, 3 `size` wide, made of a bar with spiral ribs."""
     n, k = _resolution(triangles, 10.0)
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)
@@ -58,7 +62,7 @@ def knot(triangles: float, turns=2, loops=3, size=1.0, thick=0.26, colour=p.BRON
     return loft(points - [0.0, low, 0.0], colour, closed=True)
 
 
-def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> PaletteMesh:
+def blob(triangles: float, rng: np.random.Generator, size: float = 1.0, colour: int = p.MARBLE) -> PaletteMesh:
     """A smooth lumpy body; `size` is its mean radius."""
     n, k = _resolution(triangles, 0.5)
     n, k = max(4, k), max(6, n)
@@ -77,7 +81,7 @@ def blob(triangles: float, rng, size=1.0, colour=p.MARBLE) -> PaletteMesh:
     return capped(points[1:-1], points[0, 0], points[-1, 0], colour)
 
 
-def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> PaletteMesh:
+def twist(triangles: float, height: float = 2.4, width: float = 0.5, colour: int = p.MARBLE) -> PaletteMesh:
     """A twisted column with a star-shaped section that narrows towards the top."""
     n, k = _resolution(triangles, 2.0)
     k = max(12, k)
@@ -89,7 +93,7 @@ def twist(triangles: float, height=2.4, width=0.5, colour=p.MARBLE) -> PaletteMe
     return capped(points, points[0].mean(axis=0), points[-1].mean(axis=0), colour)
 
 
-def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> PaletteMesh:
+def ammonite(triangles: float, size: float = 1.0, colour: int = p.CLAY) -> PaletteMesh:
     """A ribbed spiral shell standing on its rim."""
     n, k = _resolution(triangles, 8.0)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -102,7 +106,7 @@ def ammonite(triangles: float, size=1.0, colour=p.CLAY) -> PaletteMesh:
     return loft(points - [0.0, points[..., 1].min() + 0.03 * size, 0.0], colour)
 
 
-def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> PaletteMesh:
+def ribbon(triangles: float, size: float = 1.0, colour: int = p.OCHRE) -> PaletteMesh:
     """A band that twists once around a ring."""
     n = max(12, round(triangles / 8.0))
     t = np.linspace(0.0, 2.0 * np.pi, n, endpoint=False)[:, None]
@@ -117,7 +121,7 @@ def ribbon(triangles: float, size=1.0, colour=p.OCHRE) -> PaletteMesh:
     return loft(points - [0.0, points[..., 1].min() + 0.03, 0.0], colour, closed=True)
 
 
-def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]:
+def rain(triangles: float, width: float = 5.2, depth: float = 4.2, ceiling: float = 6.2) -> list[ScenePart]:
     """A kinetic sculpture at rest: bronze drops on wires that form a wave."""
     nx, nz = (17, 14) if triangles > 12_000 else (11, 9) if triangles > 3000 else (5, 4)
     each = max(8.0, triangles / (nx * nz) - 12)
@@ -140,7 +144,7 @@ def rain(triangles: float, width=5.2, depth=4.2, ceiling=6.2) -> list[ScenePart]
     return [place_copies(drop, np.stack([x, y, z], axis=1), shade=tone), place_copies(merge(wires, rails, beams))]
 
 
-def vortex(triangles: float, height=4.6) -> list[ScenePart]:
+def vortex(triangles: float, height: float = 4.6) -> list[ScenePart]:
     """Plates that spiral up around a mast and fan out."""
     n = int(np.clip(triangles / 44.0, 12, 4000))
     t = (np.arange(n) + 0.5) / n
@@ -156,7 +160,7 @@ def vortex(triangles: float, height=4.6) -> list[ScenePart]:
     return [whirl, place_copies(revolve([(0.09, -0.1), (0.05, height)], 10, p.IRON))]
 
 
-def painting(width: float, height: float, n: int, rng) -> PaletteMesh:
+def painting(width: float, height: float, n: int, rng: np.random.Generator) -> PaletteMesh:
     """An abstract picture in a gilded frame, centred at the origin in the x-y plane and facing +z."""
     x, z = np.linspace(-width / 2, width / 2, n + 1), np.linspace(-height / 2, height / 2, n + 1)
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / width, (z[1:] + z[:-1]) / height, indexing="ij"), axis=-1)
@@ -182,7 +186,7 @@ SKY_X, SKY_Z = 3.2, 4.2  # half the size of the skylight
 FULL_HALL = 110_000  # triangles per hall; a larger budget adds halls
 
 
-def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the museum, with about `triangles` triangles."""
     halls = max(1, round(triangles / FULL_HALL))
     nx = max(1, round(np.sqrt(halls / 2.0)))
@@ -201,7 +205,9 @@ def museum(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), camera, light
 
 
-def _halls(at, i, j, nx, nz, d, rng) -> list[ScenePart]:
+def _halls(
+    at: np.ndarray, i: np.ndarray, j: np.ndarray, nx: int, nz: int, d: float, rng: np.random.Generator
+) -> list[ScenePart]:
     """Floors, walls, doorways between halls, cornices, ceilings, and skylights with bars."""
     n, m = steps(14, d, 4), steps(17, d, 5)
     hx, hz = WIDTH / 2, DEPTH / 2
@@ -251,7 +257,7 @@ def _halls(at, i, j, nx, nz, d, rng) -> list[ScenePart]:
     return [part for part in parts + _fittings(at, d, rng) if len(part.offset)]
 
 
-def _fittings(at, d, rng) -> list[ScenePart]:
+def _fittings(at: np.ndarray, d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Paintings on the walls, and benches."""
     n = steps(20, d, 2)
     wide, tall = painting(2.3, 1.6, n, rng), painting(1.4, 1.9, n, rng)
@@ -268,7 +274,7 @@ def _fittings(at, d, rng) -> list[ScenePart]:
     return parts
 
 
-def _plinth(width: float, height: float, colour=p.PLASTER) -> PaletteMesh:
+def _plinth(width: float, height: float, colour: int = p.PLASTER) -> PaletteMesh:
     return merge(
         box((width, height, width), (0, height / 2 - EMBED, 0), colour, 0.012),
         box((width + 0.12, 0.1, width + 0.12), (0, 0.04 - EMBED, 0), colour, 0.012),
@@ -286,7 +292,7 @@ def _case(treasure: PaletteMesh) -> PaletteMesh:
     return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
 
 
-def _exhibits(at, budget: float, rng) -> list[ScenePart]:
+def _exhibits(at: np.ndarray, budget: float, rng: np.random.Generator) -> list[ScenePart]:
     """The works of art, about the same in every hall but at different angles. A few have most of the triangles."""
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each

@@ -1,6 +1,7 @@
 """Prints the tables of the SRDH paper with the published results, and draws its Figures 2 and 4."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -220,7 +221,7 @@ def write_plot(rows: list[BoxTests], path: Path) -> None:
         sheet.savefig(temporary, format="png", dpi=110)
 
 
-def _draw_bars(panel, rows: list[BoxTests], scenes: list[str]) -> None:
+def _draw_bars(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     from matplotlib.patches import Patch
 
     width = 0.85 / len(_BARS)
@@ -241,7 +242,7 @@ def _draw_bars(panel, rows: list[BoxTests], scenes: list[str]) -> None:
     panel.set_axisbelow(True)
 
 
-def _draw_curves(panel, rows: list[BoxTests], scenes: list[str]) -> None:
+def _draw_curves(panel: Any, rows: list[BoxTests], scenes: list[str]) -> None:
     last = 2 * PIXELS[-1]  # x of "all rays"
     for k, scene in enumerate(scenes):
         for method, style in ((PUBLISHED, "-"), (OURS, "--")):
