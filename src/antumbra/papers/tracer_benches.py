@@ -22,7 +22,7 @@ from .benchmark_views import open_view
 
 
 if TYPE_CHECKING:
-    from .multi_frusta.frusta_measurements import Case, SoftShadowQuality
+    from .multi_frusta.frusta_measurements import Case, Rows, SoftShadowQuality
     from .ray_hierarchy.ray_hierarchy_measurements import RelativeCost
 
 
@@ -103,7 +103,7 @@ def multi_frusta(
 _NAMES = ("#tris", "+culling", "#AABB", "#isec")
 
 
-def _print_primary(case: "Case", rows: dict) -> None:
+def _print_primary(case: "Case", rows: "Rows") -> None:
     """Print the primary-ray rows (P) of Table 1, without shading."""
     from .multi_frusta import frusta_measurements as paper
 
@@ -111,7 +111,7 @@ def _print_primary(case: "Case", rows: dict) -> None:
     _print_reduction(rows, "packet16", ("multifrusta",), paper.PUBLISHED_PRIMARY)
 
 
-def _print_table1(case: "Case", rows: dict) -> None:
+def _print_table1(case: "Case", rows: "Rows") -> None:
     """Print the shadow-ray rows (S) of Table 1."""
     from .multi_frusta import frusta_measurements as paper
     from .multi_frusta.frusta_measurements import BASELINES, TABLE1
@@ -121,7 +121,7 @@ def _print_table1(case: "Case", rows: dict) -> None:
         _print_reduction(rows, base, TABLE1[2:], paper.PUBLISHED_TABLE1)
 
 
-def _print_counts(title: str, case: "Case", rows: dict) -> None:
+def _print_counts(title: str, case: "Case", rows: "Rows") -> None:
     from .multi_frusta import frusta_measurements as paper
 
     rays = next(iter(rows.values()))["rays"]
@@ -133,7 +133,7 @@ def _print_counts(title: str, case: "Case", rows: dict) -> None:
     report.print_table(("tracer", *_NAMES, "seconds", "M rays/s"), table, right=range(1, 7))
 
 
-def _print_reduction(rows: dict, base: str, tracers: tuple[str, ...], theirs: tuple[str, ...]) -> None:
+def _print_reduction(rows: "Rows", base: str, tracers: tuple[str, ...], theirs: tuple[str, ...]) -> None:
     """Print by what factor the tracers reduce the counts and time of `base`, and the paper's range."""
     from .multi_frusta import frusta_measurements as paper
 
@@ -145,7 +145,7 @@ def _print_reduction(rows: dict, base: str, tracers: tuple[str, ...], theirs: tu
     report.print_table(("tracer", *_NAMES, "seconds"), [*reductions, ("the paper", *theirs)], right=range(1, 6))
 
 
-def _print_packet256(rows: dict) -> None:
+def _print_packet256(rows: "Rows") -> None:
     """Print the comparison of Sec. 5.2. The paper counts a box once for all 256 rays, as this counts nodes."""
     from .multi_frusta import frusta_measurements as paper
 
@@ -158,7 +158,7 @@ def _print_packet256(rows: dict) -> None:
     print()
 
 
-def _print_table2(case: "Case", rows: dict) -> None:
+def _print_table2(case: "Case", rows: "Rows") -> None:
     from .multi_frusta import frusta_measurements as paper
     from .multi_frusta.frusta_measurements import TABLE2
 
@@ -189,10 +189,12 @@ def _print_silhouettes(case: "Case", quality: "SoftShadowQuality") -> None:
     print(f"Figure 7, {case.name}: {ours} of the pixels are at edges (the paper: {theirs})\n")
 
 
-def _print_figure6(case: "Case", sizes: dict) -> None:
+def _print_figure6(case: "Case", sizes: "dict[str, Rows]") -> None:
     from .multi_frusta.frusta_measurements import FIGURE6
 
-    cell = lambda row: f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
+    cell: Callable[[dict[str, float]], str] = lambda row: (
+        f"{row['triangles'] / 1e3:,.0f} {row['triangle_tests'] / 1e3:,.0f}"
+    )
     table = [(tracer, *(cell(rows[tracer]) for rows in sizes.values())) for tracer in FIGURE6]
     print(f"Figure 6, {case.name}: #tris and #isec in thousands, by edge length of the light")
     report.print_table(("tracer", *sizes), table, right=range(1, 1 + len(sizes)))
@@ -487,7 +489,7 @@ def peers(
     plots = results.plots(plot)
     embree = describe_embree()  # raises if Embree is missing
     counts = [threads] if threads else list(dict.fromkeys((1, thread_count(None))))
-    rows: list[dict] = []
+    rows: list[dict[str, Any]] = []
     builds: list[PeerBuild] = []
     with ProgressDisplay(quiet) as display:
         display.say("opening the scenes")
@@ -519,7 +521,7 @@ def peers(
         _print_summary(embree, rows)
 
 
-def _show(rows: list[dict]) -> None:
+def _show(rows: list[dict[str, Any]]) -> None:
     """Print a line per thread count to standard error, as soon as a scene has been measured."""
     for row in rows:
         if "ratio" in row:
@@ -527,7 +529,7 @@ def _show(rows: list[dict]) -> None:
             print(f"{row['scene']}, {row['threads']} thread(s): {rate}", file=sys.stderr, flush=True)
 
 
-def _print_rates(rows: list[dict]) -> None:
+def _print_rates(rows: list[dict[str, Any]]) -> None:
     """Print the rates of one scene."""
     from .peers.peer_measurements import finalists
 
@@ -550,7 +552,7 @@ def _print_builds(builds: "list[PeerBuild]") -> None:
     report.print_table(("scene", *methods), table, right=range(1, 1 + len(methods)), width=_PEERS_WIDTH)
 
 
-def _print_summary(embree: str, rows: list[dict]) -> None:
+def _print_summary(embree: str, rows: list[dict[str, Any]]) -> None:
     from .peers.ray_contest import summary
 
     report.print_fields([("peer", embree), *(("ours", line) for line in summary(rows))])

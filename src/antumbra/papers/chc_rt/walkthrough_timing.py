@@ -235,7 +235,7 @@ def times(core: InCore, pace: Pace, plain: bool, say: Say) -> Iterator[list[Turn
     `plain` : whether to measure the stateless plans too
     """
     for walk in core.place.walks:
-        methods = [core.culling(), *(core.plain() if plain else [])]
+        methods: list[Method] = [core.culling(), *(core.plain() if plain else [])]
         yield walk_through(core, walk, methods, KINDS, SAMPLER, pace, say)
 
 

@@ -16,7 +16,7 @@ building. Tracers alternate in each round.
 
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -101,8 +101,8 @@ class Case(NamedTuple):
     triangles: Triangles
     gbuffer: GBuffer
     rays: CameraRays
-    prepared: dict[str, object]  # tracer -> its acceleration structure
-    primary: dict[str, object]  # the same for primary rays
+    prepared: Mapping[str, Any]  # tracer -> its acceleration structure
+    primary: Mapping[str, Any]  # the same for primary rays
     light: QuadLight  # the default light
 
 
@@ -191,7 +191,7 @@ def _in_turns(name: str, calls: dict[str, TraceCall], rounds: int) -> Rows:
         reference = result if reference is None else reference
         if not np.array_equal(result, reference):
             raise RuntimeError(f"{name}: {tracer} and {next(iter(calls))} give different bits")
-        results[tracer] = as_dict(counters)
+        results[tracer] = dict(as_dict(counters))
         if rounds:
             call(None)  # compile the kernels without counters
     for _ in range(rounds):

@@ -9,7 +9,7 @@ As in the paper, time to image covers culling, building and tracing, but not the
 the same tracer and alternate within each round; the median of the rounds counts.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -19,7 +19,7 @@ import numpy as np
 
 from ...cli import console as report
 from ...engine.accelerator import Accelerator
-from ...engine.scene import Scene, procedural
+from ...engine.scene import AnyScene, Scene, procedural
 from ...engine.scene_loading import load
 from ...errors import InputError
 from ...files import atomic_output
@@ -117,7 +117,7 @@ class CullingView(NamedTuple):
     """A view of the paper."""
 
     figure: str
-    scene: Scene
+    scene: AnyScene
     camera: Camera
     lights: list[Light]
     time: float = 0.0  # seconds into the animation
@@ -141,7 +141,7 @@ def culling_views(sponza: Path | None, size: tuple[int, int], cellar_triangles: 
     return [_in_sponza(figure, scene, size) for figure in _SPONZA] + [last]
 
 
-def _in_sponza(figure: str, scene: Scene, size: tuple[int, int]) -> CullingView:
+def _in_sponza(figure: str, scene: AnyScene, size: tuple[int, int]) -> CullingView:
     """A view in Sponza with two area lights, a large one above the open roof and a smaller one behind the camera."""
     position, target = (np.array(p) for p in _SPONZA[figure])
     above = QuadLight((-900.0, 1400.0, -250.0), (1800.0, 0.0, 0.0), (0.0, 0.0, 450.0), intensity=2e6)
@@ -298,7 +298,7 @@ def _remaining(view: CullingView, renderer: Renderer) -> float:
 
 def grid_rows(
     view: CullingView,
-    grids: dict[str, Sequence[int]],
+    grids: Mapping[str, Sequence[int]],
     tracers: Sequence[str],
     threads: int,
     rounds: int,

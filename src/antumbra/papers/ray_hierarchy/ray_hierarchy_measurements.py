@@ -11,14 +11,14 @@ median of the rounds counts. Smaller pictures predict the time of a variant, whi
 The published results were measured on a GPU (Sec. 5, Tables 1 and 2).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from statistics import fmean, median, pstdev
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...engine.scene import Scene
+from ...engine.scene import AnyScene
 from ...errors import InputError
 from ...files import atomic_output
 from ...rendering.frame import Frame
@@ -58,7 +58,7 @@ MILLISECONDS = {
 """Table 2: shadow times in the same views, in milliseconds."""
 
 
-def published_cut(unsorted: str, sorted_: str, table: dict[str, tuple[float, ...]] = NODES) -> float:
+def published_cut(unsorted: str, sorted_: str, table: Mapping[str, tuple[float, ...]] = NODES) -> float:
     """The ratio of a table's values without and with sorting, in the view where sorting helps most.
 
     The report's text says "up to three orders of magnitude fewer nodes" and "over two orders of magnitude faster".
@@ -98,7 +98,7 @@ class PictureCase(NamedTuple):
     name: str
     of: str  # name of the scene
     frame: int | None  # frame number in an animation; None: static scene, or a different camera in each picture
-    scene: Scene
+    scene: AnyScene
     camera: Camera
     light: Light
     time: float  # seconds
@@ -126,7 +126,7 @@ def with_point(view: BenchmarkView) -> BenchmarkView:
     return view._replace(lights=[PointLight(view.scene.origin + middle)])
 
 
-def times_of(scene: Scene, frames: int) -> list[float]:
+def times_of(scene: AnyScene, frames: int) -> list[float]:
     """`frames` times, evenly spaced over the animation; 0 alone for a static scene."""
     return np.linspace(0.0, scene.duration, frames).tolist() if scene.animated else [0.0]
 

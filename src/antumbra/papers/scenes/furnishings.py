@@ -118,13 +118,17 @@ def bookcase(
             turn.append(rng.normal(0.0, 0.02))
             kind.append(rng.integers(len(kinds)))
             x += thick
-    where, size, turn, kind = (np.array(a) for a in (where, size, turn, kind))
+    places, sizes, turns, book_kinds = (np.array(a) for a in (where, size, turn, kind))
     parts = [place_copies(shelf(width, height, depth, boards))]
     for k, mesh in enumerate(kinds):
-        same_kind = kind == k
+        same_kind = book_kinds == k
         parts.append(
             place_copies(
-                mesh, where[same_kind], turn[same_kind], size[same_kind], shade=p.shades(rng, int(same_kind.sum())) % 4
+                mesh,
+                places[same_kind],
+                turns[same_kind],
+                sizes[same_kind],
+                shade=p.shades(rng, int(same_kind.sum())) % 4,
             )
         )
     tops = [
@@ -383,7 +387,7 @@ def bear(height: float, d: float) -> PaletteMesh:
     """A sitting teddy bear that faces +z."""
     k = steps(22, d, 6)
     fur, pale = p.CLAY, p.LIMESTONE
-    pieces = [
+    pieces: list[tuple[tuple[float, float, float], tuple[float, float, float], int]] = [
         ((0.21, 0.25, 0.19), (0, 0.24, 0), fur),
         ((0.14, 0.17, 0.06), (0, 0.24, 0.15), pale),
         ((0.2, 0.18, 0.18), (0, 0.62, 0.01), fur),

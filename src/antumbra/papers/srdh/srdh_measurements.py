@@ -340,7 +340,7 @@ def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str,
     """Build all trees once; return (seconds of each part, (rays, hits)). `alone`: the same workload on one thread."""
     vertices, threads, seconds = work.triangles.vertices, work.threads, {}
 
-    def timed(part: str, build: Callable) -> Any:
+    def timed(part: str, build: Callable[[], Any]) -> Any:
         start = perf_counter()
         result = build()
         seconds[part] = perf_counter() - start
