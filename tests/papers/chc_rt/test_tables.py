@@ -177,11 +177,11 @@ def test_the_command_prints_the_tables(cli):
     names = ("scenes", "times", "queries", "ablation")
     stored = "--store", "small.antumbra", *WALK, *(word for name in names for word in ("--table", name))
     done = cli("bench", "chc-rt", *stored)
-    for part in ("Table 1", "25,975", "MB moved", "BVH", "geometry", "MB read in all", "tiles of 64 pixels"):
+    for part in ("Table 1", "25,975", "MB moved", "BVH", "geometry", "total MB read", "tiles of 64 pixels"):
         assert part in done.out, (part, done.out)
     assert "parts of" not in done.out and "round-robin" not in done.out and "the same by all" in done.out
     told = cli("bench", "chc-rt", *stored, "--json")
-    assert "ms a frame" not in told.err and told.json()["same_answers"]
+    assert "ms per frame" not in told.err and told.json()["same_answers"]
     assert {*told.json()} >= {"scenes", "store", "ablation"} and "times" not in told.json()
     (size,) = told.json()["scenes"]
     assert (
