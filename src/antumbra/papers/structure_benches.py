@@ -12,9 +12,9 @@ from ..cli import arguments
 from ..cli import console as report
 from ..cli.bench_command import Results, benchmark
 from ..cli.console import ProgressDisplay
-from ..cli.options import Json, MaxMemoryOption, Quiet, Threads, writes, writes_folder
+from ..cli.options import Json, MaxMemoryOption, Quiet, Threads, writes_folder
 from ..errors import InputError
-from .benchmark_views import open_view
+from .bench_options import ImageSize, Rounds, open_views, plot_option, print_agreement, scene_option
 from .chc_rt.chcrt_published import IN_CORE, PAGED, WALKED, ChcrtTable
 
 # --- antumbra bench srdh ----------------------------------------------------------------------------------------------
@@ -28,24 +28,13 @@ if TYPE_CHECKING:
 def srdh(
     results: Results,
     scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: five "
-            "folders and blinds; without the folders: blinds, cellar and atrium]",
-            metavar="SCENE",
-            show_default=False,
-        ),
+        list[str] | None, scene_option("five folders and blinds; without the folders: blinds, cellar and atrium")
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Plot bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
-        ),
-    ] = None,
+    plot: Annotated[Path | None, plot_option("bars and curves")] = None,
     size: Annotated[str, typer.Option(help="Image size for counting box tests.", metavar="WxH")] = "1024x1024",
     spp: Annotated[int, typer.Option(help="Shadow rays counted per light and point.", min=1, max=1024)] = 1,
     timed_size: Annotated[str, typer.Option(help="Image size for timing.", metavar="WxH")] = "512x512",
-    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
+    rounds: Rounds = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -66,10 +55,7 @@ def srdh(
 
     from ..kernels.parallel import thread_count
     from .benchmark_views import agree
-    from .srdh import srdh_measurements as counts
-    from .srdh import srdh_measurements as rtsah
-    from .srdh import srdh_measurements as srdh_times
-    from .srdh import srdh_measurements as srdh_views
+    from .srdh import srdh_measurements as bench
 
     plots = results.plots(plot)
     n_threads = thread_count(threads)
@@ -78,15 +64,13 @@ def srdh(
     builds: list[BuildTimes] = []
     renders: list[RenderTimes] = []
     with ProgressDisplay(quiet) as display:
-        display.say("opening the scenes")
-        names = dict.fromkeys(scene or srdh_views.default_names())
-        for view in [open_view(name, width_height, srdh_views.named_view) for name in names]:
-            rows += counts.count_view(view, spp, n_threads, display.say)
+        for view in open_views(scene or bench.default_names(), width_height, bench.named_view, display.say):
+            rows += bench.count_view(view, spp, n_threads, display.say)
             display.say(f"{view.name}, uniformly distributed lines")
-            assumed.append(rtsah.check_rtsah(counts.Workload(view, spp, n_threads)))
-            builds += srdh_times.build_times(view, spp, n_threads, rounds, display.say)
+            assumed.append(bench.check_rtsah(bench.Workload(view, spp, n_threads)))
+            builds += bench.build_times(view, spp, n_threads, rounds, display.say)
             smaller = view._replace(camera=view.camera.resized(*timed))
-            renders += srdh_times.render_times(smaller, n_threads, rounds, display.say)
+            renders += bench.render_times(smaller, n_threads, rounds, display.say)
         for path in plots:
             from .srdh.srdh_tables import write_plot
 
@@ -94,7 +78,7 @@ def srdh(
     same = agree((r.scene, r.bits) for r in renders)
     settings = {"size": width_height, "spp": spp, "timed_size": timed, "rounds": rounds, "threads": n_threads}
     tables = {
-        "counts": [{**r._asdict(), "relative": counts.relative(rows, r)} for r in rows],
+        "counts": [{**r._asdict(), "relative": bench.relative(rows, r)} for r in rows],
         "rtsah": [a._asdict() for a in assumed],
         "builds": [{**b._asdict(), "both": b.both, "instead": b.instead} for b in builds],
         "renders": [{**r._asdict(), "bits": r.bits.hex()} for r in renders],
@@ -110,7 +94,7 @@ def srdh(
         printed.print_kernels(rows)
         printed.print_builds(builds)
         printed.print_renders(renders)
-        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+        print_agreement(same)
 
 
 # --- antumbra bench pre-bvh-culling -----------------------------------------------------------------------------------
@@ -127,15 +111,7 @@ def pre_bvh_culling(
             show_default=False,
         ),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Plot break-even to a .png file.",
-            metavar="FILE",
-            show_default=False,
-            callback=writes(".png"),
-        ),
-    ] = None,
+    plot: Annotated[Path | None, plot_option("break-even")] = None,
     tracer: Annotated[
         list[str] | None,
         typer.Option(
@@ -144,11 +120,11 @@ def pre_bvh_culling(
             show_default=False,
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1366x768",
+    size: ImageSize = "1366x768",
     cellar: Annotated[str, typer.Option(help="Triangles in the cellar.", metavar="N")] = "1M",
     video: Annotated[str, typer.Option(help="Triangles in the animated city (Table 4).", metavar="N")] = "1M",
     frames: Annotated[int, typer.Option(help="Animation frames to measure.", min=1, max=1000)] = 4,
-    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
+    rounds: Rounds = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -179,35 +155,30 @@ def pre_bvh_culling(
 
     from .benchmark_views import agree
     from .pre_bvh_culling import culling_measurements as bench
-    from .pre_bvh_culling.culling_measurements import culling_views, video_views
 
     n_threads = thread_count(threads)
     with ProgressDisplay(quiet) as display:
         display.say("making the scenes")
-        views = culling_views(sponza, width_height, cellar_triangles)
+        views = bench.culling_views(sponza, width_height, cellar_triangles)
         times = [
             t for v in views for name in tracers for t in bench.times_to_image(v, name, n_threads, rounds, display.say)
         ]
         grids = [r for v in views for r in bench.grid_rows(v, bench.USUAL, (), n_threads, rounds, display.say)]
-        moving = video_views(video_triangles, frames, width_height)
+        moving = bench.video_views(video_triangles, frames, width_height)
         filmed = [r for v in moving for r in bench.grid_rows(v, bench.VIDEO, tracers, n_threads, rounds, display.say)]
         for path in plots:
-            from .pre_bvh_culling.culling_measurements import write_plot
-
-            write_plot(times, path)
+            bench.write_plot(times, path)
     same = agree((t.figure, t.bits) for t in times)
     rows = [{**t._asdict(), "bits": t.bits.hex()} for t in times]
     settings = {"tracers": tracers, "size": width_height, "rounds": rounds, "frames": frames, "threads": n_threads}
     tables = {"time_to_image": rows, "grids": [g._asdict() for g in grids], "video": [g._asdict() for g in filmed]}
 
-    from .pre_bvh_culling import culling_measurements as printed
-
     with results.told({**settings, **tables, "same_bits": same}):
-        printed.print_details(times, grids)
-        printed.print_times(times)
-        printed.print_regions(grids)
-        printed.print_grids(bench.mean_rows(filmed), tracers)
-        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+        bench.print_details(times, grids)
+        bench.print_times(times)
+        bench.print_regions(grids)
+        bench.print_grids(bench.mean_rows(filmed), tracers)
+        print_agreement(same)
 
 
 def _check_tracer(name: str) -> None:
@@ -230,15 +201,7 @@ def _check_tracer(name: str) -> None:
 @benchmark(triangles="300k", size="192x108", frames=4, compared=1, limit=0.5)
 def chc_rt(
     results: Results,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: the city, "
-            "and sanmiguel_lite if it exists]",
-            metavar="SCENE",
-            show_default=False,
-        ),
-    ] = None,
+    scene: Annotated[list[str] | None, scene_option("the city, and sanmiguel_lite if it exists")] = None,
     store: Annotated[
         Path | None,
         typer.Option(
@@ -252,12 +215,7 @@ def chc_rt(
         list[ChcrtTable] | None,
         typer.Option(help="Measure only this table; may be repeated.  [default: all]", show_default=False),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Plot bars and curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
-        ),
-    ] = None,
+    plot: Annotated[Path | None, plot_option("bars and curves")] = None,
     pictures: Annotated[
         Path | None,
         typer.Option(
@@ -268,7 +226,7 @@ def chc_rt(
         ),
     ] = None,
     triangles: Annotated[str, typer.Option(help="Triangles in the city.", metavar="N")] = "10M",
-    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "640x360",
+    size: ImageSize = "640x360",
     frames: Annotated[int, typer.Option(help="Frames per walkthrough.", min=1, max=10_000)] = 60,
     compared: Annotated[int, typer.Option(help="Frames to time the other plans on.", min=1, max=10_000)] = 3,
     limit: Annotated[
@@ -324,18 +282,17 @@ def chc_rt(
         pictures = results.pictures()
     n_threads, pace = thread_count(threads), Pace(frames, compared, limit)
     show = (lambda turns: None) if json or quiet else session.show_medians
-    with ProgressDisplay(quiet) as activity:
-        activity.say("opening the scenes")
-        names = dict.fromkeys([str(store)] if store else scene or chcrt_views.default_names(count))
-        views = [open_view(name, width_height, chcrt_views.named_view) for name in names]
+    with ProgressDisplay(quiet) as display:
+        names = [str(store)] if store else scene or chcrt_views.default_names(count)
+        views = open_views(names, width_height, chcrt_views.named_view, display.say)
         if store is None:
             for view in views:
                 chcrt_views.check_in_memory(view)
         places = [chcrt_views.place_of(view) for view in views]
         if store is None:
-            rows, same = session.measure_in_memory(places, tables, n_threads, pace, activity.say, show, pictures)
+            rows, same = session.measure_in_memory(places, tables, n_threads, pace, display.say, show, pictures)
         else:
-            rows, same = session.measure_out_of_core(places[0], tables, memory, n_threads, pace, activity.say, show)
+            rows, same = session.measure_out_of_core(places[0], tables, memory, n_threads, pace, display.say, show)
         walked = rows.get(ChcrtTable.store) or rows.get(ChcrtTable.times) or []
         for path in plots:
             from .chc_rt.chcrt_figures import write_plot

@@ -14,9 +14,9 @@ from ..cli import arguments
 from ..cli import console as report
 from ..cli.bench_command import Results, benchmark
 from ..cli.console import ProgressDisplay
-from ..cli.options import Json, Quiet, Threads, writes
+from ..cli.options import Json, Quiet, Threads
 from ..rendering.options import CullFaces
-from .benchmark_views import open_view
+from .bench_options import ImageSize, Rounds, open_views, plot_option, print_agreement, scene_option
 
 # --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
 
@@ -30,25 +30,14 @@ if TYPE_CHECKING:
 def multi_frusta(
     results: Results,
     scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: two folders "
-            "of $ANTUMBRA_SCENES, if they exist, and forest]",
-            metavar="SCENE",
-            show_default=False,
-        ),
+        list[str] | None, scene_option("two folders of $ANTUMBRA_SCENES, if they exist, and forest")
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            help="Plot Figures 5 to 7 to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")
-        ),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "512x512",
+    plot: Annotated[Path | None, plot_option("Figures 5 to 7")] = None,
+    size: ImageSize = "512x512",
     cull_faces: Annotated[
         CullFaces, typer.Option(help="Triangle side that does not block shadow rays; published with: back.")
     ] = CullFaces.back,
-    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 5,
+    rounds: Rounds = 5,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -66,23 +55,17 @@ def multi_frusta(
     """
     width_height = arguments.parse_size(size)
 
-    from .benchmark_views import open_view
     from .multi_frusta import frusta_measurements as bench
-    from .multi_frusta import frusta_measurements as quality
 
     plots = results.plots(plot)
     with ProgressDisplay(quiet) as display:
-        display.say("opening the scenes")
-        names = dict.fromkeys(scene or bench.default_names())
-        views = [open_view(name, width_height, bench.quad_view) for name in names]
+        views = open_views(scene or bench.default_names(), width_height, bench.quad_view, display.say)
         cases: dict[str, tuple[Case, dict[str, Any], SoftShadowQuality]] = {}
         for view in views:
             case = bench.case_of(view, cull_faces.side)
-            cases[view.name] = case, bench.tables(case, rounds, display.say), quality.measure_quality(case, display.say)
+            cases[view.name] = case, bench.tables(case, rounds, display.say), bench.measure_quality(case, display.say)
         for path in plots:
-            from .multi_frusta.frusta_measurements import write_plot
-
-            write_plot({name: (tables, figures) for name, (_, tables, figures) in cases.items()}, path)
+            bench.write_plot({name: (tables, figures) for name, (_, tables, figures) in cases.items()}, path)
     rows = {
         name: {**tables, "figure 5": figures.rows, "figure 7": {"edges": figures.edges}}
         for name, (_, tables, figures) in cases.items()
@@ -97,7 +80,7 @@ def multi_frusta(
             _print_figure5(case, figures)
             _print_figure6(case, tables["figure 6"])
             _print_silhouettes(case, figures)
-            report.print_fields([("bits", "the same by all methods")])
+            print_agreement(True)
 
 
 _NAMES = ("#tris", "+culling", "#AABB", "#isec")
@@ -214,18 +197,10 @@ def ray_hierarchy(
     results: Results,
     scene: Annotated[
         list[str] | None,
-        typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, a folder of vertex frames, or a procedural scene; may be "
-            "repeated.  [default: four folders of $ANTUMBRA_SCENES, else atrium and forest]",
-            metavar="SCENE",
-            show_default=False,
-        ),
+        scene_option("four folders of $ANTUMBRA_SCENES, else atrium and forest", "a file, a folder of vertex frames"),
     ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(help="Plot curves to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1024x1024",
+    plot: Annotated[Path | None, plot_option("curves")] = None,
+    size: ImageSize = "1024x1024",
     frames: Annotated[int, typer.Option(help="Evenly spaced frames of each animated scene.", min=1, max=10_000)] = 10,
     limit: Annotated[
         float,
@@ -238,7 +213,7 @@ def ray_hierarchy(
             "visible from the light: back."
         ),
     ] = CullFaces.back,
-    rounds: Annotated[int, typer.Option(help="Repeat each timing; the median counts.", min=1, max=1000)] = 3,
+    rounds: Rounds = 3,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
@@ -259,25 +234,19 @@ def ray_hierarchy(
     from ..kernels.parallel import thread_count
     from .benchmark_views import agree
     from .ray_hierarchy import ray_hierarchy_measurements as bench
-    from .ray_hierarchy import ray_hierarchy_measurements as views
-    from .ray_hierarchy.ray_hierarchy_measurements import FIGURE7
 
     plots = results.plots(plot)
     n_threads = thread_count(threads)
     picture_rays: list[PictureRays] = []
     costs: list[Cost] = []
     with ProgressDisplay(quiet) as display:
-        display.say("opening the scenes")
-        named = dict.fromkeys(scene or views.default_names())
-        opened = [views.with_point(open_view(name, width_height, views.named_view)) for name in named]
-        for picture in (p for view in opened for p in views.pictures(view, frames)):
+        views = open_views(scene or bench.default_names(), width_height, bench.named_view, display.say)
+        for picture in (p for view in views for p in bench.pictures(bench.with_point(view), frames)):
             rays, picture_costs = bench.measure(picture, n_threads, rounds, limit, display.say, cull_faces.side)
             picture_rays.append(rays)
             costs += picture_costs
         for path in plots:
-            from .ray_hierarchy.ray_hierarchy_measurements import write_plot
-
-            write_plot(picture_rays, costs, path)
+            bench.write_plot(picture_rays, costs, path)
     spreads = bench.spreads(picture_rays, costs)
     same = agree(bench.answers(picture_rays, costs))
     settings = {"size": width_height, "frames": frames, "limit": limit, "rounds": rounds, "threads": n_threads}
@@ -285,16 +254,16 @@ def ray_hierarchy(
     tables = {
         "pictures": [{**s._asdict(), "bits": s.bits.hex()} for s in picture_rays],
         "costs": [{**c._asdict(), "bits": c.bits.hex() if c.bits else None} for c in costs],
-        "figure 7": [b._asdict() for b in bench.relative_costs(picture_rays, costs, FIGURE7)],
+        "figure 7": [b._asdict() for b in bench.relative_costs(picture_rays, costs, bench.FIGURE7)],
         "spreads": [s._asdict() for s in spreads],
     }
     with results.told({**settings, **tables, "same_bits": same}):
         _print_pictures(picture_rays, costs)
         _print_museum(costs)
-        _print_figure7(bench.relative_costs(picture_rays, costs, FIGURE7))
+        _print_figure7(bench.relative_costs(picture_rays, costs, bench.FIGURE7))
         _print_claims(picture_rays, costs, spreads)
         _print_spreads(spreads)
-        report.print_fields([("bits", "the same by all methods" if same else "DIFFER: please report this")])
+        print_agreement(same)
 
 
 def _millions(count: float | None) -> str:
@@ -378,7 +347,6 @@ def _print_figure7(rows: "list[RelativeCost]") -> None:
 
 def _print_claims(pictures: "list[PictureRays]", costs: "list[Cost]", spreads: "list[Spread]") -> None:
     """Print our results for the claims in the report's text."""
-    from .ray_hierarchy import ray_hierarchy_measurements as bench
     from .ray_hierarchy import ray_hierarchy_measurements as paper
 
     rows = []
@@ -387,7 +355,7 @@ def _print_claims(pictures: "list[PictureRays]", costs: "list[Cost]", spreads: "
             ("nodes", ("nodes", "predicted_nodes"), paper.NODES),
             ("time", ("seconds", "predicted"), paper.MILLISECONDS),
         ):
-            times, picture, measured = bench.cut(costs, kind, f"{kind}Sorted", fields)
+            times, picture, measured = paper.cut(costs, kind, f"{kind}Sorted", fields)
             if picture:
                 theirs = f"the report's {paper.published_cut(kind, f'{kind}Sorted', table):,.0f}"
                 text = f"cuts {what} {'' if measured else 'about '}{times:,.1f} times in {picture} ({theirs})"
@@ -395,9 +363,9 @@ def _print_claims(pictures: "list[PictureRays]", costs: "list[Cost]", spreads: "
     for title, among in (
         ("of Figure 6", paper.MEASURED),
         ("of Table 1", paper.VARIANTS),
-        ("of all", tuple(bench.PLANS)),
+        ("of all", tuple(paper.PLANS)),
     ):
-        best = [bench.fewest(costs, s.picture, among) for s in pictures]
+        best = [paper.fewest(costs, s.picture, among) for s in pictures]
         wins = ", ".join(f"{name or 'none measured'} {best.count(name)}" for name in dict.fromkeys(best))
         rows.append((f"fewest nodes {title}", f"in {len(best)} pictures: {wins}"))
     for name in dict.fromkeys(s.of for s in spreads):
@@ -443,20 +411,9 @@ _PEERS_WIDTH = 110  # width of the tables, in characters
 @benchmark(size="384x384", rounds=3)
 def peers(
     results: Results,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="A folder of $ANTUMBRA_SCENES, a file, or a procedural scene; may be repeated.  [default: "
-            "sponza_crytek, if it exists, and forest]",
-            metavar="SCENE",
-            show_default=False,
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(help="Plot bars to a .png file.", metavar="FILE", show_default=False, callback=writes(".png")),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Image size in pixels.", metavar="WxH")] = "1024x1024",
+    scene: Annotated[list[str] | None, scene_option("sponza_crytek, if it exists, and forest")] = None,
+    plot: Annotated[Path | None, plot_option("bars")] = None,
+    size: ImageSize = "1024x1024",
     spp: Annotated[int, typer.Option(help="Shadow rays per pixel.", min=1, max=1024)] = 16,
     rounds: Annotated[int, typer.Option(help="Runs of each contender; the median counts.", min=1, max=1000)] = 5,
     threads: Threads = None,
@@ -483,18 +440,15 @@ def peers(
     from ..kernels.parallel import thread_count
     from ..rendering.render_jobs import warm_up
     from .peers import peer_measurements as bench
-    from .peers.peer_measurements import describe_embree
 
     plan = parse_plan("bsah+auto")
     plots = results.plots(plot)
-    embree = describe_embree()  # raises if Embree is missing
+    embree = bench.describe_embree()  # raises if Embree is missing
     counts = [threads] if threads else list(dict.fromkeys((1, thread_count(None))))
     rows: list[dict[str, Any]] = []
     builds: list[PeerBuild] = []
     with ProgressDisplay(quiet) as display:
-        display.say("opening the scenes")
-        names = dict.fromkeys(scene or bench.default_names())
-        views = [open_view(name, width_height, bench.named_view) for name in names]
+        views = open_views(scene or bench.default_names(), width_height, bench.named_view, display.say)
         warm_up(plan, "raster", False)
         for view in views:
             view_rows, times = bench.measure(view, plan, spp, counts, rounds, display.say)
@@ -503,9 +457,7 @@ def peers(
             if not (json or quiet):
                 _show(view_rows)
         for path in plots:
-            from .peers.peer_measurements import write_plot
-
-            write_plot(rows, path)
+            bench.write_plot(rows, path)
     settings = {
         "plan": str(plan),
         "embree": embree,
