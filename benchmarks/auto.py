@@ -69,12 +69,16 @@ def light_of(name: str, view, rng) -> at.Light:
     centre = lamp.corner + (lamp.u + lamp.v) / 2
     scaled = lambda k: at.QuadLight(centre - (lamp.u + lamp.v) * k / 2, lamp.u * k, lamp.v * k)
     return {
-        "lamp": lambda: lamp, "small": lambda: scaled(0.25), "large": lambda: scaled(4.0),
-        "point": lambda: at.PointLight(centre), "sphere": lambda: at.SphereLight(centre, diagonal / 80),
-        "sun": lambda: at.DirectionalLight(-(up + 0.5 * side)), "sky": at.AmbientOcclusion,
+        "lamp": lambda: lamp,
+        "small": lambda: scaled(0.25),
+        "large": lambda: scaled(4.0),
+        "point": lambda: at.PointLight(centre),
+        "sphere": lambda: at.SphereLight(centre, diagonal / 80),
+        "sun": lambda: at.DirectionalLight(-(up + 0.5 * side)),
+        "sky": at.AmbientOcclusion,
         "near": lambda: at.AmbientOcclusion(diagonal / 30),
         "list": lambda: at.PointLights(bounds[0] + rng.random((48, 3)) * np.ptp(bounds, axis=0), interleave=False),
-    }[name]()  # fmt: skip
+    }[name]()
 
 
 def points_of(case: Case, scene, rng) -> tuple[np.ndarray, np.ndarray]:

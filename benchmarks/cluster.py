@@ -139,8 +139,10 @@ def main() -> None:
         with TemporaryDirectory() as folder:
             rows.append(measured(words, nodes, Path(folder)))
         row = rows[-1]
-        print(f"{nodes} nodes: ready {row['ready'][-1]:.1f} s, work {row['work']:.2f} s, parts "
-              f"{sum(row['parts']):.2f} s, {row['of_ideal']:.3f} of ideal")  # fmt: skip
+        print(
+            f"{nodes} nodes: ready {row['ready'][-1]:.1f} s, work {row['work']:.2f} s, parts "
+            f"{sum(row['parts']):.2f} s, {row['of_ideal']:.3f} of ideal"
+        )
     print(f"{'nodes':>5} {'hours':>6} {'store':>6} {'seconds':>9} {'start':>7} {'of ideal':>8}")
     table = []
     for hours in options.hours:
@@ -149,8 +151,10 @@ def main() -> None:
             for nodes in SIMULATED:
                 result = simulated(parts, nodes, store * 1e9)
                 table.append({"hours": hours, "store": store, **result})
-                print(f"{nodes:5} {hours:6g} {store:6g} {result['seconds']:9.1f} {result['start']:7.1f} "
-                      f"{result['of_ideal']:8.3f}")  # fmt: skip
+                print(
+                    f"{nodes:5} {hours:6g} {store:6g} {result['seconds']:9.1f} {result['start']:7.1f} "
+                    f"{result['of_ideal']:8.3f}"
+                )
     if options.plot:
         plot(rows[0]["parts"], options)
     if options.json:

@@ -102,16 +102,22 @@ def measure(name: str, options) -> list[dict]:
     for k, frame in frames.items():
         truths = {"256": frames["256"], "1024": fine}
         against = {n: errors(frame.visibility[0][visible], f.visibility[0][visible]) for n, f in truths.items()}
-        rows.append({
-            "scene": name, "triangles": scene.n_triangles, "size": options.size, "method": k, "rays": frame.rays,
-            "trace_ms": 1e3 * statistics.median(t["trace"] for t in seconds[k]),
-            "filter_ms": 1e3 * statistics.median(t["filter"] for t in seconds[k]),
-            "total_ms": 1e3 * statistics.median(t["total"] for t in seconds[k]),
-            **{f"visibility_{what}_{n}": v for n, e in against.items() for what, v in zip(("rms", "mean"), e)},
-            "picture_rms": errors(pictures[k], pictures["truth"])[0],
-            "refined": None if frame.refined is None else float(frame.refined.mean()),
-            "edges": None if frame.refined is None else float(edge.mean()),
-        })  # fmt: skip
+        rows.append(
+            {
+                "scene": name,
+                "triangles": scene.n_triangles,
+                "size": options.size,
+                "method": k,
+                "rays": frame.rays,
+                "trace_ms": 1e3 * statistics.median(t["trace"] for t in seconds[k]),
+                "filter_ms": 1e3 * statistics.median(t["filter"] for t in seconds[k]),
+                "total_ms": 1e3 * statistics.median(t["total"] for t in seconds[k]),
+                **{f"visibility_{what}_{n}": v for n, e in against.items() for what, v in zip(("rms", "mean"), e)},
+                "picture_rms": errors(pictures[k], pictures["truth"])[0],
+                "refined": None if frame.refined is None else float(frame.refined.mean()),
+                "edges": None if frame.refined is None else float(edge.mean()),
+            }
+        )
     if options.out:
         draw(name, options.out, pictures, frames, fine)
     return rows

@@ -174,10 +174,22 @@ def shared_point(rng, n: int, m: int) -> Hostile:
 SCENES: dict[str, Callable[..., Hostile]] = {
     make.__name__.replace("_", " "): make
     for make in (
-        lines, near_lines, junk_at_light, points_at_light, needles, needles_at_light, fan_at_light, behind_light,
-        copies, slanted_copies, concentric, edge_on, shared_edge, shared_point,
+        lines,
+        near_lines,
+        junk_at_light,
+        points_at_light,
+        needles,
+        needles_at_light,
+        fan_at_light,
+        behind_light,
+        copies,
+        slanted_copies,
+        concentric,
+        edge_on,
+        shared_edge,
+        shared_point,
     )
-}  # fmt: skip
+}
 """Name -> function of (random generator, triangles, points)."""
 
 

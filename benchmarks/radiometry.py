@@ -77,7 +77,7 @@ CASES = [
     Case("sun of 40 degrees", at.DirectionalLight((0.3, -1, 0.1), 40.0), level(0.7, 0.3)),
     Case("sun of 90 degrees", at.DirectionalLight((0, -1, 0), 90.0), level(0.4, 0.3)),
     Case("sun of 90 degrees, 30 degrees high", at.DirectionalLight(-TILTED, 90.0), level(0.3, 0.3, -0.3)),
-]  # fmt: skip
+]
 FLOOR = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)
 
 

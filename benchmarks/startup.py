@@ -182,8 +182,12 @@ def edits(rounds: int) -> Iterator[tuple[str, float]]:
 
 
 CASES: dict[str, Callable[[int], Iterator[tuple[str, float]]]] = {
-    "here": here, "cold": cold, "wheel": wheel, "clone": clone, "edits": edits,
-}  # fmt: skip
+    "here": here,
+    "cold": cold,
+    "wheel": wheel,
+    "clone": clone,
+    "edits": edits,
+}
 
 
 def main(arguments: list[str] | None = None) -> None:

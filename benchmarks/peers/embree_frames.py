@@ -286,8 +286,17 @@ def primary(scene: EmbreeScene, triangles, rays: CameraRays, how: Primary, threa
     gbuffer = GBuffer(*vectors[:2], face, depth, side, triangles.origin)
     args, ticket = arguments(how.coherent), new_ticket(-(-shape[0] // max(how.lanes // BLOCK, 1)), 4)
     corners = triangles.vertices.reshape(-1, 9)
-    run(_primary_loop(how.lanes), threads, ticket, scene.handle, rays, corners, gbuffer, vectors[2],
-        ctypes.addressof(args))  # fmt: skip
+    run(
+        _primary_loop(how.lanes),
+        threads,
+        ticket,
+        scene.handle,
+        rays,
+        corners,
+        gbuffer,
+        vectors[2],
+        ctypes.addressof(args),
+    )
     return Hits(gbuffer, vectors[2])
 
 
@@ -310,6 +319,16 @@ def shadows(scene: EmbreeScene, hits: Hits, points: np.ndarray, how: Shadow, thr
         table = np.full((len(points), 3, filled), np.nan, np.float32)
         table[..., :spp] = points.transpose(0, 2, 1)
     unseen, args = np.zeros((*shape, 1), np.uint64), arguments(how.coherent)
-    run(_shadow_loop(how.lanes, how.order), threads, new_ticket(-(-shape[0] // BLOCK), 1), scene.handle, hits.gbuffer,
-        hits.origins, table, spp, unseen, ctypes.addressof(args))  # fmt: skip
+    run(
+        _shadow_loop(how.lanes, how.order),
+        threads,
+        new_ticket(-(-shape[0] // BLOCK), 1),
+        scene.handle,
+        hits.gbuffer,
+        hits.origins,
+        table,
+        spp,
+        unseen,
+        ctypes.addressof(args),
+    )
     return unseen if spp == filled else unseen & np.uint64((1 << spp) - 1)

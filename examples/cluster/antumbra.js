@@ -1,17 +1,17 @@
-// A job type for Flamenco 3 (https://flamenco.blender.org/usage/job-types/): a command of Antumbra in shards, and a task
-// that merges them. Put this file into the folder "scripts" beside flamenco-manager. Workers need the task type "misc".
+// A job type for Flamenco 3 (https://flamenco.blender.org/usage/job-types/): an Antumbra command in shards, and a task
+// that merges them. Put this file into the folder "scripts" next to flamenco-manager. Workers need the task type "misc".
 
 const JOB_TYPE = {
     label: "Antumbra",
-    description: "Exact ray-traced shadows: a command of Antumbra, in shards",
+    description: "Exact ray-traced shadows: an Antumbra command in shards",
     settings: [
         { key: "folder", type: "string", subtype: "dir_path", required: true,
-          description: "A folder that all workers share, in which the command runs" },
+          description: "Working folder of the command, shared by all workers" },
         { key: "command", type: "string", required: true, default: "render scene.glb --preset final -o scene.png",
-          description: "The words after 'antumbra', as a shell reads them" },
+          description: "The words after 'antumbra', quoted as in a shell" },
         { key: "shards", type: "int32", required: true, default: 8, description: "Number of tasks" },
         { key: "shards_folder", type: "string", required: true, default: "scene.shards",
-          description: "NAME.shards, where NAME is the output's" },
+          description: "NAME.shards, where NAME is that of the output" },
     ],
 };
 

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# A command of Antumbra in N shards, by GNU parallel, and then their merge:
+# Runs an Antumbra command in N shards with GNU parallel, then merges them:
 #
 #   ./parallel.sh N NAME.shards COMMAND...
 #   PARALLEL="--sshloginfile nodes --workdir $PWD" ./parallel.sh 8 town.shards render town.glb --preset final -o town.png
 #
-# GNU parallel reads options from PARALLEL: a list of hosts, for example, which must share this folder. One shard uses
-# all cores of its host, so there is one shard at a time on each. Without GNU parallel, xargs does the shards here.
+# GNU parallel reads options from PARALLEL, such as a list of hosts, which must share this folder. A shard uses all
+# cores of its host, so each host runs one shard at a time. Without GNU parallel, xargs runs the shards on this machine.
 set -euo pipefail
 
 if [ $# -lt 3 ]; then

@@ -125,9 +125,14 @@ def show_medians(turns: list[Turn]) -> None:
 
 
 def measure_in_memory(
-    places: Iterable[WalkPlace], tables: Sequence[ChcrtTable], threads: int, pace: Pace, say: Say, show: Show,
+    places: Iterable[WalkPlace],
+    tables: Sequence[ChcrtTable],
+    threads: int,
+    pace: Pace,
+    say: Say,
+    show: Show,
     pictures: Path | None = None,
-) -> tuple[TableRows, bool | None]:  # fmt: skip
+) -> tuple[TableRows, bool | None]:
     """Measure scenes in memory: (rows, whether all answers agree, or None without answers).
 
     pictures : folder for the figures, or None
