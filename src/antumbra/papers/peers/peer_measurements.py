@@ -83,37 +83,48 @@ def embree_contenders(
     if not built.scenes:
         return []
     by = {order: packets(rays, order, built.width) for order in orders}
-    kinds = [(1, "", valid_ids(by[orders[-1]]))]  # all samples of a pixel in sequence
+    kinds: list[tuple[int, str, np.ndarray]] = [
+        (1, "", valid_ids(by[orders[-1]]))
+    ]  # all samples of a pixel in sequence
     kinds += [(built.width, f" by {order}" if len(orders) > 1 else "", ids) for order, ids in by.items()]
-    modes = ((*build, *kind, coherent) for build in BUILDS for kind in kinds for coherent in (False, True))
-    return [_embree_contender(built, rays, hits, threads, *mode) for mode in modes]
+    modes = [
+        _Mode(quality, flags, lanes, name, ids, coherent)
+        for quality, flags in BUILDS
+        for lanes, name, ids in kinds
+        for coherent in (False, True)
+    ]
+    return [_embree_contender(built, rays, hits, threads, mode) for mode in modes]
 
 
-def _embree_contender(
-    built: EmbreeModes,
-    rays: PeerRays,
-    hits: bool,
-    threads: int,
-    quality: str,
-    flags: int,
-    lanes: int,
-    how: str,
-    ids: np.ndarray,
-    coherent: bool,
-) -> Contender:
-    function = f"{'rtcIntersect' if hits else 'rtcOccluded'}{lanes}"
-    robust = " robust" if flags & embree.ROBUST else ""
+class _Mode(NamedTuple):
+    """A build, and the way to trace rays in it."""
+
+    quality: str
+    flags: int
+    lanes: int  # rays per call
+    packets: str  # " by ORDER", or "" where there is no choice
+    ids: np.ndarray  # ray ids, as for `embree.write`
+    coherent: bool
+
+    def name(self, function: str) -> str:
+        robust = " robust" if self.flags & embree.ROBUST else ""
+        return f"{function}{self.packets} {self.quality}{robust}{' coherent' if self.coherent else ''}"
+
+
+def _embree_contender(built: EmbreeModes, rays: PeerRays, hits: bool, threads: int, mode: _Mode) -> Contender:
+    function = f"{'rtcIntersect' if hits else 'rtcOccluded'}{mode.lanes}"
+    robust = " robust" if mode.flags & embree.ROBUST else ""
     read = embree.faces_of if hits else embree.occluded_of
-    scene = built.scenes[quality, flags]
+    scene = built.scenes[mode.quality, mode.flags]
 
     def run(records: embree.Records) -> embree.Records:
-        embree.trace(scene, records, coherent, threads)
+        embree.trace(scene, records, mode.coherent, threads)
         return records
 
     return Contender(
         f"Embree {function}{robust}",
-        f"{function}{how} {quality}{robust}{' coherent' if coherent else ''}",
-        lambda: embree.write(rays, ids, hits),
+        mode.name(function),
+        lambda: embree.write(rays, mode.ids, hits),
         run,
         lambda records: read(rays, records),
     )
