@@ -157,7 +157,7 @@ def test_bad_folders_and_stores_are_refused_before_anything_is_measured(cli, tmp
     (tmp_path / "file").touch()
     cli(*BENCH, "--pictures", "none").refused("none", "make it first")
     cli(*BENCH, "--pictures", "file").refused("file", "is a file; name a folder")
-    cli("bench", "chc-rt", "--store", "none.antumbra", "--pictures", ".").refused("--pictures", "leave --store out")
+    cli("bench", "chc-rt", "--store", "none.antumbra", "--pictures", ".").refused("--pictures", "omit --store")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 

@@ -53,7 +53,7 @@ def test_pairs_of_options_combine_unless_they_exclude_each_other():
         for name in (f"cones:{one}:{other}", f"cones:{other}:{one}"):
             if (one, other) in EXCLUDED:
                 with pytest.raises(
-                    InputError, match=f"'{one}' and '{other}' exclude each other; leave one of them out"
+                    InputError, match=f"'{one}' and '{other}' exclude each other; omit one of them"
                 ):
                     parse_plan(name)
             else:
