@@ -39,7 +39,7 @@ def test_memory(run, small):
     done = run("memory", small, rows=False)
     head, *arrays, last = done.out.splitlines()
     assert re.fullmatch(rf"{re.escape(str(small))}: \d+ triangles", head)
-    sizes = dict(re.fullmatch(r"  (\w+) +([\d.]+) bytes a triangle", line).groups() for line in arrays)
+    sizes = dict(re.fullmatch(r"  (\w+) +([\d.]+) bytes per triangle", line).groups() for line in arrays)
     assert float(sizes["vertices"]) == 36 and float(sizes["nodes"]) > 0 and last.startswith("process grew by ")
 
 
