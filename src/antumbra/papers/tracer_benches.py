@@ -15,7 +15,7 @@ from ..cli import console as report
 from ..cli.bench_command import Results, benchmark
 from ..cli.console import ProgressDisplay
 from ..cli.options import Json, Quiet, Threads
-from ..rendering.options import CullFaces
+from ..picture.render_options import CullFaces
 from .bench_options import ImageSize, Rounds, open_views, plot_option, print_agreement, scene_option
 
 # --- antumbra bench multi-frusta --------------------------------------------------------------------------------------
@@ -438,7 +438,7 @@ def peers(
 
     from ..engine.plan import parse_plan
     from ..kernels.parallel import thread_count
-    from ..rendering.render_jobs import warm_up
+    from ..picture.render_kernels import precompile_plan
     from .peers import peer_measurements as bench
 
     plan = parse_plan("bsah+auto")
@@ -449,7 +449,7 @@ def peers(
     builds: list[PeerBuild] = []
     with ProgressDisplay(quiet) as display:
         views = open_views(scene or bench.default_names(), width_height, bench.named_view, display.say)
-        warm_up(plan, "raster", False)
+        precompile_plan(plan, "raster", False)
         for view in views:
             view_rows, times = bench.measure(view, plan, spp, counts, rounds, display.say)
             rows += view_rows

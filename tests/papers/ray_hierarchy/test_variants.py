@@ -52,9 +52,7 @@ def test_pairs_of_options_combine_unless_they_exclude_each_other():
     for one, other in combinations(WORDS, 2):
         for name in (f"cones:{one}:{other}", f"cones:{other}:{one}"):
             if (one, other) in EXCLUDED:
-                with pytest.raises(
-                    InputError, match=f"'{one}' and '{other}' exclude each other; omit one of them"
-                ):
+                with pytest.raises(InputError, match=f"'{one}' and '{other}' exclude each other; omit one of them"):
                     parse_plan(name)
             else:
                 assert combination(name) == options_of(one, other)
