@@ -106,7 +106,7 @@ def test_a_pickled_hit_keeps_its_arrays(scene):
     hit = pickle.loads(pickle.dumps(scene.closest_hit(np.zeros((2, 3)) + 1.0, (0, -1, 0))))
     assert hit.face.shape == (2,) and hit.mask.all()
     for name in "position", "normal", "object":
-        with pytest.raises(at.InputError, match=r"ask scene\.closest_hit again"):
+        with pytest.raises(at.InputError, match=r"call scene\.closest_hit again"):
             getattr(hit, name)
 
 
