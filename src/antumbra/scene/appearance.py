@@ -96,7 +96,7 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
         return None, None
     out, bends = np.zeros((n, 3, 3), np.float32), np.zeros((n, 3), np.float32)
     for part in shaded:
-        normals, rest_positions = part.look.normals, part.look.rest
+        normals, rest_positions = part.look.normals, part.look.rest_positions
         assert normals is not None and rest_positions is not None
         linear = np.eye(3)[None].repeat(part.copies, 0) if part.linear is None else part.linear
         singular = np.abs(np.linalg.det(linear)) < _FLAT * np.linalg.norm(linear, axis=(1, 2)) ** 3

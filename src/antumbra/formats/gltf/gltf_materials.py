@@ -102,7 +102,7 @@ class Materials:
         if key not in self._made and index not in self._bad:
             try:
                 made = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
-                made.glance  # noqa: B018  # decodes: mean colours need it, and errors are told here
+                made.preview_levels  # noqa: B018  # decodes: mean colours need it, and errors are told here
                 self._made[key] = made
             except (OSError, ValueError) as error:  # an InputError is a ValueError
                 self._bad.add(index)
