@@ -1,4 +1,4 @@
-"""Checked access to JSON objects. Every error names the file, the field and the expected value."""
+"""Checked access to the fields of JSON objects. Every error names the file, the field and the expected value."""
 
 import json
 import math
@@ -18,7 +18,7 @@ class Fields:
 
     def __init__(self, data, where: str):
         if not isinstance(data, dict):
-            raise InputError(f"{where} is {_shown(data)}; it must be a JSON object")
+            raise InputError(f"{where} is {_description(data)}; it must be a JSON object")
         self._data = data
         self.where = where
 
@@ -35,7 +35,7 @@ class Fields:
         return self._data.get(key) is not None
 
     def whole(self, key: str, default=REQUIRED, *, low: int = 0, high: int = _MAX_WHOLE):
-        """A whole number, low <= number < high."""
+        """A whole number, low <= value < high."""
         value = self._value(key, default, "a whole number")
         if value is default:
             return default
@@ -47,13 +47,13 @@ class Fields:
         return default if value is default else self._number(value, key)
 
     def numbers(self, key: str, length: int | None, default=REQUIRED):
-        """A list of finite numbers as float64, of the given length, or of any length (None)."""
+        """A list of finite numbers as float64, of the given length; None: any length."""
         value = self._value(key, default, "a list of numbers")
         if value is default:
             return default
         if not isinstance(value, list) or (length is not None and len(value) != length):
-            many = "" if length is None else f"{length} "
-            raise self.bad(key, f"a list of {many}numbers")
+            count_text = "" if length is None else f"{length} "
+            raise self.bad(key, f"a list of {count_text}numbers")
         return np.array([self._number(v, key) for v in value], np.float64)
 
     def indices(self, key: str, count: int) -> list[int]:
@@ -93,15 +93,15 @@ class Fields:
             raise self.bad(key, "a list of objects")
         return [Fields(v, f"{self.place(key)}[{i}]{_name(v)}") for i, v in enumerate(value)]
 
-    def raw(self, key: str, kind: type, wanted: str):
-        """A value of type `kind` as JSON has it; an empty one if the field is missing."""
-        value = self._value(key, kind(), wanted)
+    def raw(self, key: str, kind: type, expected: str):
+        """A value of type `kind` as parsed; an empty one if the field is missing."""
+        value = self._value(key, kind(), expected)
         if not isinstance(value, kind):
-            raise self.bad(key, wanted)
+            raise self.bad(key, expected)
         return value
 
     def mapping(self, key: str, count: int) -> dict[str, int]:
-        """An object of whole numbers below `count`, as {name: number}."""
+        """An object whose values are whole numbers below `count`, as {name: number}."""
         fields = self.object(key)
         return {} if fields is None else {k: fields.whole(k, high=count) for k in fields._data}
 
@@ -109,14 +109,14 @@ class Fields:
         extensions = self.object("extensions")
         return None if extensions is None else extensions.object(name)
 
-    def bad(self, key: str, wanted: str) -> InputError:
-        return InputError(f"{self.place(key)} is {_shown(self._data.get(key))}; it must be {wanted}")
+    def bad(self, key: str, expected: str) -> InputError:
+        return InputError(f"{self.place(key)} is {_description(self._data.get(key))}; it must be {expected}")
 
-    def _value(self, key, default, wanted):
+    def _value(self, key, default, expected):
         value = self._data.get(key)
         if value is None:
             if default is REQUIRED:
-                raise InputError(f"{self.place(key)} is missing; it must be {wanted}")
+                raise InputError(f"{self.place(key)} is missing; it must be {expected}")
             return default
         return value
 
@@ -125,17 +125,17 @@ class Fields:
             value = int(value)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value < high:
             limit = f"from {low} to {high - 1}" if high > low else "absent: there is nothing to refer to"
-            raise InputError(f"{self.place(key)} is {_shown(value)}; it must be a whole number {limit}")
+            raise InputError(f"{self.place(key)} is {_description(value)}; it must be a whole number {limit}")
         return value
 
     def _number(self, value, key) -> float:
         if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
-            raise InputError(f"{self.place(key)} holds {_shown(value)}; it must be a finite number")
+            raise InputError(f"{self.place(key)} holds {_description(value)}; it must be a finite number")
         return float(value)
 
 
 def parse(text: bytes, file: str) -> Fields:
-    """The top object of a JSON document."""
+    """The root object of a JSON document."""
     try:
         data = json.loads(text, parse_constant=_no_constant)
     except RecursionError:
@@ -155,7 +155,7 @@ def _name(data) -> str:
     return f' "{name[:40]}"' if isinstance(name, str) and name.isprintable() and name else ""
 
 
-def _shown(value) -> str:
+def _description(value) -> str:
     if isinstance(value, (dict, list)):
         return "an object" if isinstance(value, dict) else f"a list of {len(value)}"
     if isinstance(value, float) and not math.isfinite(value):
