@@ -17,7 +17,6 @@ from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgb
 from ..scene.mesh import Mesh, StaticMeshes, flip_v, linear_colours, make_mesh, picture_texture, textured_mesh
 from ..scene.scene_data import MemoryData
 
-
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
 _CORNERS = {"triangle": 3, "quad": 4}  # of meshio's cells; higher-order cells list their corners first
@@ -153,7 +152,7 @@ def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
 
 
 def _from_srgb(colours) -> np.ndarray:
-    """(v, 3) uint8 sRGB from Open3D colours in [0, 1], which Open3D displays unconverted and mostly reads from bytes."""
+    """(v, 3) uint8 sRGB from Open3D colours in [0, 1], which Open3D displays unconverted; most came from bytes."""
     return np.rint(np.clip(np.asarray(colours, np.float64), 0.0, 1.0) * 255.0).astype(np.uint8)
 
 

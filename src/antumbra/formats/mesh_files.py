@@ -1,6 +1,6 @@
 """OBJ, PLY and STL files, parsed by trimesh, with checks before and after.
 
-Headers, sizes and vertex indices that trimesh would misread are checked beforehand, and the resulting arrays afterwards.
+Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
 """
 
 import io

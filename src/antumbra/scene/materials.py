@@ -233,7 +233,7 @@ PLAIN = Material()
 
 
 class Look(NamedTuple):
-    """The appearance of a mesh beyond one colour per face. Rows are vertices, which faces index as they do positions."""
+    """The appearance of a mesh beyond one colour per face. Rows are vertices; faces index them as they do positions."""
 
     materials: tuple[Material, ...]
     uv: np.ndarray | None = None  # (v, 2) float32: coordinates in the material's texture; None: untextured
