@@ -1,4 +1,4 @@
-"""The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights placed by nodes."""
+"""The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights at nodes."""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from ...scene.lights import DirectionalLight, Light, PointLight
 from ..json_fields import Fields
 from .accessors import Accessors
 
-# --- The node hierarchy: local transforms, and world matrices for all nodes at once -----------------------------------
+# --- Nodes: local transforms and world matrices -----------------------------------------------------------------------
 
 
 SINGULAR = 1e-12
@@ -19,7 +19,7 @@ SINGULAR = 1e-12
 
 
 class Nodes(NamedTuple):
-    """All nodes of a file, in the pose at rest."""
+    """All nodes of a file, in the rest pose."""
 
     fields: list[Fields]
     translation: np.ndarray  # (n, 3) float64
@@ -29,11 +29,11 @@ class Nodes(NamedTuple):
     fixed: np.ndarray  # (n,) bool
     parent: np.ndarray  # (n,) int64, -1 for a root
     levels: list[np.ndarray]  # node indices by depth, roots first
-    visible: np.ndarray  # (n,) bool, whether the default scene reaches the node
+    visible: np.ndarray  # (n,) bool, whether the node is in the default scene
 
 
 def read_nodes(root: Fields) -> Nodes:
-    """The nodes of a file, with the nodes of its default scene marked visible."""
+    """The nodes of a file; those in its default scene are visible."""
     fields = root.objects("nodes")
     n = len(fields)
     children = [f.indices("children", n) for f in fields]
@@ -66,7 +66,7 @@ def local_matrices(translation, rotation, scale) -> np.ndarray:
 
 
 def posed_matrices(nodes: Nodes, translation, rotation, scale) -> np.ndarray:
-    """(n, 4, 4) float64: local matrices of all nodes, from these values or from a node's own matrix."""
+    """(n, 4, 4) float64: local matrices of all nodes, from these values, or from the node's matrix where `fixed`."""
     local = local_matrices(translation, rotation, scale)
     local[nodes.fixed] = nodes.matrix[nodes.fixed]
     return local
@@ -93,16 +93,16 @@ def transform_points(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return out
 
 
-def with_ancestors(nodes: Nodes, what: np.ndarray) -> np.ndarray:
-    """(n,) bool: nodes in `what` ((n,) bool) and all their ancestors."""
-    carry = what.copy()
+def with_ancestors(nodes: Nodes, selection: np.ndarray) -> np.ndarray:
+    """(n,) bool: the nodes in `selection` ((n,) bool) and all their ancestors."""
+    ancestors = selection.copy()
     for level in reversed(nodes.levels[1:]):
-        np.logical_or.at(carry, nodes.parent[level], carry[level])
-    return carry
+        np.logical_or.at(ancestors, nodes.parent[level], ancestors[level])
+    return ancestors
 
 
 def singular(matrices: np.ndarray) -> np.ndarray:
-    """(n,) bool: which of (n, 4, 4) transforms have no inverse. Their scale does not matter."""
+    """(n,) bool: which of (n, 4, 4) transforms have no inverse, independent of their scale."""
     linear = matrices[:, :3, :3]
     lengths = np.linalg.norm(linear, axis=1)
     with np.errstate(all="ignore"):
@@ -110,7 +110,7 @@ def singular(matrices: np.ndarray) -> np.ndarray:
 
 
 def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
-    """Raise InputError with the first node of `needed` ((n,) bool) whose transform at rest has no inverse."""
+    """Raise InputError with the first node in `needed` ((n,) bool) whose transform at rest has no inverse."""
     local = posed_matrices(nodes, nodes.translation, nodes.rotation, nodes.scale)
     bad = np.flatnonzero(needed & singular(local))
     if len(bad):
@@ -131,8 +131,8 @@ def _matrix(fields: Fields) -> np.ndarray:
 
 def _parents(fields: list[Fields], children: list[list[int]]) -> np.ndarray:
     parent = np.full(len(fields), -1, np.int64)
-    for i, below in enumerate(children):
-        for child in below:
+    for i, child_list in enumerate(children):
+        for child in child_list:
             if parent[child] >= 0 and parent[child] != i:
                 parents = f"nodes {parent[child]} and {i}"
                 raise InputError(f"{fields[child].where} has two parents, {parents}; glTF nodes form a tree")
@@ -174,7 +174,7 @@ def _reached(root: Fields, fields: list[Fields], children: list[list[int]], pare
     return reached
 
 
-# --- Keyframes: the value of an animation channel at a time -----------------------------------------------------------
+# --- Keyframe animation -----------------------------------------------------------------------------------------------
 
 
 WIDTH = {"translation": 3, "rotation": 4, "scale": 3}
@@ -187,7 +187,7 @@ class Track(NamedTuple):
     node: int
     path: str  # "translation", "rotation", "scale" or "weights"
     interpolation: str
-    times: np.ndarray  # (k,) float64, seconds, never decreasing
+    times: np.ndarray  # (k,) float64, seconds, non-decreasing
     values: np.ndarray  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
 
 
@@ -196,28 +196,28 @@ def read_tracks(
 ) -> tuple[list[Track], list[str]]:
     """The (tracks, notes) of all animations.
 
-    Animations play together. Several may drive the same property of a node, as the clips of one character do. Then
-    the first in the file counts and the others are left out, as in viewers that play the first clip.
+    All animations play at once. If several animate the same property of a node, as the clips of a character do, the
+    first one in the file wins, as in viewers that play the first clip.
     """
     tracks: dict[tuple[int, str], Track] = {}
     left_out: list[str] = []
     for number, animation in enumerate(root.objects("animations")):
-        samplers, clash = animation.objects("samplers"), False
+        samplers, conflict = animation.objects("samplers"), False
         for channel in animation.objects("channels"):
             track = _track(channel, samplers, accessors, nodes, n_weights)
             if track is not None:
-                clash |= tracks.setdefault((track.node, track.path), track) is not track
-        if clash:
+                conflict |= tracks.setdefault((track.node, track.path), track) is not track
+        if conflict:
             left_out.append(animation.text("name", None) or str(number))
     notes = []
     if left_out:
-        shown = ", ".join(name[:40] for name in left_out[:8]) + (", ..." if len(left_out) > 8 else "")
-        notes.append(f"{root.where} these animations move what an earlier one moves, which counts: {shown}")
+        names = ", ".join(name[:40] for name in left_out[:8]) + (", ..." if len(left_out) > 8 else "")
+        notes.append(f"{root.where} these animations conflict with an earlier one, which takes precedence: {names}")
     return list(tracks.values()), notes
 
 
 def sample_track(track: Track, time: float) -> np.ndarray:
-    """The value ((c,) float64) of a track at `time`. Outside the keys, it is the nearest key's value."""
+    """The value ((c,) float64) of a track at `time`, clamped to the first and last key."""
     times, values = track.times, track.values
     keys = values[:, 1] if track.interpolation == CUBICSPLINE else values
     k = int(np.searchsorted(times, time, side="right")) - 1
@@ -235,7 +235,7 @@ def sample_track(track: Track, time: float) -> np.ndarray:
 
 
 def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Spherical linear interpolation of unit quaternions, by the shorter arc."""
+    """Spherical linear interpolation of unit quaternions along the shorter arc."""
     cosine = float(a @ b)
     sign = -1.0 if cosine < 0.0 else 1.0
     angle = np.arccos(min(abs(cosine), 1.0))
@@ -247,7 +247,7 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
 
 
 def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotation: bool) -> np.ndarray:
-    """A cubic Hermite spline. Tangents are per second, so they scale with the key interval."""
+    """A cubic Hermite spline. Tangents are per second, so they are scaled by the key interval."""
     t2, t3 = t * t, t * t * t
     value = (
         (2 * t3 - 3 * t2 + 1) * before[1]
@@ -265,7 +265,7 @@ def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: lis
     target = channel.object("target")
     path = None if target is None else target.text("path", None)
     if path not in (*WIDTH, "weights") or "node" not in target:
-        return None  # a target that an extension defines
+        return None  # a target defined by an extension
     node = target.whole("node", high=len(nodes.fields))
     if path != "weights" and nodes.fixed[node]:
         moved = nodes.fields[node].where
@@ -296,7 +296,7 @@ def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: lis
 
 
 def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
-    """Rotation keys, normalised. The tangents of a spline are not changed."""
+    """Normalised rotation keys. Spline tangents are not changed."""
     values = values.copy()
     keys = values[:, 1] if values.ndim == 3 else values
     lengths = np.linalg.norm(keys, axis=1, keepdims=True)
@@ -306,15 +306,15 @@ def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
     return values
 
 
-# --- Cameras and KHR_lights_punctual lights, placed by nodes ----------------------------------------------------------
+# --- Cameras and KHR_lights_punctual lights ---------------------------------------------------------------------------
 
 
-HEIGHT = 1024  # pixels of a camera's picture; glTF gives only the aspect ratio
+HEIGHT = 1024  # picture height in pixels; glTF specifies only the aspect ratio
 LIGHTS_EXTENSION = "KHR_lights_punctual"
 
 
 class GltfViews:
-    """The cameras and the lights of a file's scene, in the order of their nodes."""
+    """The cameras and lights of a file's default scene, in the order of their nodes."""
 
     def __init__(self, root: Fields, nodes: Nodes):
         self.notes: list[str] = []
@@ -323,18 +323,14 @@ class GltfViews:
         self._lights = self._placed_lights(root)
 
     def holders(self) -> list[int]:
-        """Nodes that hold a camera or light."""
+        """The nodes with a camera or light."""
         return [node for node, _ in self._cameras] + [node for node, *_ in self._lights]
 
     def cameras(self, world: np.ndarray) -> list[Camera]:
-        """The cameras, which look along -Z of their nodes; `world` has the nodes' world matrices."""
+        """The cameras, which look along -Z of their nodes; `world` holds the nodes' world matrices."""
         cameras = []
         for node, lens in self._cameras:
-            position, up, backward = (
-                world[node][:3, 3],
-                self._axis(world, node, 1),
-                self._axis(world, node, 2),
-            )
+            position, up, backward = world[node][:3, 3], self._axis(world, node, 1), self._axis(world, node, 2)
             cameras.append(Camera(position, position - backward, up, height=HEIGHT, **lens))
         return cameras
 
@@ -405,7 +401,7 @@ def _perspective(lens: Fields) -> dict:
 
 
 def _orthographic(lens: Fields) -> dict:
-    """The arguments of an orthographic `Camera`. Like those of perspective cameras, its clipping planes are ignored."""
+    """The arguments of an orthographic `Camera`. Clipping planes are ignored, as for perspective cameras."""
     across, above = abs(lens.number("xmag")), abs(lens.number("ymag"))  # half the width and half the height
     if not 0.0 < above < np.inf:
         raise lens.bad("ymag", "a number other than 0")
