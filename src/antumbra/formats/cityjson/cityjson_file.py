@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InputError
 from ..json_fields import Fields, parse
 
-# --- A CityJSON file: its parts with their objects and vertices, and what these share ---------------------------------
+# --- Files, objects and vertices --------------------------------------------------------------------------------------
 
 
 SUFFIXES = (".json", ".jsonl")
@@ -40,7 +40,7 @@ class CityDocument(NamedTuple):
 
 @contextmanager
 def many_lists() -> Iterator[None]:
-    """Within the context, Python looks for no garbage: with millions of lists that takes as long as the work itself."""
+    """Pause garbage collection, which takes as long as the work itself when there are millions of lists."""
     paused = gc.isenabled()
     gc.disable()
     try:
@@ -51,7 +51,7 @@ def many_lists() -> Iterator[None]:
 
 
 def lines_of(path: Path) -> list[bytes]:
-    """The JSON texts in a file: one in a .json file, one a line in a .jsonl file."""
+    """The JSON texts in a file: one in a .json file, one per line in a .jsonl file."""
     data = path.read_bytes()
     if path.suffix.lower() == ".json":
         return [data]
@@ -62,7 +62,7 @@ def lines_of(path: Path) -> list[bytes]:
 
 
 def open_cityjson(path: Path) -> CityDocument:
-    """Read a .json or .jsonl file. Raises InputError if it is no CityJSON, or of another version."""
+    """Read a .json or .jsonl file. Raises InputError if it is not CityJSON or its version is unsupported."""
     file, (first, *others) = path.name, lines_of(path)
     head = parse(first, file)
     _check_head(head, path)
@@ -129,7 +129,7 @@ def _vertices(fields: Fields, key: str) -> np.ndarray:
 
 
 def _crs(head: Fields) -> tuple[str | None, list[str]]:
-    """(reference system as pyproj takes it, notes)."""
+    """(reference system in pyproj's notation, notes)."""
     metadata = head.object("metadata")
     text = None if metadata is None else metadata.text("referenceSystem", None)
     if text is None:
@@ -140,11 +140,11 @@ def _crs(head: Fields) -> tuple[str | None, list[str]]:
     return "EPSG:" + "+".join(codes), []
 
 
-# --- Levels of detail: which geometries of a city object are read -----------------------------------------------------
+# --- Levels of detail -------------------------------------------------------------------------------------------------
 
 
 DEPTHS = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
-"""Type of geometry -> levels of lists around the polygons of its boundaries."""
+"""Type of geometry -> nesting depth of the polygons in its boundaries."""
 
 INSTANCE = "GeometryInstance"
 
@@ -155,38 +155,41 @@ class ChosenGeometry(NamedTuple):
     part: CityPart
     object: str  # id
     place: int  # in the object's "geometry"
-    geometry: dict  # of a `GeometryInstance`, the template
-    instance: dict | None  # the `GeometryInstance`
+    geometry: dict  # the template if it is a `GeometryInstance`
+    instance: dict | None  # the `GeometryInstance`; None: no instance
 
 
 def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[ChosenGeometry], list[str]]:
-    """(geometries of a level of detail, or the highest of each object; all levels of the file, in ascending order).
+    """(geometries at the given level of detail, or at the highest of each object; all levels in the file, ascending).
 
-    An object is left out if a part of it, such as a BuildingPart, has a higher level: the parts are the whole object.
+    An object is left out if one of its parts, such as a BuildingPart, has a higher level: the parts then represent the
+    whole object.
 
     Raises
     ------
     InputError
-        If no geometry has the level `lod`, with all levels of the file.
+        If no geometry has the level `lod`; the message lists all levels in the file.
     """
-    found = {
+    geometries = {
         (k, name): list(_surfaces(document, part, name))
         for k, part in enumerate(document.parts)
         for name in part.objects
     }
-    levels = sorted({lod_of(c.geometry) for shapes in found.values() for c in shapes} - {""}, key=_rank)
+    levels = sorted({lod_of(c.geometry) for shapes in geometries.values() for c in shapes} - {""}, key=_rank)
     if lod is not None:
-        wanted = lod_of({"lod": lod})
-        if wanted not in levels:
+        chosen_lod = lod_of({"lod": lod})
+        if chosen_lod not in levels:
             known = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
-            raise InputError(f"{document.file}: no geometry has lod {wanted!r}; {known}")
-        return [c for shapes in found.values() for c in shapes if lod_of(c.geometry) == wanted], levels
-    highest = {key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in found.items() if shapes}
+            raise InputError(f"{document.file}: no geometry has lod {chosen_lod!r}; {known}")
+        return [c for shapes in geometries.values() for c in shapes if lod_of(c.geometry) == chosen_lod], levels
+    highest = {
+        key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in geometries.items() if shapes
+    }
     chosen = []
     for (k, name), level in highest.items():
         parts = [highest.get((k, child), "") for child in _parts(document.parts[k], name)]
         if not any(_rank(other) > _rank(level) for other in parts):
-            chosen += [c for c in found[k, name] if lod_of(c.geometry) == level]
+            chosen += [c for c in geometries[k, name] if lod_of(c.geometry) == level]
     return chosen, levels
 
 
@@ -226,7 +229,7 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
 
 
 def _parts(part: CityPart, name: str) -> list[str]:
-    """Ids of the children of an object that are parts of it, such as BuildingParts."""
+    """Ids of an object's children that are parts of it, such as BuildingParts."""
     children = part.objects[name].get("children")
     known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
     return [c for c in known if str(part.objects[c].get("type")).endswith("Part")]
