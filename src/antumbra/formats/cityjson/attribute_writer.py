@@ -1,4 +1,4 @@
-"""Write per-face values, such as sun hours, as attributes of semantic surfaces and objects to a copy of a CityJSON file.
+"""Write per-face values, such as sun hours, to the semantic surfaces and objects in a copy of a CityJSON file.
 
 Values are averaged over the faces of each surface and object, weighted by area.
 """

@@ -301,7 +301,7 @@ class _Collector:
         return self._spans.get(key, (0, 0))
 
     def polygons(self) -> Polygons:
-        rings_in, sizes, corners = np.array(self._rings_in, np.int64), *self._flat()
+        rings_in, sizes, corners = np.array(self._rings_in, np.int64), *self._corner_arrays()
         owner = np.repeat(np.repeat(np.arange(len(rings_in)), rings_in), sizes)  # polygon of each corner
         base, limit = np.array(self._base, np.int64), np.array(self._limit, np.int64)
         bad = np.flatnonzero((corners < 0) | (corners >= limit[owner]))
@@ -319,7 +319,7 @@ class _Collector:
             self._parents,
         )
 
-    def _flat(self) -> tuple[np.ndarray, np.ndarray]:
+    def _corner_arrays(self) -> tuple[np.ndarray, np.ndarray]:
         """(number of corners of each ring, vertices of all rings), (r,) and (c,) int64."""
         try:
             sizes = np.array([len(ring) for ring in self._rings], np.int64)
