@@ -1,6 +1,7 @@
-"""A city, block by block: buildings, streets and parks, in one piece or streamed at sizes beyond memory.
+"""The city: blocks of buildings, streets and parks, generated in one piece or streamed at sizes beyond memory.
 
-Worker processes stream the blocks: this module is also their main program.
+Streaming uses worker processes, which generate groups of blocks and send them through pipes. This module is also their
+main program.
 """
 
 import os
@@ -36,7 +37,7 @@ from .shapes import (
     tubes,
 )
 
-# --- Towers, houses, cars and street furniture for the city. Each stands on y = 0 around its own origin ---------------
+# --- Towers, houses, cars and street furniture, each standing on y = 0 around its own origin --------------------------
 
 
 FLOOR = 3.4  # metres between floors
@@ -47,11 +48,11 @@ class Style(NamedTuple):
     """The style of a facade."""
 
     bay: float  # metres between windows
-    share: float  # fraction of the bay that is window
-    relief: bool  # whether windows are recessed; else they are only coloured
-    wall: int  # row of the palette
-    glass: int  # row of the palette
-    ledge: float  # metres that a ledge at every floor stands out; 0: none
+    share: float  # fraction of the bay taken up by the window
+    relief: bool  # whether windows are recessed, not just coloured
+    wall: int  # palette index
+    glass: int  # palette index
+    ledge: float  # projection of a ledge at every floor, metres; 0: none
 
 
 class Lines(NamedTuple):
@@ -70,7 +71,7 @@ def tower_cost(width: float, depth: float, floors: int, style: Style) -> int:
 
 
 def _side(length: float, style: Style) -> Lines:
-    """The vertical lines of a side, with its first corner."""
+    """The vertical lines of a side, including its first corner."""
     n = max(1, round(length / style.bay))
     step = length / n
     a = max(0.5 * step * (1.0 - style.share), min(0.5, 0.3 * step))
@@ -138,7 +139,7 @@ def tower(
 
 
 def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> PaletteMesh:
-    """A round tower with a ledge at every floor and a roof in the form of a flat cone."""
+    """A round tower with a ledge at every floor and a flat conical roof."""
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
     top = floors * FLOOR
@@ -205,7 +206,7 @@ def car(colour: int, detail: float) -> PaletteMesh:
 
 
 def lamp(detail: float) -> PaletteMesh:
-    """A street lamp that reaches out along +x."""
+    """A street lamp with its arm along +x."""
     bend = arc((0.9, 5.2), 0.9, 180, 90, steps(3, detail))
     path = np.concatenate([[(0.0, -0.1), (0.0, 2.5)], bend, [(1.5, 6.1)]])
     pole = tubes(
@@ -215,7 +216,7 @@ def lamp(detail: float) -> PaletteMesh:
 
 
 def tank(detail: float) -> PaletteMesh:
-    """A water tank on legs for a roof."""
+    """A rooftop water tank on legs."""
     k = steps(10, detail, 6)
     drum = revolve([(1.25, 1.5), (1.3, 3.6), (1.4, 3.65), (0.0, 4.6)], k, p.OAK)
     legs = boxes((0.16, 1.8, 0.16), [(x, 0.75, z) for x in (-0.8, 0.8) for z in (-0.8, 0.8)], p.IRON)
@@ -223,12 +224,12 @@ def tank(detail: float) -> PaletteMesh:
 
 
 def cooler() -> PaletteMesh:
-    """An air conditioner for a roof."""
+    """A rooftop air conditioner."""
     return merge(box((1.6, 1.3, 1.1), (0, 0.6, 0), p.CONCRETE + 3), box((1.0, 0.3, 0.8), (0.1, 1.35, 0), p.IRON))
 
 
 def antenna() -> PaletteMesh:
-    """A mast with cross bars for a roof."""
+    """A rooftop mast with cross bars."""
     bars = boxes(
         [(0.12, 8.2, 0.12), (1.8, 0.08, 0.08), (0.08, 0.08, 1.4)], [(0, 3.9, 0), (0, 6.6, 0), (0, 5.6, 0)], p.IRON
     )
@@ -236,18 +237,18 @@ def antenna() -> PaletteMesh:
 
 
 def billboard() -> PaletteMesh:
-    """A board on two posts for a roof."""
+    """A rooftop billboard on two posts."""
     posts = boxes((0.2, 2.6, 0.2), [(-2.2, 1.1, 0), (2.2, 1.1, 0)], p.IRON)
     return merge(posts, box((6.0, 3.0, 0.25), (0, 3.2, 0), p.OCHRE))
 
 
-# --- A city, block by block, in one piece or streamed at sizes that do not fit into memory ----------------------------
+# --- Blocks -----------------------------------------------------------------------------------------------------------
 
 
 PITCH, STREET = 70.0, 15.0  # metres between blocks; width of the streets
 KERB = 0.16
-FULL_BLOCK = 20_000  # triangles; a larger budget makes more blocks
-GROUP = 64  # blocks that share a budget: triangles that a block leaves go to later blocks
+FULL_BLOCK = 20_000  # triangles; larger budgets add blocks
+GROUP = 64  # blocks that share a budget: unused triangles of a block go to later blocks
 _WALLS = (p.BRICK, p.SANDSTONE, p.PLASTER, p.TERRACOTTA, p.LIMESTONE, p.CONCRETE)
 _PAINTS = (p.RED, p.BLUE, p.WHITE, p.IRON, p.OCHRE, p.TEAL)
 
@@ -291,15 +292,15 @@ def city_view(triangles: int) -> tuple[dict, dict]:
 
 
 def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The pieces of a city of about `triangles` triangles, one block after the other.
+    """The pieces of a city with about `triangles` triangles, block by block.
 
     Yields
     ------
     vertices : (v, 3) float32, metres, world
     faces : (f, 3) int32
-        Into the vertices of this piece.
+        Indices into the vertices of this piece.
     colour : (f,) uint8
-        Rows of `palette.PALETTE`.
+        Indices into `palette.PALETTE`.
 
     Raises
     ------
@@ -308,7 +309,7 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 
     Notes
     -----
-    Memory use is that of one block. `city_view` gives the camera and the light.
+    Only one block is in memory at a time. `city_view` gives the camera and the light.
     """
     return _pieces(*check_request("city", triangles, seed))
 
@@ -316,7 +317,7 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[PaletteMesh]]:
     """The pieces of every `step`-th group of blocks, from group `first` on.
 
-    Groups do not depend on each other, so several processes can make a city. The arguments have been checked.
+    Groups are independent, so several processes can generate a city. The arguments must have been checked.
     """
     plan = _plan(triangles)
     for k in range(first * GROUP, plan.n**2, step * GROUP):
@@ -343,7 +344,7 @@ def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
 
 
 def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
-    """A block in its place, with the streets on two of its sides, of about `budget` triangles."""
+    """A block at its position, with the streets on two of its sides, with about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
     parts = _ground(plan) + _street(plan, rng)
@@ -366,7 +367,7 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
 
 
 def _ground(plan: _Plan) -> list[ScenePart]:
-    """Asphalt, the pavement with its kerb, and markings."""
+    """Asphalt, the pavement with its kerb, and road markings."""
     h, q = PITCH / 2, (PITCH - STREET) / 2
     x = np.array([-h, h])
     flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, x), axis=-1)
@@ -442,7 +443,7 @@ def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePar
 
 
 def _building(rng, w: float, d: float, central: float, budget: float):
-    """(mesh of a building on a lot of w x d metres, free places on its roof)."""
+    """(mesh of a building on a lot of w x d metres, free positions on its roof)."""
     wall, glass = _WALLS[rng.integers(len(_WALLS))], p.GLASS
     kind = rng.random()
     floors = int(rng.integers(2, 6) + round(rng.gamma(2.0, 1.6) * central))
@@ -467,7 +468,7 @@ def _building(rng, w: float, d: float, central: float, budget: float):
 
 
 def _affordable(budget: float, w: float, d: float, floors: int, style: Style) -> Style:
-    """`style`, with flat windows or wider bays where needed to cost no more than `budget`."""
+    """`style`, with flat windows or wider bays if needed to stay within `budget`."""
     for relief in (True, False):
         for bay in (style.bay, 1.3 * style.bay):
             choice = style._replace(relief=relief, bay=bay)
@@ -480,7 +481,7 @@ def _affordable(budget: float, w: float, d: float, floors: int, style: Style) ->
 
 
 def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
-    """(mesh of a tower of three tiers, a place on its roof)."""
+    """(mesh of a tower with three tiers, a position on its roof)."""
     meshes, base = [], 0.0
     tiers = np.maximum(1, np.round(floors * np.array([0.45, 0.33, 0.22])).astype(int))
     for n, size in zip(tiers, (1.0, 0.76, 0.5)):
@@ -519,7 +520,7 @@ def _park(plan: _Plan, rng) -> list[ScenePart]:
 
 
 def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
-    """Trees, with leaves that use up the block's budget."""
+    """Trees, whose leaves use up the block's budget."""
     bare = len(plan.trees[0].wood.faces)
     n = int(np.clip(budget / (bare + 4 * 40), 0, len(spots)))
     parts: list[ScenePart] = []
@@ -532,22 +533,22 @@ def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
     return parts
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The blocks of a city, made by several processes. They take groups of blocks in turn, and send each through a pipe.
+# --- Streaming from worker processes ----------------------------------------------------------------------------------
 #
-# Processes start by module name. Unlike fork or spawn, this does not disturb this process's threads or main module.
+# Workers take groups of blocks in turn and send each block through a pipe. They are started by module name: unlike fork
+# or spawn, this does not interfere with the threads or the main module of this process.
 
 
 _PACKAGE = Path(__file__).parents[2]
 
 
 def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[PaletteMesh]:
-    """The blocks of `city_blocks`, made by `processes` processes. The arguments have been checked."""
-    workers = [_started(triangles, seed, k, processes) for k in range(processes)]
+    """The blocks of `city_blocks`, generated by `processes` processes. The arguments must have been checked."""
+    workers = [_start_worker(triangles, seed, k, processes) for k in range(processes)]
     try:
         for worker in cycle(workers):
             blocks = 0
-            while blocks < GROUP and (block := _received(worker.stdout)) is not None:
+            while blocks < GROUP and (block := _receive(worker.stdout)) is not None:
                 yield block
                 blocks += 1
             if blocks < GROUP:  # the last group
@@ -561,16 +562,16 @@ def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[Palette
             worker.wait()
 
 
-def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
-    """A process that makes every `step`-th group. Ctrl-C goes to its parent, which ends it."""
+def _start_worker(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
+    """Start a process that generates every `step`-th group. Ctrl-C reaches only its parent, which terminates it."""
     paths = [str(_PACKAGE), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", __name__, *map(str, (triangles, seed, first, step))]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env, start_new_session=True)
 
 
-def _received(pipe) -> PaletteMesh | None:
-    """The next block, sent after its numbers of vertices and faces; None at the end."""
+def _receive(pipe) -> PaletteMesh | None:
+    """The next block from a pipe, preceded by its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
     if pipe.readinto(sizes.view(np.uint8).data) == 0:
         return None
@@ -583,7 +584,7 @@ def _received(pipe) -> PaletteMesh | None:
 
 
 def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
-    """In a process: write the blocks of its groups. A group is finished before it is sent."""
+    """In a worker: write the blocks of its groups. A group is complete before it is sent."""
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):
             sizes = np.array([len(block.vertices), len(block.faces)], np.int64)
