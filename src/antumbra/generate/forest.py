@@ -1,4 +1,7 @@
-"""A forest around a path: rolling ground, broadleaf trees, birches and spruces, ferns, grass, rocks and logs."""
+"""The forest: a path over rolling ground among broadleaf trees, birches, spruces, ferns, grass, rocks and logs.
+
+The triangle budget is shared between terrain, trees and stones; ferns and grass use up the remainder.
+"""
 
 import numpy as np
 
@@ -21,11 +24,11 @@ class _Ground:
         self.phase, self.size = rng.uniform(0.0, 2.0 * np.pi, k), 0.022 * wavelength
 
     def path(self, z):
-        """The x of the path's middle at z."""
+        """The x coordinate of the path's centre line at z."""
         return 2.2 * np.sin(z / 8.0 + 0.4) - 1.0
 
     def off_path(self, x, z):
-        """The distance from the path's middle, in metres."""
+        """The distance from the path's centre line, in metres."""
         return np.abs(x - self.path(z))
 
     def height(self, x, z):
@@ -61,7 +64,7 @@ def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
 
 
 def _sun(half: float) -> dict:
-    """A square light far up on the left, facing the middle."""
+    """A square light high up on the left, facing the centre."""
     middle = (20.0 + 1.1 * half) * np.array([-0.52, 0.8, -0.22])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
@@ -85,7 +88,7 @@ def _terrain(ground: _Ground, budget: float, rng) -> PaletteMesh:
 
 
 def _scattered(ground: _Ground, n: int, rng, clear: float, eye, around=2.5) -> np.ndarray:
-    """About n places (k, 2) on a jittered grid, off the path and away from the eye."""
+    """About n positions (k, 2) on a jittered grid, off the path and away from the eye."""
     k = int(np.ceil(np.sqrt(n)))
     line = (np.arange(k) + 0.5) / k * 2.0 - 1.0
     xz = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2) * ground.half
@@ -95,7 +98,7 @@ def _scattered(ground: _Ground, n: int, rng, clear: float, eye, around=2.5) -> n
 
 
 def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
-    """Oaks near the path, birches here and there, spruces towards the edges."""
+    """Oaks near the path, scattered birches, spruces towards the edges."""
     xz = _scattered(ground, n, rng, 1.9, eye, 3.2)
     edge = np.maximum(ground.off_path(xz[:, 0], xz[:, 1]), np.abs(xz[:, 1]) - 0.4 * ground.half) / ground.half
     kind = np.where(rng.random(len(xz)) < 0.08 + 1.1 * edge, 2, np.where(rng.random(len(xz)) < 0.35, 1, 0))
@@ -158,32 +161,34 @@ def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]
     return parts
 
 
-def _seen(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
-    """n places (n, 2) off the path and in front of the eye, denser near it."""
+def _positions_ahead(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
+    """Positions (n, 2) off the path and in front of the eye, denser near it."""
     xz = np.empty((0, 2))
     while len(xz) < n:
         r = 1.2 + 1.5 * ground.half * rng.random(3 * n + 8) ** 1.25
         angle = rng.normal(0.0, 0.75, len(r))
-        more = eye[[0, 2]] + r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-        off = ground.off_path(more[:, 0], more[:, 1])
-        keep = (np.abs(more).max(axis=1) < ground.half) & (off > clear * rng.uniform(0.5, 1.4, len(more)))
-        xz = np.concatenate([xz, more[keep]])
+        candidates = eye[[0, 2]] + r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        off = ground.off_path(candidates[:, 0], candidates[:, 1])
+        keep = (np.abs(candidates).max(axis=1) < ground.half) & (off > clear * rng.uniform(0.5, 1.4, len(candidates)))
+        xz = np.concatenate([xz, candidates[keep]])
     return xz[:n]
 
 
 def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[ScenePart]:
-    """Ferns off the path, and grass for the rest of the budget."""
+    """Ferns off the path, and grass for the remaining budget."""
     detail = float(np.clip((max(budget, 1) / 100_000) ** 0.25, 0.5, 2.0))
     parts = []
     for _ in range(3):
         mesh = fern(rng, steps(8, detail, 5), steps(12, detail, 5), 0.85)
-        xz = _seen(ground, int(0.15 * budget / len(mesh.faces)), eye, rng, 1.3)
+        xz = _positions_ahead(ground, int(0.15 * budget / len(mesh.faces)), eye, rng, 1.3)
         parts.append(
             place_copies(mesh, ground.at(xz, 0.02), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.5, 1.3, len(xz)))
         )
     blades, segments, kinds = steps(11, detail, 5), 3, 4
-    xz = _seen(ground, (budget - count(parts)) // (2 * (segments - 1) * blades), eye, rng, 1.0)
+    xz = _positions_ahead(ground, (budget - count(parts)) // (2 * (segments - 1) * blades), eye, rng, 1.0)
     for k in range(kinds):
-        mesh, own = grass(rng, blades, 0.4, 0.13, segments), xz[k::kinds]
-        parts.append(place_copies(mesh, ground.at(own), rng.uniform(0, 6.3, len(own)), rng.uniform(0.4, 1.2, len(own))))
+        mesh, spots = grass(rng, blades, 0.4, 0.13, segments), xz[k::kinds]
+        parts.append(
+            place_copies(mesh, ground.at(spots), rng.uniform(0, 6.3, len(spots)), rng.uniform(0.4, 1.2, len(spots)))
+        )
     return [part for part in parts if len(part.offset)]

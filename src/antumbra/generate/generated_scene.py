@@ -1,4 +1,4 @@
-"""Procedural scenes as scene data, with a camera and a light. The generators are imported when they are first used."""
+"""Procedural scenes as scene data, with a camera and a light. The generators are imported on first use."""
 
 from collections.abc import Iterator
 
@@ -25,27 +25,28 @@ class _ProceduralMeshes(StaticMeshes):
 
 
 def procedural_data(name: str, triangles: int | None, seed: int) -> MemoryData:
-    """What the procedural scene of this name holds; `engine.scene.procedural` documents the arguments."""
+    """Scene data of a procedural scene; `engine.scene.procedural` documents the arguments."""
     from .procedural_scenes import generate
 
-    made = generate(name, triangles, seed)
-    colour = np.asarray(made.palette, np.float32)[made.colour]
-    mesh = make_mesh(name, made.vertices, made.faces, colour, f"procedural {name}")
-    camera, light = Camera(**made.camera), QuadLight(**made.light)
+    scene = generate(name, triangles, seed)
+    colour = np.asarray(scene.palette, np.float32)[scene.colour]
+    mesh = make_mesh(name, scene.vertices, scene.faces, colour, f"procedural {name}")
+    camera, light = Camera(**scene.camera), QuadLight(**scene.light)
     return MemoryData(_ProceduralMeshes([mesh], f"procedural {name}", camera, light), name=name)
 
 
 class StreamedCity:
-    """``procedural("city", ...)`` as a stream of pieces, which are never all in memory.
+    """``procedural("city", ...)`` as a stream of pieces that are never in memory all at once.
 
-    Name, up axis, camera, light and pieces are as in the `Scene`, with faces in the same order. It is its own source.
+    Name, up axis, camera, light and pieces equal those of the `Scene`, with faces in the same order. It is its own
+    source.
 
     Parameters
     ----------
     triangles, seed
         As for `procedural`.
     processes : int
-        Number of processes that make its blocks.
+        Number of processes that generate the blocks.
     """
 
     name = "city"
@@ -67,7 +68,7 @@ class StreamedCity:
 
     @property
     def n_triangles(self) -> int:
-        """The number of triangles that was asked for; there are up to as many."""
+        """The requested number of triangles, an upper bound of the actual number."""
         return self._arguments[0]
 
     @property

@@ -1,4 +1,4 @@
-"""The 32 materials of all procedural scenes, each in 8 slightly different shades, and the limits of scene sizes."""
+"""The palette of procedural scenes: 32 materials in 8 slightly different shades each; checks of scene size and seed."""
 
 from typing import Final
 
@@ -6,8 +6,6 @@ import numpy as np
 
 from ..checks import whole_number
 from ..scene.materials import srgb_to_linear
-
-# --- The 32 materials of all procedural scenes, each in 8 slightly different shades -----------------------------------
 
 
 SHADES: Final = 8
@@ -97,11 +95,11 @@ PALETTE: Final = _palette()
 
 
 def shades(rng: np.random.Generator, n: int) -> np.ndarray:
-    """(n,) uint8: random shades, to add to a material."""
+    """(n,) uint8: random shades to add to a material."""
     return rng.integers(0, SHADES, n, dtype=np.uint8)
 
 
-# --- Checks of the arguments of procedural scenes ---------------------------------------------------------------------
+# --- Checks of scene size and seed ------------------------------------------------------------------------------------
 
 
 MIN_TRIANGLES, MAX_TRIANGLES = 1_000, 400_000_000
