@@ -1,4 +1,7 @@
-"""The atrium: a courtyard with arcades on two storeys under an open roof, its building parts and its furniture."""
+"""The atrium, the default scene: a courtyard with arcades on two storeys under an open roof, and its furniture.
+
+Its detail is fitted to the triangle budget; hanging ivy uses up the remainder.
+"""
 
 import numpy as np
 
@@ -26,18 +29,17 @@ from .shapes import (
     steps,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Columns, arches, vaults, walls, floors, stairs: parts of buildings around their own origin, standing on y = 0.
+# --- Building parts: columns, arches, vaults, walls, floors and stairs, standing on y = 0 -----------------------------
 
 
-EMBED = 0.02  # metres that parts reach into their neighbours, against gaps and coplanar faces
+EMBED = 0.02  # metres by which parts extend into their neighbours, against gaps and coplanar faces
 
 
 def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> PaletteMesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
-    `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three for `n` = 2. The shaft is plain
-    for `n` = 1. For `n` = 0 the column has its simplest form.
+    `n` sets the number of facets of the mouldings. A flute has `n` facets for `n` >= 3 and three for `n` = 2. For
+    `n` = 1 the shaft is plain, and for `n` = 0 the column has its simplest form.
     """
     r, per = radius, 1 if n < 2 else max(3, n)
     low, high = 1.4 * r, height - 2.0 * r
@@ -113,7 +115,7 @@ def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
 
 
 def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> PaletteMesh:
-    """The wall along x above a round arch of `radius`, from its springing at y = 0 to y = `top`, `depth` thick in z."""
+    """The wall along x above a round arch of `radius`, from the springing at y = 0 to y = `top`; `depth`: along z."""
     curve = arc((0, 0), radius, 180, 0, n)
     end = np.array([[radius + EMBED, 0.0]])
     lower = np.concatenate([end * [-1, 1], curve, end])
@@ -128,12 +130,12 @@ def doorway(
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
     lower = np.concatenate([sill * [-1, 1], curve, sill[::-1]])
     x = np.concatenate([[-width / 2, -1.2 * half], curve[:, 0], [1.2 * half, width / 2]])
-    x[[2, -3]] = -1.1 * half, 1.1 * half  # not above the jambs, against flat triangles
+    x[[2, -3]] = -1.1 * half, 1.1 * half  # not directly above the jambs, against degenerate triangles
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 
 def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> PaletteMesh:
-    """The stones of a round arch that springs at y = 0, light and dark in turn, with open joints."""
+    """The stones of a round arch that springs at y = 0, alternately light and dark, with open joints."""
     joint = 0.012 / radius
     edges = np.linspace(np.pi, 0.0, stones + 1)
     angle = np.linspace(edges[:-1] - joint, edges[1:] + joint, n + 1).T  # (stones, n + 1)
@@ -146,8 +148,8 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
 
 
 def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> PaletteMesh:
-    """A groin vault over a square bay of half width `half`, `crown` high in the middle, solid up to y = `top`."""
-    radius = 1.2 * half  # less than half circles, so the corners stay blunt
+    """A groin vault over a square bay of half width `half`, with its crown at y = `crown`, solid up to y = `top`."""
+    radius = 1.2 * half  # less than a semicircle, so that the corners stay blunt
     x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
     barrel = crown - radius + np.sqrt(radius**2 - x**2)
     y = np.maximum(barrel[:, None], barrel)
@@ -179,7 +181,7 @@ def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0
 
 
 def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> PaletteMesh:
-    """A wall along x in running bond, shown by shades. Its face at z = 0 looks to +z, and its back is at -depth."""
+    """A wall along x with shades in running bond. Its front at z = 0 faces +z, and its back is at -depth."""
     nx, ny = max(2, round(width / course)), max(1, round(height / course))
     i, j = np.indices((nx, ny))
     stone = (i + j % 2) // 2
@@ -191,30 +193,32 @@ def ashlar(width: float, height: float, depth: float, course: float, rng, colour
 
 
 def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> PaletteMesh:
-    """A flight of n steps that rises along +x from the origin, `width` wide in z, with a sloping underside."""
+    """A flight of n steps rising along +x from the origin, `width` wide in z, with a sloping soffit."""
     i = np.arange(2 * n + 1)
     upper = np.stack([i // 2 * run, (i + 1) // 2 * rise], axis=1)
     soffit = np.maximum(i / 2 * rise - 2.0 * rise, -EMBED)
-    return prism(upper, np.stack([i / 2 * run, soffit], axis=1), width, colour)  # this order avoids flat triangles
+    return prism(
+        upper, np.stack([i / 2 * run, soffit], axis=1), width, colour
+    )  # this order avoids degenerate triangles
 
 
-# --- The building of the atrium: a court with arcades on two storeys, galleries behind them, and an open roof ---------
+# --- The building: a court with two storeys of arcades, galleries behind them, and an open roof -----------------------
 
 
 BAY = 4.0  # metres between columns
-HALF_X, HALF_Z = 6.0, 12.0  # half sides of the rectangle of columns: 3 x 6 bays
+HALF_X, HALF_Z = 6.0, 12.0  # half extents of the rectangle of columns: 3 x 6 bays
 GALLERY = 4.0  # depth of the galleries around it
-STEP = 0.16  # height of the galleries' floor over the courtyard's
-SPRING, LEVEL = 3.6, 5.9  # height at which the lower arches spring; height of the upper floor
+STEP = 0.16  # height of the gallery floor above the courtyard
+SPRING, LEVEL = 3.6, 5.9  # springing height of the lower arches; height of the upper floor
 UPPER_SPRING, EAVES = 8.3, 9.75
-PIER, WALL = 0.84, 0.62  # width of the piers over the columns, thickness of the arcade walls
+PIER, WALL = 0.84, 0.62  # width of the piers above the columns, thickness of the arcade walls
 RADIUS, UPPER_RADIUS = (BAY - PIER) / 2, (BAY / 2 - 0.5) / 2
-COARSE = 0.24  # up to this detail, there are no voussoirs, small arches or ribs
-SKETCH = 0.12  # up to this detail, there are only the plainest forms
+COARSE = 0.24  # up to this detail, voussoirs, small arches and ribs are omitted
+SKETCH = 0.12  # up to this detail, all shapes have their plainest form
 
 
 def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
-    """(places, (k, 2), every `spacing` metres around the rectangle; turns that make +z look to the court)."""
+    """(positions, (k, 2), every `spacing` metres around the rectangle; rotations that turn +z towards the court)."""
     nx, nz = round(2 * half_x / spacing), round(2 * half_z / spacing)
     start = 0.0 if corners else 0.5
     x = -half_x + spacing * (np.arange(nx) + start)
@@ -230,12 +234,12 @@ def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
 
 
 def at_height(places, y) -> np.ndarray:
-    """Places (k, 2) as points (k, 3) at height y."""
+    """Positions (k, 2) as points (k, 3) at height y."""
     return np.insert(np.asarray(places, np.float64), 1, y, axis=1)
 
 
 def architecture(d: float, rng) -> list[ScenePart]:
-    """The whole building. Below a detail of `COARSE`, its ornaments are left out."""
+    """The whole building. Up to a detail of `COARSE`, ornaments are omitted."""
     corners, _ = around(BAY)
     middles, facing = around(BAY, corners=False)
     box_height = LEVEL - 0.27 - SPRING
@@ -287,7 +291,7 @@ def _upper_storey(d: float) -> list[ScenePart]:
 
 
 def _floors(d: float, rng) -> list[ScenePart]:
-    """The tiles of courtyard and galleries, and a kerb under the columns."""
+    """Tiles in the courtyard and the galleries, and a kerb under the columns."""
     edge_x, edge_z = HALF_X - 0.55, HALF_Z - 0.55
     wide = min(0.9, max(0.2, 0.9 / d**0.5)) if d > COARSE else 3.0
     nx, nz = round(2 * edge_x / wide), round(2 * edge_z / wide)
@@ -363,7 +367,7 @@ def _galleries(d: float, rng) -> list[ScenePart]:
     cross = at_height(ribs + out * GALLERY / 2, SPRING)
     n = steps(5, d, 1)
     pilaster = box((0.5, EAVES, 0.36), (0, EAVES / 2 - 3 * EMBED, 0), p.LIMESTONE)
-    outside, looking = around(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
+    outside, outside_turns = around(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
     course = min(0.8, max(0.12, 0.65 / d**0.5)) if d > COARSE else 3.2
     long, wide = 2 * (HALF_Z + GALLERY), 2 * (HALF_X + GALLERY)
     wall = place_copies(ashlar(long + 0.1, EAVES - EMBED, 0.4, course, rng), [(0, 0, 0)]).mesh
@@ -375,7 +379,7 @@ def _galleries(d: float, rng) -> list[ScenePart]:
     ]
     if d > SKETCH:
         shades = p.shades(rng, len(outside)) % 3
-        parts.append(place_copies(pilaster, at_height(outside, 0.0), looking, shade=shades))
+        parts.append(place_copies(pilaster, at_height(outside, 0.0), outside_turns, shade=shades))
         parts.append(
             place_copies(vault(half, RADIUS + 0.16, LEVEL - 0.25 - SPRING, n), at_height(bays, SPRING), facing)
         )
@@ -390,7 +394,7 @@ def _galleries(d: float, rng) -> list[ScenePart]:
     return parts
 
 
-# --- A courtyard with arcades on two storeys under an open roof. It is the default scene ------------------------------
+# --- The scene --------------------------------------------------------------------------------------------------------
 
 
 CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0, 1.0, 0.0), "vfov": 56.0}
@@ -421,9 +425,11 @@ def _furniture(d: float, rng) -> list[ScenePart]:
         kinds.append(merge(raised(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
     parts = _fountain(d)
     for k, kind in enumerate(kinds):
-        at = pots[k::2]
+        places = pots[k::2]
         parts.append(
-            place_copies(kind, at_height(at, 0.0), rng.uniform(0, 6.3, len(at)), rng.uniform(0.9, 1.12, len(at)))
+            place_copies(
+                kind, at_height(places, 0.0), rng.uniform(0, 6.3, len(places)), rng.uniform(0.9, 1.12, len(places))
+            )
         )
     if d > SKETCH:
         parts += _clutter(d, rng)
@@ -475,16 +481,16 @@ FOUNTAIN = (0.0, 0.6)
 
 
 def _clutter(d: float, rng) -> list[ScenePart]:
-    """Amphorae in groups, benches between the columns, crates in a corner, clipped bushes."""
-    many = max(1, round(d**0.5))
+    """Groups of amphorae, benches between the columns, crates in corners, clipped shrubs."""
+    per_corner = max(1, round(d**0.5))
     spots, turns = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     seats = bench(1.7, bevel=0.015 if d > COARSE else 0.0)
     corner = np.array([(-2.1, 7.3), (-4.7, 3.0), (4.7, -1.6), (-4.6, -10.4), (4.6, 6.9)])
-    near = np.repeat(corner, 2 * many, axis=0) + rng.normal(0.0, 0.33, (10 * many, 2))
-    size = rng.uniform(0.55, 1.15, len(near))
+    places = np.repeat(corner, 2 * per_corner, axis=0) + rng.normal(0.0, 0.33, (10 * per_corner, 2))
+    size = rng.uniform(0.55, 1.15, len(places))
     parts = [place_copies(seats, at_height(spots[::3], STEP + 0.05), turns[::3])]
     for k, shape in enumerate((vase(1.0, d), vase(1.0, d, p.CLAY, 0.36, 0.14), vase(1.0, d, p.BLUE, 0.25, 0.1))):
-        at = near[k::3]
+        at = places[k::3]
         parts.append(
             place_copies(
                 shape, at_height(at, 0.0), rng.uniform(0, 6.3, len(at)), size[k::3], shade=p.shades(rng, len(at)) % 4
@@ -509,7 +515,7 @@ def _clutter(d: float, rng) -> list[ScenePart]:
 
 
 def _cloths(d: float, rng) -> list[ScenePart]:
-    """Banners over the balustrade and curtains gathered in some of the lower arches."""
+    """Banners over the balustrade, and gathered curtains in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
     middles, facing = around(BAY, corners=False)
     out = np.stack([np.sin(facing), np.cos(facing)], axis=1)
@@ -518,16 +524,16 @@ def _cloths(d: float, rng) -> list[ScenePart]:
         banner = cloth(1.25, 2.2, nx, ny, rng, 2.5, 0.05, colour=colour, trim=p.OCHRE)
         k = list(banners)
         parts.append(place_copies(banner, at_height(middles[k] + 0.72 * out[k], LEVEL + 0.86), facing[k]))
-        cut = 2 * RADIUS - 0.1, SPRING - STEP - 0.1
+        size = 2 * RADIUS - 0.1, SPRING - STEP - 0.1
         shade = p.RED if colour == p.RED else p.OCHRE
-        curtain = cloth(*cut, 2 * nx, ny, rng, 6.0, 0.07, 0.95, shade, p.OCHRE)
+        curtain = cloth(*size, 2 * nx, ny, rng, 6.0, 0.07, 0.95, shade, p.OCHRE)
         k = list(curtains)
         parts.append(place_copies(curtain, at_height(middles[k], SPRING), facing[k]))
     return parts
 
 
 def _hanging_plants(rng, leaves: int) -> ScenePart:
-    """Ivy that hangs from the balustrade in tufts, of exactly `leaves` leaves."""
+    """Ivy with exactly `leaves` leaves, hanging in tufts from the balustrade."""
     edge, _ = around(BAY / 2, corners=False)
     edge = edge[rng.permutation(len(edge))[: max(1, len(edge) * 2 // 5)]]
     per = 9
