@@ -1,4 +1,7 @@
-"""Small closed meshes such as boxes, lofts and tubes, and instanced copies of them that are assembled at the end."""
+"""Small meshes such as boxes, lofts and tubes, and scene parts: instanced copies of meshes, assembled at the end.
+
+Faces are counter-clockwise seen from outside; +Y is up. Most meshes are closed.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache
@@ -7,15 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-# --- Small closed meshes from grids of points. Faces are counter-clockwise seen from outside; +Y is up ----------------
+# --- Meshes from grids of points --------------------------------------------------------------------------------------
 
 
 class PaletteMesh(NamedTuple):
-    """Indexed triangles."""
+    """Indexed triangles with palette colours."""
 
     vertices: np.ndarray  # (v, 3) float32, metres
     faces: np.ndarray  # (f, 3) int32
-    colour: np.ndarray  # (f,) uint8, row of the palette
+    colour: np.ndarray  # (f,) uint8, palette indices
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -24,7 +27,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def steps(number: float, detail: float, least: int = 1) -> int:
-    """A tessellation count that grows with detail, and is `number` at detail 1."""
+    """A tessellation count that grows with detail and equals `number` at detail 1."""
     return max(least, round(number * detail))
 
 
@@ -39,12 +42,12 @@ def merge(*meshes: PaletteMesh) -> PaletteMesh:
 
 
 def raised(mesh: PaletteMesh, y: float) -> PaletteMesh:
-    """The mesh, `y` metres higher."""
+    """The mesh, raised by `y` metres."""
     return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))
 
 
 def outward(mesh: PaletteMesh) -> PaletteMesh:
-    """A closed mesh with its faces turned outward: its volume is positive."""
+    """A closed mesh with its faces oriented outward, so that its signed volume is positive."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
     if np.sum(np.cross(a, b) * c) < 0.0:
         return mesh._replace(faces=mesh.faces[:, ::-1])
@@ -52,7 +55,7 @@ def outward(mesh: PaletteMesh) -> PaletteMesh:
 
 
 def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
-    """Two triangles for each cell of an array of vertex indices; `flip` chooses the other diagonal."""
+    """Two triangles per cell of an array of vertex indices; `flip` selects the other diagonal."""
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     pairs = np.stack([a, b, c, a, c, d], axis=-1)
     if flip is not None:
@@ -61,13 +64,13 @@ def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
 
 
 def _colours(colour, n: int) -> np.ndarray:
-    """`colour`, one value or one a cell, as (n,) uint8."""
+    """`colour`, one value or one per cell, as (n,) uint8."""
     colour = np.asarray(colour, np.uint8).reshape(-1)
     return np.repeat(colour, n // len(colour))
 
 
 def grid(points, colour=0, flip=None) -> PaletteMesh:
-    """An open surface through (m, n, 3) points, facing (along n) x (along m); colour: one, or (m - 1, n - 1)."""
+    """An open surface through (m, n, 3) points that faces (along n) x (along m); colour: scalar or (m - 1, n - 1)."""
     points = np.asarray(points, np.float32)
     index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
     faces = _split(index, flip)
@@ -93,10 +96,10 @@ def shell(front, back, colour=0, rim_colour=None) -> PaletteMesh:
     front, back = np.asarray(front, np.float32), np.asarray(back, np.float32)
     m, n = front.shape[:2]
     index = np.arange(m * n, dtype=np.int32).reshape(m, n)
-    near, rim = _split(index), _rim(m, n)
+    front_faces, rim = _split(index), _rim(m, n)
     wall = _split(np.stack([np.append(rim, rim[0]), np.append(rim, rim[0]) + m * n])[::-1].astype(np.int32))
-    faces = np.concatenate([near, near[:, ::-1] + m * n, wall])
-    cells = _colours(colour, len(near))
+    faces = np.concatenate([front_faces, front_faces[:, ::-1] + m * n, wall])
+    cells = _colours(colour, len(front_faces))
     edge = _colours(cells[0] if rim_colour is None else rim_colour, len(wall))
     vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
     return outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
@@ -133,8 +136,8 @@ def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
 def lofts(sections, colour=0, closed=False) -> PaletteMesh:
     """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
 
-    Seen from the last section, the loops are counter-clockwise. Fans cap the ends, so the end loops must be convex.
-    `closed` joins the last loop to the first instead. colour: one, or one for each body.
+    The loops must be counter-clockwise seen from the last section. Fans cap the ends, so the end loops must be convex.
+    `closed` joins the last loop to the first instead. colour: one, or one per body.
     """
     sections = np.asarray(sections, np.float32)
     c, n, k = sections.shape[:3]
@@ -144,14 +147,14 @@ def lofts(sections, colour=0, closed=False) -> PaletteMesh:
 
 
 def loft(sections, colour=0, closed=False) -> PaletteMesh:
-    """The solid through (n, k, 3) sections, which may turn either way; see `lofts`."""
+    """The solid through (n, k, 3) sections of either orientation; see `lofts`."""
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
 def capped(rings, low, high, colour=0) -> PaletteMesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
-    Seen from `high`, the loops are counter-clockwise. colour: one, or (n - 1) k for the cells and 2 k for the fans.
+    The loops must be counter-clockwise seen from `high`. colour: one, or (n - 1) k for the cells and 2 k for the fans.
     """
     rings = np.asarray(rings, np.float32)
     n, k = rings.shape[:2]
@@ -171,7 +174,7 @@ def capped(rings, low, high, colour=0) -> PaletteMesh:
 
 
 def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
-    """A solid of revolution about +Y through (k, 2) points (radius, height). Its ends are closed on the axis.
+    """A solid of revolution about +Y through (k, 2) points (radius, height), closed at the axis.
 
     scale : (k, segments), optional
         Factors for the radius, for flutes and ribs.
@@ -189,7 +192,7 @@ _SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x >
 
 
 def _hull(polygons, points) -> np.ndarray:
-    """Fans over planar convex polygons around the origin, turned outward."""
+    """Fans over planar convex polygons around the origin, oriented outward."""
     faces = []
     for p in polygons:
         normal = np.cross(points[p[1]] - points[p[0]], points[p[2]] - points[p[0]])
@@ -203,7 +206,7 @@ def _corner(signs) -> int:
 
 
 def _box_faces(bevelled: bool) -> np.ndarray:
-    """Faces of a box. If bevelled, corner c has three vertices 3 c + axis, each in the face of that axis."""
+    """Faces of a box. If bevelled, corner c has three vertices 3 c + axis, each on the face of that axis."""
     per = 3 if bevelled else 1
     points = np.repeat(_SIGNS.astype(float), per, axis=0)
     if bevelled:
@@ -236,7 +239,7 @@ def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
 
 
 def boxes(sizes, centres, colour=0) -> PaletteMesh:
-    """Plain boxes of (k, 3) sizes around (k, 3) centres; one colour, or one for each."""
+    """Plain boxes of (k, 3) sizes around (k, 3) centres; colour: one, or one per box."""
     sizes, centres = np.broadcast_arrays(np.asarray(sizes, np.float32), np.asarray(centres, np.float32))
     vertices = _SIGNS.astype(np.float32) * (sizes[:, None] / 2) + centres[:, None]
     faces = _BOX + np.arange(0, 8 * len(sizes), 8, dtype=np.int32)[:, None, None]
@@ -250,14 +253,14 @@ def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
 
 
 def prism(lower, upper, depth: float, colour=0) -> PaletteMesh:
-    """The solid between two polylines (n, 2) in the x-y plane, `depth` thick in z around 0."""
+    """The solid between two polylines (n, 2) in the x-y plane, with thickness `depth` in z around 0."""
     flat = np.stack([np.asarray(lower, np.float32), np.asarray(upper, np.float32)])
     z = np.full((*flat.shape[:2], 1), depth / 2, np.float32)
     return shell(np.concatenate([flat, z], axis=-1), np.concatenate([flat, -z], axis=-1), colour)
 
 
 def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
-    """A mitred moulding around a rectangle, with a closed (k, 2) profile of (outward offset, height)."""
+    """A mitred moulding around a rectangle with a closed (k, 2) profile (outward offset, height)."""
     profile = np.asarray(profile, np.float32)
     sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
     out, y = profile[:, 0], np.broadcast_to(profile[:, 1], (4, len(profile)))
@@ -281,8 +284,7 @@ def tubes(paths, radii, sides: int, colour=0) -> PaletteMesh:
     return lofts(paths[:, :, None] + np.asarray(radii)[..., None, None] * ring, colour)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Parts of a scene: meshes with the positions of their copies. They are counted cheaply and assembled at the end.
+# --- Scene parts: meshes with transforms of their copies, cheap to count before assembly ------------------------------
 
 
 class ScenePart(NamedTuple):
@@ -291,7 +293,7 @@ class ScenePart(NamedTuple):
     mesh: PaletteMesh
     offset: np.ndarray  # (k, 3) float32
     matrix: np.ndarray  # (k, 3, 3) float32
-    shade: np.ndarray  # (k,) uint8, added to the colour of every face
+    shade: np.ndarray  # (k,) uint8, added to the palette index of every face
 
     @property
     def n_triangles(self) -> int:
@@ -299,14 +301,14 @@ class ScenePart(NamedTuple):
 
 
 def rotation_y(angle) -> np.ndarray:
-    """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees take +Z to +X."""
+    """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees map +Z to +X."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
 
 
 def rotation_x(angle) -> np.ndarray:
-    """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees take +Y to +Z."""
+    """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees map +Y to +Z."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
@@ -329,7 +331,7 @@ def place_copies(mesh: PaletteMesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, til
 
 
 def moved(parts: Iterable[ScenePart], at=(0.0, 0.0, 0.0), turn=0.0) -> list[ScenePart]:
-    """The parts, turned about Y (radians) as one, then moved by `at` (3,)."""
+    """The parts, rotated as a whole about Y (radians), then translated by `at` (3,)."""
     around = rotation_y(turn)[0].astype(np.float32)
     shift = np.asarray(at, np.float32)
     return [part._replace(offset=part.offset @ around.T + shift, matrix=around @ part.matrix) for part in parts]
@@ -350,9 +352,9 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     v = f = 0
     for part in parts:
         k, m, n = len(part.offset), len(part.mesh.vertices), len(part.mesh.faces)
-        moved = vertices[v : v + k * m].reshape(k, m, 3)
-        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=moved)
-        moved += part.offset[:, None]
+        placed = vertices[v : v + k * m].reshape(k, m, 3)
+        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=placed)
+        placed += part.offset[:, None]
         starts = np.arange(v, v + k * m, m, dtype=np.int32)[:, None, None]
         np.add(part.mesh.faces, starts, out=faces[f : f + k * n].reshape(k, n, 3))
         np.add(part.mesh.colour, part.shade[:, None], out=colour[f : f + k * n].reshape(k, n))
@@ -361,10 +363,11 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
 
 
 def fitted(build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near=0.93) -> list[ScenePart]:
-    """`build(detail)` with the detail that gives just under `triangles` triangles, found from a first guess.
+    """`build(detail)` at the detail that gives just under `triangles` triangles; `detail`: the first guess.
 
-    The number of triangles grows with the square of the detail, which false position finds. Counts grow in steps, so
-    any count from `near` * `triangles` on is accepted. If even the coarsest version has more, it is taken.
+    The number of triangles grows about linearly with the square of the detail, which is solved for by false position.
+    The number grows in steps, so any from `near` * `triangles` up to `triangles` is accepted. If even the coarsest
+    version has more, it is returned.
     """
     x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) below and above
     best: list[ScenePart] = []
