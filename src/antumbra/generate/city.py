@@ -554,7 +554,7 @@ def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[Palette
             if blocks < GROUP:  # the last group
                 break
         if worker.wait() != 0:
-            raise RuntimeError("a process that makes blocks of the city has failed")
+            raise RuntimeError("a worker process of the city generator has failed")
     finally:
         for worker in workers:
             worker.kill()
@@ -579,7 +579,7 @@ def _receive(pipe) -> PaletteMesh | None:
     block = PaletteMesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
     for array in block:
         if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
-            raise RuntimeError("a process that makes blocks of the city has ended too early")
+            raise RuntimeError("a worker process of the city generator has ended too early")
     return block
 
 

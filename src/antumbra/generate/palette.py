@@ -7,7 +7,6 @@ import numpy as np
 from ..checks import whole_number
 from ..scene.materials import srgb_to_linear
 
-
 SHADES: Final = 8
 
 _LIGHTNESS = (1.0, 0.93, 1.05, 0.86, 1.1, 0.97, 0.8, 1.02)
