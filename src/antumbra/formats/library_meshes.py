@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import as_array, text
 from ..errors import InputError
@@ -151,7 +152,7 @@ def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield from _open3d(mesh.to_legacy(), name, notes)
 
 
-def _from_srgb(colours) -> np.ndarray:
+def _from_srgb(colours) -> NDArray[np.uint8]:
     """(v, 3) uint8 sRGB from Open3D colours in [0, 1], which Open3D displays unconverted; most came from bytes."""
     return np.rint(np.clip(np.asarray(colours, np.float64), 0.0, 1.0) * 255.0).astype(np.uint8)
 

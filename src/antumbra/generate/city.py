@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import palette as p
 from .palette import check_request
@@ -60,7 +61,7 @@ class Lines(NamedTuple):
 
     at: np.ndarray  # (n,) metres
     inset: np.ndarray  # (n,) 1 for recessed lines, else 0
-    pane: np.ndarray  # (n,) bool: whether a pane follows the line
+    pane: NDArray[np.bool_]  # (n,) bool: whether a pane follows the line
 
 
 def tower_cost(width: float, depth: float, floors: int, style: Style) -> int:

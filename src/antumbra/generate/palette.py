@@ -3,6 +3,7 @@
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..scene.materials import srgb_to_linear
@@ -93,7 +94,7 @@ PALETTE: Final = _palette()
 ) = range(0, SHADES * len(_MATERIALS), SHADES)
 
 
-def shades(rng: np.random.Generator, n: int) -> np.ndarray:
+def shades(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
     """(n,) uint8: random shades to add to a material."""
     return rng.integers(0, SHADES, n, dtype=np.uint8)
 

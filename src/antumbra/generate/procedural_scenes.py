@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import extras as plugins
 from ..checks import quoted, spelling_hint
@@ -17,10 +18,10 @@ from .palette import MAX_TRIANGLES, MIN_TRIANGLES, PALETTE, check_request
 class ProceduralScene(NamedTuple):
     """A generated scene: metres, +Y up, right-handed."""
 
-    vertices: np.ndarray  # (v, 3) float32
-    faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
-    colour: np.ndarray  # (f,) uint8, palette indices
-    palette: np.ndarray  # (256, 3) float32, linear
+    vertices: NDArray[np.float32]  # (v, 3) float32
+    faces: NDArray[np.int32]  # (f, 3) int32, counter-clockwise seen from outside
+    colour: NDArray[np.uint8]  # (f,) uint8, palette indices
+    palette: NDArray[np.float32]  # (256, 3) float32, linear
     camera: dict  # position, target, up: (3,) tuples of float; vfov: degrees
     light: dict  # a quad: corner, u, v: (3,) tuples of float
 

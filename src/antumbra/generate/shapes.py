@@ -9,6 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 # --- Meshes from grids of points --------------------------------------------------------------------------------------
 
@@ -16,9 +17,9 @@ import numpy as np
 class PaletteMesh(NamedTuple):
     """Indexed triangles with palette colours."""
 
-    vertices: np.ndarray  # (v, 3) float32, metres
-    faces: np.ndarray  # (f, 3) int32
-    colour: np.ndarray  # (f,) uint8, palette indices
+    vertices: NDArray[np.float32]  # (v, 3) float32, metres
+    faces: NDArray[np.int32]  # (f, 3) int32
+    colour: NDArray[np.uint8]  # (f,) uint8, palette indices
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -291,9 +292,9 @@ class ScenePart(NamedTuple):
     """Copies of a mesh: vertices of copy i are ``matrix[i] @ vertex + offset[i]``."""
 
     mesh: PaletteMesh
-    offset: np.ndarray  # (k, 3) float32
-    matrix: np.ndarray  # (k, 3, 3) float32
-    shade: np.ndarray  # (k,) uint8, added to the palette index of every face
+    offset: NDArray[np.float32]  # (k, 3) float32
+    matrix: NDArray[np.float32]  # (k, 3, 3) float32
+    shade: NDArray[np.uint8]  # (k,) uint8, added to the palette index of every face
 
     @property
     def n_triangles(self) -> int:

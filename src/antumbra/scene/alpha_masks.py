@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .appearance import Appearance
@@ -26,20 +27,20 @@ _MARGIN = 1  # texels by which a face's range is widened, against rounding of te
 class AlphaMask(NamedTuple):
     """The solid texels of a texture."""
 
-    solid: np.ndarray  # (h, w) bool, first row at v = 0
+    solid: NDArray[np.bool_]  # (h, w) bool, first row at v = 0
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
 
 
 class Cutouts(NamedTuple):
     """The cut-out and the solid faces of a scene. All other faces are clear, and no ray hits them."""
 
-    solid: np.ndarray  # (k,) int32, ascending: faces without holes
-    faces: np.ndarray  # (m,) int32, ascending: cut-outs
-    uv: np.ndarray  # (m, 3, 2) float32: texture coordinates of their corners
-    mask: np.ndarray  # (m,) int32: their masks
-    shapes: np.ndarray  # (p, 4) int32, of each mask: width, height, wrap modes along u and v
-    first: np.ndarray  # (p,) int64, of each mask: its offset in `texels`
-    texels: np.ndarray  # (b,) uint8: one bit per texel, 1: solid; rows start at whole bytes, lowest bit first
+    solid: NDArray[np.int32]  # (k,) int32, ascending: faces without holes
+    faces: NDArray[np.int32]  # (m,) int32, ascending: cut-outs
+    uv: NDArray[np.float32]  # (m, 3, 2) float32: texture coordinates of their corners
+    mask: NDArray[np.int32]  # (m,) int32: their masks
+    shapes: NDArray[np.int32]  # (p, 4) int32, of each mask: width, height, wrap modes along u and v
+    first: NDArray[np.int64]  # (p,) int64, of each mask: its offset in `texels`
+    texels: NDArray[np.uint8]  # (b,) uint8: one bit per texel, 1: solid; rows start at whole bytes, lowest bit first
 
 
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
@@ -75,7 +76,7 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
     return with_masks(uv, mask, masks)
 
 
-def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> np.ndarray:
+def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.int_]:
     """(f,) int: the alpha threshold of each face, 0 to 255; 256: no texel is solid."""
     alpha = np.full(len(faces), float(material.factor[3]))
     if appearance.colours is not None:
@@ -83,7 +84,8 @@ def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -
     cutoff = material.cutoff if material.alpha_mode == MASK else _HALF
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.ceil(255.0 * cutoff / alpha - _ROUNDING)
-    return np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
+    out: NDArray[np.int_] = np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
+    return out
 
 
 def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
@@ -98,7 +100,7 @@ def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
     return AlphaMask(alpha >= least, (texture.wrap_s, texture.wrap_t))
 
 
-def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[AlphaMask]) -> Cutouts | None:
+def with_masks(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> Cutouts | None:
     """The `Cutouts` of faces with given masks; None if no face has holes.
 
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
@@ -118,9 +120,10 @@ def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[AlphaMask]) -> 
     return Cutouts(solid, cut, finite(uv[cut]), mask[cut].astype(np.int32), shapes, first, np.concatenate(rows))
 
 
-def finite(uv: np.ndarray) -> np.ndarray:
+def finite(uv: np.ndarray) -> NDArray[np.float32]:
     """Texture coordinates with NaN and infinity replaced, float32."""
-    return np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
+    out: NDArray[np.float32] = np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
+    return out
 
 
 def _kinds(uv: np.ndarray, mask: AlphaMask) -> np.ndarray:

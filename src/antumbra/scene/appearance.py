@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .materials import Look, Material, Texture
 from .mesh import Source
@@ -24,12 +25,12 @@ class Appearance:
     """Materials and corner attributes of the faces of a scene, beyond one colour per face; constant over time."""
 
     materials: list[Material]
-    material_of_face: np.ndarray  # (n,) int32: index in `materials`; -1: the face has a plain colour
-    uv: np.ndarray | None  # (n, 3, 2) float32: texture coordinates of corners; 0 without a texture
-    colours: np.ndarray | None  # (n, 3, 4) float32: linear colour and alpha of corners; 1 where a mesh has none
-    normals: np.ndarray | None  # (n, 3, 3) float32: corner normals, see `normals_in_frames`; 0 where a mesh has none
-    bends: np.ndarray | None  # (n, 3) float32: sine of the angle by which faces deviate from the normals, see `_bends`
-    textured: np.ndarray  # (n,) bool: whether the face has a texture
+    material_of_face: NDArray[np.int32]  # (n,) int32: index in `materials`; -1: the face has a plain colour
+    uv: NDArray[np.float32] | None  # (n, 3, 2) float32: texture coordinates of corners; 0 without a texture
+    colours: NDArray[np.float32] | None  # (n, 3, 4) float32: linear colour and alpha of corners; 1 where there is none
+    normals: NDArray[np.float32] | None  # (n, 3, 3) float32: corner normals, `normals_in_frames`; 0 where there is none
+    bends: NDArray[np.float32] | None  # (n, 3) float32: sine of the angle from normals to faces, see `_bends`
+    textured: NDArray[np.bool_]  # (n,) bool: whether the face has a texture
 
     @property
     def textures(self) -> list[Texture]:
@@ -44,7 +45,7 @@ class _MeshFaces(NamedTuple):
     faces: np.ndarray  # (f, 3) int
     first: int  # index of its first face in the scene
     copies: int
-    linear: np.ndarray | None  # (k, 3, 3) float64
+    linear: NDArray[np.float64] | None  # (k, 3, 3) float64
 
     @property
     def rows(self) -> slice:
@@ -110,7 +111,7 @@ def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.nda
     return out, bends
 
 
-def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_vertices: int) -> np.ndarray:
+def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_vertices: int) -> NDArray[np.float64]:
     """(f, 3) float64: sine of the largest angle between the shading normals at a vertex and the normals of its faces.
 
     A light elevated by less than this angle above the horizon of the shading normal is below the horizon of some of
@@ -121,10 +122,11 @@ def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_ver
     sine /= np.maximum(np.linalg.norm(normals, axis=-1) * np.linalg.norm(across, axis=-1)[:, None], 1e-300)
     widest = np.zeros(n_vertices)
     np.maximum.at(widest, vertices.reshape(-1), np.minimum(sine, SHARPEST).reshape(-1))
-    return widest[vertices]
+    out: NDArray[np.float64] = widest[vertices]
+    return out
 
 
-def normals_in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def normals_in_frames(corners: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float32]:
     """(f, 3, 3) float32: corner normals relative to their triangles, so that they move with them.
 
     corners, normals : (f, 3, 3) float64
@@ -140,4 +142,5 @@ def normals_in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
     across = np.cross(e1, e2)
     area = np.linalg.norm(across, axis=1)
     upright = across / np.sqrt(np.where(area > 0.0, area, 1.0))[:, None]  # g |e1 x e2|^(1/2)
-    return np.einsum("fci,fki->fck", normals, np.stack([e1, e2, upright], 1)).astype(np.float32)
+    out: NDArray[np.float32] = np.einsum("fci,fki->fck", normals, np.stack([e1, e2, upright], 1)).astype(np.float32)
+    return out

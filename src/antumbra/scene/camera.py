@@ -8,10 +8,11 @@ have none of their own.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, number, vector, whole_number
 from ..errors import InputError
-from .lights import QuadLight
+from .lights import QuadLight, Vector
 from .scene_bounds import flush_to_zero
 
 # --- Explicit rays of orthographic and panoramic cameras --------------------------------------------------------------
@@ -24,13 +25,15 @@ class ExplicitRays(NamedTuple):
     have unit length, so t is a distance.
     """
 
-    origin: np.ndarray  # (3,) float64, recentred
-    axes: np.ndarray  # (3, 3) float64: unit vectors right and down in the picture, and towards its centre
+    origin: NDArray[np.float64]  # (3,) float64, recentred
+    axes: NDArray[np.float64]  # (3, 3) float64: unit vectors right and down in the picture, and towards its centre
     width: int  # pixels
     height: int
     extent: float | None  # height of an orthographic picture in world units; None: panoramic
 
-    def through(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def through(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Origins and directions, (..., 3) float32 each, of the rays through picture positions.
 
         x, y : (...) float64, pixels right and down from the upper left corner; broadcast against each other
@@ -44,11 +47,11 @@ class ExplicitRays(NamedTuple):
         origins = self.origin + across[..., None] * self.axes[0] + down[..., None] * self.axes[1]
         return origins.astype(np.float32), _everywhere(self.axes[2], origins.shape)
 
-    def directions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def directions(self, x: np.ndarray, y: np.ndarray) -> NDArray[np.float32]:
         """(..., 3) float32: the directions alone; see `through`."""
         return self.through(x, y)[1]
 
-    def places(self, offsets: np.ndarray) -> np.ndarray:
+    def places(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 2) float64: picture positions of points, the inverse of `through`; NaN for points behind the camera.
 
         offsets : (k, 3) float64, points minus `origin`
@@ -61,15 +64,18 @@ class ExplicitRays(NamedTuple):
         places[ahead <= 0.0] = np.nan
         return places
 
-    def _around(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _around(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
         """Directions of a panorama."""
         heading = (np.asarray(x, np.float64) / self.width - 0.5) * (2.0 * np.pi)
         pitch = (np.asarray(y, np.float64) / self.height - 0.5) * np.pi
         horizontal = np.sin(heading)[..., None] * self.axes[0] + np.cos(heading)[..., None] * self.axes[2]
-        return (np.cos(pitch)[..., None] * horizontal + np.sin(pitch)[..., None] * self.axes[1]).astype(np.float32)
+        out: NDArray[np.float32] = (
+            np.cos(pitch)[..., None] * horizontal + np.sin(pitch)[..., None] * self.axes[1]
+        ).astype(np.float32)
+        return out
 
 
-def _everywhere(vector: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _everywhere(vector: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.broadcast_to(vector.astype(np.float32), shape)
 
 
@@ -89,20 +95,21 @@ class CameraRays(NamedTuple):
     The direction's component along the view axis is 1, so t is the depth.
     """
 
-    origin: np.ndarray  # (3,) float32, recentred
-    corner: np.ndarray  # (3,) float64, direction to the image's upper left corner
-    dx: np.ndarray  # (3,) float64, one pixel to the right
-    dy: np.ndarray  # (3,) float64, one pixel down
+    origin: NDArray[np.float32]  # (3,) float32, recentred
+    corner: NDArray[np.float64]  # (3,) float64, direction to the image's upper left corner
+    dx: NDArray[np.float64]  # (3,) float64, one pixel to the right
+    dy: NDArray[np.float64]  # (3,) float64, one pixel down
     width: int  # pixels
     height: int
 
-    def directions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def directions(self, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
         """(..., 3) float32: approximate ray directions through picture positions, (...) float32 pixels right and down.
 
         They are evaluated in float32, so they may differ in the last bits from the directions that kernels trace.
         """
         corner, dx, dy = (part.astype(np.float32) for part in (self.corner, self.dx, self.dy))
-        return corner + x[..., None] * dx + y[..., None] * dy
+        out: NDArray[np.float32] = corner + x[..., None] * dx + y[..., None] * dy
+        return out
 
 
 class Camera:
@@ -130,9 +137,17 @@ class Camera:
     """
 
     def __init__(
-        self, position, target, up=(0.0, 1.0, 0.0), vfov=60.0, width=1024, height=1024, *, projection="perspective",
-        extent=None,
-    ):  # fmt: skip
+        self,
+        position: Vector,
+        target: Vector,
+        up: Vector = (0.0, 1.0, 0.0),
+        vfov: float = 60.0,
+        width: int = 1024,
+        height: int = 1024,
+        *,
+        projection: str = "perspective",
+        extent: float | None = None,
+    ) -> None:
         self.position = vector(position, "camera position")
         self.target = vector(target, "camera target")
         self.up = vector(up, "camera up")
@@ -157,9 +172,15 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """The same camera with another picture size."""
         return Camera(
-            self.position, self.target, self.up, self.vfov, width, height, projection=self.projection,
+            self.position,
+            self.target,
+            self.up,
+            self.vfov,
+            width,
+            height,
+            projection=self.projection,
             extent=self.extent,
-        )  # fmt: skip
+        )
 
     def panoramic(self) -> "Camera":
         """A panoramic camera at the same position, centred on the heading of this camera."""
@@ -174,7 +195,7 @@ class Camera:
         return self.projection != "perspective"
 
     @property
-    def axes(self) -> np.ndarray:
+    def axes(self) -> NDArray[np.float64]:
         """(3, 3) float64: unit vectors right and down in the picture, and along the view, as rows."""
         view = self.target - self.position
         view = view / np.linalg.norm(view)
@@ -190,14 +211,14 @@ class Camera:
         right, zenith = self.axes[0], self.up / np.linalg.norm(self.up)
         return np.stack([right, -zenith, np.cross(zenith, right)])
 
-    def view(self, origin) -> "CameraRays | ExplicitRays":
+    def view(self, origin: ArrayLike) -> "CameraRays | ExplicitRays":
         """The pixels' rays in the frame whose origin is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)
         position = flush_to_zero(self.position - np.asarray(origin, np.float64))
         return ExplicitRays(position, self.frame, self.width, self.height, self.extent)
 
-    def rays(self, origin) -> CameraRays:
+    def rays(self, origin: ArrayLike) -> CameraRays:
         """As `view`, for a perspective camera. Raises InputError for other projections."""
         if self.listed:
             raise InputError(f"this needs a perspective camera, and the camera is {self.projection}; give another one")
@@ -318,7 +339,7 @@ def default_light(bounds: np.ndarray, up: str) -> QuadLight:
     return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
 
 
-def bounding_sphere(bounds) -> tuple[np.ndarray, float]:
+def bounding_sphere(bounds: NDArray[np.float64]) -> tuple[np.ndarray, float]:
     """(centre, radius) of the sphere around `bounds` ((2, 3), world); a zero radius becomes 1."""
     lower, upper = bounds
     radius = float(np.linalg.norm(upper - lower)) / 2.0

@@ -1,13 +1,16 @@
 """Coordinate reference systems (CRS) of scenes, as strings that pyproj accepts; reprojection between them."""
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import quoted
 from ..errors import InputError
 from ..extras import import_extra
 
 
-def checked_crs(crs) -> str:
+def checked_crs(crs: object) -> str:
     """A validated CRS as a string: a string unchanged, anything else as pyproj formats it.
 
     crs : str, or anything else that ``pyproj.CRS.from_user_input`` accepts
@@ -35,7 +38,7 @@ def check_plan(name: str, crs: str | None, scene: str | None) -> None:
         raise InputError(f"{name}: its CRS is {crs}, and the scene's is {scene}; reproject one of them")
 
 
-def reproject(plan: np.ndarray, source: str, target: str) -> np.ndarray:
+def reproject(plan: np.ndarray, source: str, target: str) -> NDArray[np.float64]:
     """(n, 2) float64: points transformed between the horizontal parts of two validated CRS, as (easting, northing).
 
     Raises
@@ -52,7 +55,7 @@ def reproject(plan: np.ndarray, source: str, target: str) -> np.ndarray:
     return points
 
 
-def _plan(crs: str):
+def _plan(crs: str) -> Any:
     """The horizontal part of a compound CRS; any other CRS unchanged."""
     full = import_extra("pyproj", "crs", "gis").CRS.from_user_input(crs)
     return full.sub_crs_list[0] if full.is_compound else full

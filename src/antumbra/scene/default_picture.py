@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .camera import AZIMUTH, Camera, axes, fitted_camera, orthographic_camera
 from .lights import DirectionalLight, Light, SphereLight
@@ -15,14 +16,14 @@ from .sky import Sky
 class Room(NamedTuple):
     """A room enclosed by the scene, and the camera that shows it from inside."""
 
-    middle: np.ndarray  # (3,) float64, world: a point in free space
-    eye: np.ndarray  # (3,) float64, world
-    target: np.ndarray  # (3,) float64, world
+    middle: NDArray[np.float64]  # (3,) float64, world: a point in free space
+    eye: NDArray[np.float64]  # (3,) float64, world
+    target: NDArray[np.float64]  # (3,) float64, world
     vfov: float  # degrees; with `points`, horizontal in a portrait picture
     open: bool  # whether much of the sky is visible from the middle
     height: float  # from the middle up to the ceiling; 0.0 without one
-    points: np.ndarray | None = None  # (k, 3) float64, world: the framed content of a closed box; None: its walls
-    planes: np.ndarray | None = None  # (m, 4) float64, world, see `way_out`: the faces of the closed box around it
+    points: NDArray[np.float64] | None = None  # (k, 3) float64, world: framed content of a closed box; None: its walls
+    planes: NDArray[np.float64] | None = None  # (m, 4) float64, world: faces of the closed box, see `way_out`
 
     def way(self, start: np.ndarray, along: np.ndarray) -> float:
         """Ray parameter at which the ray start + t along leaves the closed box; inf without a box."""
@@ -53,7 +54,7 @@ _LAMP_RADIUS = 0.15  # relative to the lamp's height over the middle
 class DefaultView(NamedTuple):
     """The geometry that a default picture shows."""
 
-    points: np.ndarray  # (k, 3) float64, world
+    points: NDArray[np.float64]  # (k, 3) float64, world
     up: str
     room: Room | None  # shown from inside; None: `points` are shown from outside
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, flag, number, unit_vectors
 from ..errors import InputError
@@ -40,7 +41,7 @@ class LightList(Light):
         def colours(self) -> np.ndarray: ...
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> NDArray[np.float64]:
         """(k, 3) float64: the samples (a, b, c) of all lights."""
         raise NotImplementedError
 
@@ -48,12 +49,12 @@ class LightList(Light):
         shared = ", interleave=True" if self.interleave else ""
         return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{shared})"
 
-    def samples(self, spp):
+    def samples(self, spp: int) -> int:
         k = len(self.points)
         return -(-k // N_SETS) if self.interleave else k
 
     @property
-    def sets(self) -> np.ndarray:
+    def sets(self) -> NDArray[np.int64]:
         """(16, n) int: the light of each sample of each set. Without `interleave`, each set contains all k lights."""
         k = len(self.points)
         if not self.interleave:
@@ -62,11 +63,12 @@ class LightList(Light):
         ranks = np.arange(N_SETS * self.samples(0)) % k
         return order[ranks].reshape(-1, N_SETS).T  # neighbours in space go to different sets
 
-    def weights(self) -> np.ndarray:
+    def weights(self) -> NDArray[np.float64]:
         """(16, n, 3) float64: the weight of each sample of each set, its intensity in red, green and blue."""
         powers = self.intensity * self.intensities[:, None] * self.colours * np.asarray(self.colour)
         counts = np.bincount(self.sets.ravel(), minlength=len(powers))
-        return (N_SETS / counts[:, None] * powers)[self.sets]
+        out: NDArray[np.float64] = (N_SETS / counts[:, None] * powers)[self.sets]
+        return out
 
     def _check_list(self) -> None:
         name, k = type(self).__name__, len(self.points)
@@ -88,16 +90,17 @@ def without_interleave(light: Light) -> Light:
     return replace(light, interleave=False) if isinstance(light, LightList) and light.interleave else light
 
 
-def _z_order(positions: np.ndarray) -> np.ndarray:
+def _z_order(positions: np.ndarray) -> NDArray[np.int64]:
     """(k,) int64: the position of each point on the Morton curve through the bounding box of all points."""
     lower, extent = positions.min(0), np.ptp(positions, axis=0).max()
     cells = ((positions - lower) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
     bits = np.arange(10)
     spread = (cells[:, :, None] >> bits & 1) << (3 * bits + np.arange(3)[:, None])
-    return spread.sum((1, 2))
+    out: NDArray[np.int64] = spread.sum((1, 2))
+    return out
 
 
-def rows(value, k, width, what) -> np.ndarray:
+def rows(value: ArrayLike, k: int | None, width: int, what: str) -> NDArray[np.float64]:
     """`value` as (k, width) float64; a single value is repeated for all lights. k None allows any number of rows."""
     values = as_array(value, what).astype(
         np.float64
@@ -154,7 +157,7 @@ class PointLights(LightList):
     indirect: bool = field(default=False, kw_only=True)
     nearest: float = field(default=0.0, kw_only=True)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "positions", rows(self.positions, None, 3, "PointLights positions"))
         if self.normals is not None:
             normals = rows(self.normals, len(self.positions), 3, "PointLights normals")
@@ -166,10 +169,10 @@ class PointLights(LightList):
         self._check_list()
 
     @property
-    def points(self):
+    def points(self) -> NDArray[np.float64]:
         return self.positions
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         u, v, w = np.eye(3)
         return LightPatch(LIST, -np.asarray(origin, np.float64), u, v, w, 0.0)
 
@@ -199,17 +202,17 @@ class DirectionalLights(LightList):
     intensities: np.ndarray = field(default_factory=lambda: np.ones(()))
     colours: np.ndarray = field(default_factory=lambda: np.ones(3))
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         directions = rows(self.directions, None, 3, "DirectionalLights directions")
         object.__setattr__(self, "directions", unit_vectors(directions, "the direction of light"))
         self._check_list()
 
     @property
-    def points(self) -> np.ndarray:
+    def points(self) -> NDArray[np.float64]:
         """(k, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
         return -self.directions
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         check_distance(reach, "DirectionalLights", "make the scene smaller")
         u, v, w = reach * np.eye(3)
         return LightPatch(DIRECTIONAL, np.zeros(3), u, v, w, 0.0)

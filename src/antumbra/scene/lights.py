@@ -1,11 +1,12 @@
 """Point, area and distant lights, ambient occlusion, and `LightPatch`, their common form for kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import items, number, quoted, text, unit_vectors, vector, whole_number
 from ..errors import InputError
@@ -86,7 +87,7 @@ class Light:
         """This light in a scene whose up axis is `up`. Only a `Sky` without an explicit axis changes."""
         return self
 
-    def patch(self, origin, reach: float) -> LightPatch:
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         """The light in the frame whose origin is at world position `origin`; scene distances are below `reach`."""
         raise NotImplementedError
 
@@ -99,11 +100,16 @@ class Light:
         number(self.intensity, f"{name} intensity", 0.0, MAX_INTENSITY, "[]")
         vector(self.colour, f"{name} colour")
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         self._check()
 
 
-def _fixed(base, u=_NO_EXTENT, v=_NO_EXTENT, origin=(0, 0, 0)) -> LightPatch:
+def _fixed(
+    base: NDArray[np.float64],
+    u: NDArray[np.float64] = _NO_EXTENT,
+    v: NDArray[np.float64] = _NO_EXTENT,
+    origin: ArrayLike = (0, 0, 0),
+) -> LightPatch:
     return LightPatch(FIXED, base - np.asarray(origin, np.float64), u, v, FLAT, 0.0)
 
 
@@ -120,12 +126,12 @@ class PointLight(Light):
 
         def __init__(self, position: Vector, *, intensity: float = 1.0, colour: Vector = WHITE) -> None: ...
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "position", vector(self.position, "PointLight position"))
         check_place(self.position, "PointLight position")
         self._check()
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         return _fixed(self.position, origin=origin)
 
 
@@ -147,7 +153,7 @@ class QuadLight(Light):
             self, corner: Vector, u: Vector, v: Vector, *, intensity: float = 1.0, colour: Vector = WHITE
         ) -> None: ...
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for name in ("corner", "u", "v"):
             object.__setattr__(self, name, vector(getattr(self, name), f"QuadLight {name}"))
         for at in (self.corner, self.corner + self.u, self.corner + self.v, self.corner + self.u + self.v):
@@ -156,10 +162,10 @@ class QuadLight(Light):
         if not self.area() > 0.0:
             raise InputError("QuadLight has no area (u and v are parallel or zero); use PointLight for a point")
 
-    def area(self):
+    def area(self) -> float:
         return float(np.linalg.norm(np.cross(self.u, self.v)))
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         return _fixed(self.corner, self.u, self.v, origin)
 
 
@@ -187,16 +193,16 @@ class DiskLight(Light):
             colour: Vector = WHITE,
         ) -> None: ...
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "center", vector(self.center, "DiskLight center"))
         object.__setattr__(self, "normal", unit_vectors(vector(self.normal, "DiskLight normal"), "DiskLight normal"))
         _check_round(self)
         self._check()
 
-    def area(self):
+    def area(self) -> float:
         return float(np.pi * self.radius**2)
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         u, v = tangents(self.normal)
         return _fixed(self.center, u * self.radius, v * self.radius, origin)
 
@@ -223,15 +229,15 @@ class SphereLight(Light):
             self, center: Vector, radius: float, *, intensity: float = 1.0, colour: Vector = WHITE
         ) -> None: ...
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "center", vector(self.center, "SphereLight center"))
         _check_round(self)
         self._check()
 
-    def area(self):
+    def area(self) -> float:
         return float(4.0 * np.pi * self.radius**2)
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         return _fixed(self.center, origin=origin)._replace(kind=SPHERE, radius=float(self.radius))
 
 
@@ -267,13 +273,13 @@ class DirectionalLight(Light):
             colour: Vector = WHITE,
         ) -> None: ...
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         what = "DirectionalLight direction"
         object.__setattr__(self, "direction", unit_vectors(vector(self.direction, what), what))
         number(self.angular_diameter, "DirectionalLight angular_diameter (degrees)", 0.0, 180.0, "[)")
         self._check()
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         u, v = tangents(self.direction)
         radius = reach * np.tan(np.radians(self.angular_diameter) / 2.0)
         cure = f"make the scene or angular_diameter ({self.angular_diameter!r}) smaller"
@@ -299,17 +305,17 @@ class AmbientOcclusion(Light):
     spp: int | None = None
     domain = "hemisphere"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.radius is not None:
             number(self.radius, "AmbientOcclusion radius", 0.0, np.inf, "(]")
         if self.spp is not None:
             object.__setattr__(self, "spp", whole_number(self.spp, "AmbientOcclusion spp", 1, MAX_SPP))
         self._check()
 
-    def samples(self, spp):
+    def samples(self, spp: int) -> int:
         return spp if self.spp is None else self.spp
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         radius = reach if self.radius is None else min(float(self.radius), reach)
         return LightPatch(AMBIENT, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), radius)
 
@@ -330,7 +336,7 @@ def is_bounced(light: Light) -> bool:
     return bool(getattr(light, "indirect", False))
 
 
-def tangents(n) -> tuple[np.ndarray, np.ndarray]:
+def tangents(n: NDArray[np.float64]) -> tuple[np.ndarray, np.ndarray]:
     """Two unit vectors orthogonal to the unit vector n and to each other [Duff et al. 2017]."""
     s = np.copysign(1.0, n[2])
     a = -1.0 / (s + n[2])
@@ -376,7 +382,7 @@ def light_names(lights: Sequence[Light]) -> list[str]:
     return names
 
 
-def check_lights(lights, up: str) -> list[Light]:
+def check_lights(lights: Light | Iterable[Light], up: str) -> list[Light]:
     """The lights of a scene as a list. Raises InputError on anything else, and on the bare base class.
 
     up : the scene's up axis, for lights that follow it, such as a `Sky`

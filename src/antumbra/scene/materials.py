@@ -8,17 +8,22 @@ import threading
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 # --- sRGB to linear light ---------------------------------------------------------------------------------------------
 
 
-def srgb_to_linear(value) -> np.ndarray:
+def srgb_to_linear(value: ArrayLike) -> NDArray[np.float64]:
     """Convert sRGB in [0, 1] to linear light (IEC 61966-2-1), float64."""
-    value = np.asarray(value, np.float64)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    s = np.asarray(value, np.float64)
+    linear: NDArray[np.float64] = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    return linear
 
 
 BYTE_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0)
@@ -39,7 +44,7 @@ _OPENING = threading.Lock()  # warning filters are shared by all threads, and a 
 _STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: twenty for the darkest byte
 
 
-def decode_image(data: bytes, side: int | None = None) -> np.ndarray:
+def decode_image(data: bytes, side: int | None = None) -> NDArray[np.uint8]:
     """(h, w, 4) uint8: an image in one of `FORMATS`. A large JPEG may be decoded at reduced size, at least `side`.
 
     Raises ValueError, with the reason, if the image cannot be decoded or is unreasonably large.
@@ -54,7 +59,7 @@ def decode_image(data: bytes, side: int | None = None) -> np.ndarray:
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def _opened(data: bytes):
+def _opened(data: bytes) -> "Image.Image":
     """A Pillow image with its pixels still unread. Pillow's warnings about large images become errors."""
     from PIL import Image
 
@@ -63,7 +68,7 @@ def _opened(data: bytes):
         return Image.open(io.BytesIO(data), formats=FORMATS)
 
 
-def rgba_of(image) -> np.ndarray:
+def rgba_of(image: "Image.Image") -> NDArray[np.uint8]:
     """(h, w, 4) uint8, contiguous: the pixels of a Pillow image; the high byte of 16-bit channels."""
     if image.mode.startswith("I"):
         high = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
@@ -71,7 +76,7 @@ def rgba_of(image) -> np.ndarray:
     return np.array(image.convert("RGBA"))
 
 
-def linear_of(pixels: np.ndarray) -> np.ndarray:
+def linear_of(pixels: np.ndarray) -> NDArray[np.float32]:
     """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha."""
     out = pixels.astype(np.float32) / np.float32(255.0)
     out[..., :3] = LINEAR[pixels[..., :3]]
@@ -114,11 +119,11 @@ def _by_alpha(weighted: np.ndarray) -> np.ndarray:
     return out
 
 
-def _quartered(picture: np.ndarray) -> np.ndarray:
+def _quartered(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ascontiguousarray(_halved(_halved(picture).swapaxes(0, 1)).swapaxes(0, 1))
 
 
-def _halved(rows: np.ndarray) -> np.ndarray:
+def _halved(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """Means of pairs of rows; for an odd number 2 k + 1, k means over 2 + 1/k rows each."""
     n, k = len(rows), len(rows) // 2
     if n % 2 == 0:
@@ -130,7 +135,7 @@ def _halved(rows: np.ndarray) -> np.ndarray:
     return ((k - i) * rows[0:-1:2] + k * rows[1::2] + (i + 1) * rows[2::2]) * weights
 
 
-def bytes_of(linear: np.ndarray) -> np.ndarray:
+def bytes_of(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """(h, w, 4) uint8: the inverse of `linear_of`."""
     clamped = np.clip(linear, 0.0, 1.0)
     out = (clamped * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
@@ -138,7 +143,7 @@ def bytes_of(linear: np.ndarray) -> np.ndarray:
     return out
 
 
-def _byte_table() -> np.ndarray:
+def _byte_table() -> NDArray[np.uint8]:
     """(65536,) uint8: the nearest sRGB byte of linear light."""
     edges = (BYTE_TO_LINEAR[1:] + BYTE_TO_LINEAR[:-1]) / 2.0
     return np.searchsorted(edges, np.arange(_STEPS) / (_STEPS - 1)).astype(np.uint8)
@@ -181,12 +186,12 @@ class Texture:
     opacity: bytes | None = field(default=None, repr=False)  # a second image, whose brightness is the alpha
 
     @cached_property
-    def pixels(self) -> np.ndarray:
+    def pixels(self) -> NDArray[np.uint8]:
         """(h, w, 4) uint8, contiguous. Raises ValueError if the image cannot be decoded."""
         return self._decoded(None)
 
     @cached_property
-    def mips(self) -> np.ndarray:
+    def mips(self) -> NDArray[np.uint8]:
         """(n,) uint8: the pixels of all smaller mip levels, concatenated; see `mip_levels`."""
         levels = mip_levels(self.pixels, self.has_alpha)
         return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level).reshape(-1) for level in levels)])
@@ -236,15 +241,21 @@ class Look(NamedTuple):
     """The appearance of a mesh beyond one colour per face. Rows are vertices; faces index them as they do positions."""
 
     materials: tuple[Material, ...]
-    uv: np.ndarray | None = None  # (v, 2) float32: coordinates in the material's texture; None: untextured
-    colours: np.ndarray | None = None  # (v, 4) float32: linear colour and alpha of each vertex
-    normals: np.ndarray | None = None  # (v, 3) float32, for shading
+    uv: NDArray[np.float32] | None = None  # (v, 2) float32: coordinates in the material's texture; None: untextured
+    colours: NDArray[np.float32] | None = None  # (v, 4) float32: linear colour and alpha of each vertex
+    normals: NDArray[np.float32] | None = None  # (v, 3) float32, for shading
     rest_positions: np.ndarray | None = None  # (v, 3) float32 or float64: the positions that the normals belong to
-    material_of_face: np.ndarray | None = None  # (f,) int32: index in `materials`, or -1; None: the only material
-    textured: np.ndarray | None = None  # (f,) bool: textured faces; None: all if there is `uv`
+    material_of_face: NDArray[np.int32] | None = None  # (f,) int32: index in `materials`, or -1; None: the only one
+    textured: NDArray[np.bool_] | None = None  # (f,) bool: textured faces; None: all if there is `uv`
 
 
-def look_of(material: Material, uv=None, colours=None, normals=None, rest_positions=None) -> Look | None:
+def look_of(
+    material: Material,
+    uv: ArrayLike | None = None,
+    colours: NDArray[Any] | None = None,
+    normals: ArrayLike | None = None,
+    rest_positions: NDArray[Any] | None = None,
+) -> Look | None:
     """The look of a mesh; None if one colour per face suffices."""
     uv = None if uv is None or material.texture is None else np.nan_to_num(np.asarray(uv, np.float32))
     if uv is None and colours is None and normals is None and material.alpha_mode == OPAQUE:
@@ -254,7 +265,7 @@ def look_of(material: Material, uv=None, colours=None, normals=None, rest_positi
     return Look((material,), uv, colours, normals, None if normals is None else rest_positions)
 
 
-def rgba_rows(colours) -> np.ndarray:
+def rgba_rows(colours: NDArray[Any]) -> NDArray[np.float32]:
     """(v, 4) float32 of linear colours (v, 3) or (v, 4), in [0, 1]."""
     out = np.ones((len(colours), 4), np.float32)
     out[:, : np.shape(colours)[1]] = np.clip(np.nan_to_num(colours), 0.0, 1.0)
@@ -268,7 +279,9 @@ _POINTS = np.array([[2, 1, 1], [1, 2, 1], [1, 1, 2], [4 / 3, 4 / 3, 4 / 3]]) / 4
 """Barycentric coordinates of a face's sample points: the centres of its four similar parts."""
 
 
-def mean_colours(material: Material, faces: np.ndarray | None, uv=None, colours=None) -> np.ndarray:
+def mean_colours(
+    material: Material, faces: np.ndarray | None, uv: NDArray[Any] | None = None, colours: ArrayLike | None = None
+) -> NDArray[np.float32]:
     """(3,) or (f, 3) float32, linear, in [0, 1]: the base colour of a mesh or of each of its faces.
 
     faces : (f, 3) int; None: every three vertices are a face
@@ -285,7 +298,8 @@ def mean_colours(material: Material, faces: np.ndarray | None, uv=None, colours=
         )
     if colours is not None:
         colour = colour * _corners(np.nan_to_num(np.asarray(colours)[:, :3]), faces).mean(axis=1, dtype=np.float64)
-    return np.clip(colour, 0.0, 1.0).astype(np.float32)
+    out: NDArray[np.float32] = np.clip(colour, 0.0, 1.0).astype(np.float32)
+    return out
 
 
 def _corners(values: np.ndarray, faces: np.ndarray | None) -> np.ndarray:
@@ -293,7 +307,7 @@ def _corners(values: np.ndarray, faces: np.ndarray | None) -> np.ndarray:
     return values.reshape(-1, 3, values.shape[1]) if faces is None else values[faces]
 
 
-def texture_means(texture: Texture, uv: np.ndarray) -> np.ndarray:
+def texture_means(texture: Texture, uv: np.ndarray) -> NDArray[np.float32]:
     """(f, 3) float32: the mean linear colour of the part of a texture that covers each face.
 
     uv : (f, 3, 2) float, texture coordinates of the corners

@@ -5,9 +5,10 @@ A `Source` yields `Piece`s, meshes in world space at one moment. `StaticMeshes` 
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array
 from ..errors import InputError
@@ -24,8 +25,8 @@ class Mesh(NamedTuple):
 
     name: str
     positions: np.ndarray  # (v, 3) float32 or float64; faces reference every one
-    faces: np.ndarray | None  # (f, 3) int32; None: every three positions are a face
-    colour: np.ndarray  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
+    faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three positions are a face
+    colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
     look: Look | None = None  # textures, vertex colours, normals; None: the mean colours suffice
 
 
@@ -47,7 +48,7 @@ class ObjectInfo(NamedTuple):
     parent: str = ""  # of a part: name of the outermost object that contains it, such as the Building; "": none
 
 
-def make_mesh(name: str, positions, faces, colour, where: str) -> Mesh:
+def make_mesh(name: str, positions: NDArray[Any], faces: NDArray[Any] | None, colour: object, where: str) -> Mesh:
     """A checked `Mesh`; `where` names it in errors. Unused positions are dropped."""
     if faces is None:
         positions = np.array(positions)
@@ -100,7 +101,7 @@ def check_finite(positions: np.ndarray, where: str) -> None:
     )
 
 
-def face_colours(colour, count: int, where: str) -> np.ndarray:
+def face_colours(colour: object, count: int, where: str) -> NDArray[np.float32]:
     """The checked linear colour as float32 in [0, 1]: one ((3,)), or one per face ((f, 3))."""
     if colour is None:
         return WHITE
@@ -111,7 +112,7 @@ def face_colours(colour, count: int, where: str) -> np.ndarray:
     return colour
 
 
-def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
+def linear_colours(colours: object, where: str, alpha: bool = False) -> NDArray[np.float32]:
     """Colours (..., 3) or (..., 4) as float32, linear light in [0, 1]. Without `alpha`, a fourth component is dropped.
 
     uint8 input is sRGB, floating-point input is linear light. Alpha is linear in both.
@@ -136,16 +137,15 @@ class Piece(NamedTuple):
     """A part of a scene at one moment: `k` copies of a mesh, in world space."""
 
     vertices: np.ndarray  # (k, v, 3) float32 or float64, world
-    faces: np.ndarray | None  # (f, 3) int32; None: every three vertices are a face
-    colour: np.ndarray  # (3,) or (f, 3) float32, linear
+    faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three vertices are a face
+    colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear
     where: str  # name in errors
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
     first: int = 0  # copy i is the object `first + i` of the source
-    owners: np.ndarray | None = None  # (f,) int32: the object of each face if the piece has several; then k = 1
+    owners: NDArray[np.int32] | None = None  # (f,) int32: the object of each face if the piece has several; then k = 1
     look: Look | None = None  # of the mesh
-    linear: np.ndarray | None = None  # (k, 3, 3) float64: linear parts of the object-to-world transforms, for the
-    # look's normals; None: identity
+    linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
 
 
 class Source(Protocol):
@@ -160,9 +160,9 @@ class Source(Protocol):
         """The pieces at `time`. Their order and faces are the same at every time."""
         ...
 
-    def cameras(self, time: float) -> list: ...
+    def cameras(self, time: float) -> list[Any]: ...  # of Camera, which imports this module
 
-    def lights(self, time: float) -> list: ...
+    def lights(self, time: float) -> list[Any]: ...  # of Light
 
 
 class StaticMeshes:
@@ -181,10 +181,10 @@ class StaticMeshes:
             where = f'{self.file}: mesh "{mesh.name}"'
             yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Any]:
         return []
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Any]:
         return []
 
 
@@ -192,7 +192,14 @@ class StaticMeshes:
 
 
 def textured_mesh(
-    mesh: Mesh, faces, n_vertices: int, material: Material = PLAIN, where: str = "", uv=None, colours=None, normals=None
+    mesh: Mesh,
+    faces: ArrayLike | None,
+    n_vertices: int,
+    material: Material = PLAIN,
+    where: str = "",
+    uv: object = None,
+    colours: object = None,
+    normals: object = None,
 ) -> Mesh:
     """A mesh from `make_mesh`, with the vertex attributes of its file or library.
 
@@ -209,7 +216,10 @@ def textured_mesh(
         If the texture cannot be decoded.
     """
     used = None if faces is None else used_faces(np.asarray(faces), n_vertices, where)[1]
-    rows = lambda values: None if values is None else np.asarray(values)[slice(None) if used is None else used]
+
+    def rows(values: np.ndarray | None) -> np.ndarray | None:
+        return values if values is None or used is None else values[used]
+
     if colours is not None:
         colours = linear_colours(colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
@@ -220,7 +230,7 @@ def textured_mesh(
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
 
 
-def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
+def _checked(values: object, shape: tuple[int, int], where: str) -> np.ndarray | None:
     if values is None:
         return None
     values = as_array(values, where)
@@ -229,7 +239,7 @@ def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
     return values
 
 
-def picture_texture(picture, where: str) -> Texture:
+def picture_texture(picture: object, where: str) -> Texture:
     """A texture from an sRGB array, (h, w, 3) or (h, w, 4) uint8."""
     pixels = as_array(picture, f"{where}: texture")
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
@@ -238,7 +248,7 @@ def picture_texture(picture, where: str) -> Texture:
     return Texture(where, np.ascontiguousarray(np.concatenate([pixels, opaque], axis=2)[..., :4]))
 
 
-def flip_v(uv, n_vertices: int) -> np.ndarray | None:
+def flip_v(uv: ArrayLike | None, n_vertices: int) -> np.ndarray | None:
     """Texture coordinates of trimesh and OBJ, whose v points up, with v down; None unless their shape is (n, 2)."""
     coordinates = np.asarray([] if uv is None else uv)
     return np.array([0, 1]) + np.array([1, -1]) * coordinates if coordinates.shape == (n_vertices, 2) else None

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from itertools import count
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .mesh import Piece, Source
@@ -30,7 +31,7 @@ def flush_to_zero(local: np.ndarray) -> np.ndarray:
     return np.where(np.abs(local) < NEAREST, local.dtype.type(0.0), local)
 
 
-def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def frame_origin(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
     """World position ((3,) float64) of the frame's origin for the bounds `lower`, `upper` ((3,) float64).
 
     The origin is the centre of the bounds, rounded to a whole number of steps above `lower`. The step is 2**-20 times
@@ -43,7 +44,8 @@ def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return lower.copy()
     exponent = int(np.frexp(extent)[1]) - 1  # floor(log2(extent))
     step = np.ldexp(1.0, exponent - 20)
-    return lower + np.round((upper - lower) / 2.0 / step) * step
+    out: NDArray[np.float64] = lower + np.round((upper - lower) / 2.0 / step) * step
+    return out
 
 
 # --- Bounds, accumulated piece by piece -------------------------------------------------------------------------------
@@ -54,7 +56,7 @@ def faces_of(piece: Piece) -> int:
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
 
 
-def objects_of(pieces: Iterable[Piece]) -> np.ndarray:
+def objects_of(pieces: Iterable[Piece]) -> NDArray[np.int32]:
     """(n,) int32: the object of each face, in the order of the pieces."""
     ids = [np.empty(0, np.int32)]
     for piece in pieces:
@@ -99,7 +101,7 @@ class Survey:
             self._upper = np.maximum(self._upper, piece.vertices.max(axis=(0, 1)))
         self.n_triangles += count
 
-    def bounds(self) -> np.ndarray:
+    def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64: lower and upper corner.
 
         Raises
@@ -126,7 +128,7 @@ _FAR, _AROUND = 1.0, 0.5  # the box extends to a side of the scene within _FAR e
 _MOMENTS = 5  # sampled times of an animation
 
 
-def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> np.ndarray:
+def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> NDArray[np.float64]:
     """(m, 3, 3) float64, world: every k-th face of a scene at `time`, about `MAX_SAMPLED_FACES` at most."""
     step, first, samples = -(-n_triangles // MAX_SAMPLED_FACES), 0, [np.empty((0, 3, 3))]
     for piece in source.pieces(time):
@@ -137,23 +139,24 @@ def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> np.nda
     return np.concatenate(samples)
 
 
-def _corners(piece: Piece, copies: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def _corners(piece: Piece, copies: np.ndarray, faces: np.ndarray) -> NDArray[np.float64]:
     """(m, 3, 3) float64: the corners of the given faces of the given copies."""
     corners = 3 * faces[:, None] + np.arange(3) if piece.faces is None else piece.faces[faces]
-    points = piece.vertices[copies[:, None], corners].astype(np.float64)
+    points: NDArray[np.float64] = piece.vertices[copies[:, None], corners].astype(np.float64)
     if piece.towards is None:
         return points
-    return (1.0 - piece.share) * points + piece.share * piece.towards[copies[:, None], corners]
+    out: NDArray[np.float64] = (1.0 - piece.share) * points + piece.share * piece.towards[copies[:, None], corners]
+    return out
 
 
-def moving_faces(source: Source, n_triangles: int) -> np.ndarray:
+def moving_faces(source: Source, n_triangles: int) -> NDArray[np.float64]:
     """(m, 3, 3) float64, world: `sampled_faces` at evenly spaced times of the animation."""
     moments = _MOMENTS if source.duration > 0.0 else 1
     times = (k * source.duration / max(moments - 1, 1) for k in count())
     return np.concatenate([sampled_faces(source, n_triangles * moments, t) for t, _ in zip(times, range(moments))])
 
 
-def detail(faces: np.ndarray) -> np.ndarray:
+def detail(faces: np.ndarray) -> NDArray[np.float64]:
     """(2, 3) float64: a box around nearly all triangles of a sample.
 
     Triangles are counted, not weighted by area, so a wide ground plane of few triangles or an isolated distant part
@@ -173,14 +176,14 @@ def detail(faces: np.ndarray) -> np.ndarray:
     )
 
 
-def within(faces: np.ndarray, box: np.ndarray) -> np.ndarray:
+def within(faces: np.ndarray, box: np.ndarray) -> NDArray[np.float64]:
     """(k, 3) float64: the sample's corners inside a box; the corners of the box itself if there are none."""
     corners = faces.reshape(-1, 3)
     inside = corners[((corners >= box[0]) & (corners <= box[1])).all(1)]
     return inside if len(inside) else corners_of(box)
 
 
-def corners_of(box: np.ndarray) -> np.ndarray:
+def corners_of(box: np.ndarray) -> NDArray[np.float64]:
     """(8, 3) float64: the corners of a box."""
     return np.stack([box[i, range(3)] for i in np.ndindex(2, 2, 2)])
 

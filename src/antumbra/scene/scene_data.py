@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, choice, instance, items, number, quoted, text, whole_number
 from ..errors import InputError, one_line
@@ -44,14 +45,14 @@ class CityModel(NamedTuple):
 
     crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code
     objects: list[str]  # ids of the objects with faces
-    object_of_face: np.ndarray  # (n,) int32, index into `objects`
-    surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
+    object_of_face: NDArray[np.int32]  # (n,) int32, index into `objects`
+    surface_of_face: NDArray[np.int32]  # (n,) int32, index into `surfaces`
     surfaces: list[SemanticSurface]  # those with faces
     types: list[str]  # type of each object, such as "BuildingPart"
     parents: list[str]  # id of the outermost object that contains each object, such as the Building; "": none
     lods: list[str]  # all levels of detail with surfaces in the file, ascending
 
-    def surface_types(self, faces) -> np.ndarray:
+    def surface_types(self, faces: "ArrayLike") -> NDArray[np.str_]:
         """(...) str: the type of each face's semantic surface, such as "RoofSurface".
 
         "" for polygons without semantics, and for the face -1 (a miss).
@@ -85,8 +86,8 @@ class SceneData(ABC):
     duration: float  # seconds
     meshes: list[MeshInfo]
     objects: list[ObjectInfo]
-    bounds: np.ndarray  # (2, 3) float64, world
-    origin: np.ndarray  # (3,) float64, world
+    bounds: NDArray[np.float64]  # (2, 3) float64, world
+    origin: NDArray[np.float64]  # (3,) float64, world
     city: CityModel | None = None  # of a CityJSON file
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
     _cameras: list[Camera]  # at time 0
@@ -112,7 +113,7 @@ class SceneData(ABC):
 
     @property
     @abstractmethod
-    def object_of_face(self) -> np.ndarray:
+    def object_of_face(self) -> NDArray[np.int32]:
         """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it."""
 
     @abstractmethod
@@ -170,7 +171,7 @@ class SceneData(ABC):
         """The lowest height of the scene in world units."""
         return float(self.bounds[0, "xyz".index(self.up)])
 
-    def clamped(self, time) -> float:
+    def clamped(self, time: float) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
         return min(max(time, 0.0), self.duration)
@@ -232,7 +233,7 @@ class MemoryData(SceneData):
         return min(heights)
 
     @property
-    def object_of_face(self) -> np.ndarray:
+    def object_of_face(self) -> NDArray[np.int32]:
         """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it.
 
         The first use evaluates the geometry once more, piece by piece.
@@ -296,12 +297,13 @@ class MemoryData(SceneData):
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)
 
-    def _lights_at(self, time: float) -> list:
+    def _lights_at(self, time: float) -> list[Light]:
         return self.source.lights(time)
 
 
 def check_up_axis(up: str) -> str:
-    return choice(up, "up", ("y", "z"))
+    axis: str = choice(up, "up", ("y", "z"))
+    return axis
 
 
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
@@ -330,8 +332,10 @@ def group_notes(notes: Iterable[str], where: str = "Scene.notes has all") -> lis
     kinds: dict[tuple[str, ...], list[str]] = {}
     for note in notes:
         kinds.setdefault(_kind(note), []).append(note)
-    more = lambda group: f" (and {len(group) - 1} more of this kind; {where})" if len(group) > 1 else ""
-    return [group[0] + more(group) for group in kinds.values()]
+    return [
+        group[0] + (f" (and {len(group) - 1} more of this kind; {where})" if len(group) > 1 else "")
+        for group in kinds.values()
+    ]
 
 
 def _kind(note: str) -> tuple[str, ...]:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import as_array, choice, flag, number, path_of, unit_vectors, whole_number
 from ..errors import InputError
 from ..files import checked_file, without_output
 from .camera import axes
 from .light_lists import N_SETS, LightList
-from .lights import DIRECTIONAL, MAX_SPP, LightPatch, check_distance
+from .lights import DIRECTIONAL, MAX_SPP, Light, LightPatch, check_distance
 
 # --- Environment map files: Radiance .hdr and OpenEXR -----------------------------------------------------------------
 
@@ -77,7 +78,7 @@ def _read_hdr(path: Path) -> np.ndarray:
     return np.where(rgbe[..., 3:] > 0, (rgbe[..., :3] + 0.5) * np.exp2(rgbe[..., 3:] - 136.0), 0.0)
 
 
-def _rows(data: np.ndarray, h: int, w: int) -> np.ndarray:
+def _rows(data: np.ndarray, h: int, w: int) -> NDArray[np.uint8]:
     """(h, w, 4) uint8: the RGBE pixels, with run-length encoded rows expanded."""
     if not (8 <= w < 32768 and data[:4].tolist() == [2, 2, w >> 8, w & 255]):
         return data[: 4 * h * w].reshape(h, w, 4)
@@ -141,7 +142,7 @@ class Sky(LightList):
     interleave: bool = field(default=True, kw_only=True)
     map: np.ndarray = field(init=False, repr=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         choice(self.up, "Sky up", ("y", "z", None))
         number(self.turn, "Sky turn (degrees)")
         flag(self.interleave, "Sky interleave")
@@ -154,29 +155,29 @@ class Sky(LightList):
         return _sample_map(self.map, self.count)
 
     @cached_property
-    def points(self) -> np.ndarray:
+    def points(self) -> NDArray[np.float64]:
         """(count, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
         return self._map_lights[0] @ self._frame
 
     @property
-    def intensities(self) -> np.ndarray:
+    def intensities(self) -> NDArray[np.float64]:
         """(count,) float64: lux of each light, times `intensity`."""
         return self._map_lights[1]
 
     @property
-    def colours(self) -> np.ndarray:
+    def colours(self) -> NDArray[np.float64]:
         """(count, 3) float64: the colour of each light, of luminance 1, times `colour`."""
         return self._map_lights[2]
 
-    def upright(self, up):
+    def upright(self, up: str) -> Light:
         return self if self.up else replace(self, image=self.map, up=up).named(self.name)
 
-    def patch(self, origin, reach):
+    def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         check_distance(reach, "Sky", "make the scene smaller")
         u, v, w = reach * np.eye(3)
         return LightPatch(DIRECTIONAL, np.zeros(3), u, v, w, 0.0)
 
-    def radiance(self, directions: np.ndarray) -> np.ndarray:
+    def radiance(self, directions: np.ndarray) -> NDArray[np.float32]:
         """(..., 3) float32: linear radiance seen along directions ((..., 3) float, world, any length), bilinear."""
         directions = as_array(directions, "directions")
         if directions.ndim < 1 or directions.shape[-1] != 3:
@@ -199,7 +200,8 @@ class Sky(LightList):
         rows = [np.clip(y + k, 0, h - 1).astype(np.int32) for k in (0, 1)]
         columns = [(x.astype(np.int32) + k) % w for k in (0, 1)]
         (a, b), (c, d) = ([self._tinted[r, k] for k in columns] for r in rows)
-        return (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
+        result: NDArray[np.float32] = (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
+        return result
 
     @cached_property
     def _level(self) -> bool:
@@ -211,7 +213,7 @@ class Sky(LightList):
         return (self.map * (self.intensity * np.asarray(self.colour))).astype(np.float32)
 
     @cached_property
-    def _frame(self) -> np.ndarray:
+    def _frame(self) -> NDArray[np.float64]:
         """(3, 3) float64: the map's right, up and backward axes in world space, as rows."""
         right, upward, back = axes(self.up or "y")
         turn = np.radians(self.turn)
@@ -219,7 +221,7 @@ class Sky(LightList):
         return np.stack([sideways, upward, np.cross(sideways, upward)])
 
 
-def _map_of(image) -> np.ndarray:
+def _map_of(image: object) -> np.ndarray:
     """The (h, w, 3) float64 map for the argument `image` of `Sky`."""
     if image is None:
         return _daylight()
@@ -235,13 +237,14 @@ def _map_of(image) -> np.ndarray:
     return array
 
 
-def _daylight() -> np.ndarray:
+def _daylight() -> NDArray[np.float64]:
     """A clear sky, brighter towards the horizon, over a grey ground."""
     height = np.cos(np.pi * (np.arange(_HEIGHT) + 0.5) / _HEIGHT)[:, None]  # sine of the elevation
     above = _HORIZON + (_ZENITH - _HORIZON) * np.clip(height, 0.0, 1.0) ** 0.6
     share = np.clip(-height / 0.35, 0.0, 1.0)
     below = _HORIZON + (_GROUND - _HORIZON) * share * share * (3.0 - 2.0 * share)
-    return np.where(height >= 0.0, above, below)[:, None]
+    out: NDArray[np.float64] = np.where(height >= 0.0, above, below)[:, None]
+    return out
 
 
 def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ float64 arrays, and no compilation happens while a frame is timed.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import has_area
@@ -84,7 +85,7 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> i
     """
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
-        count = copies * n_vertices // 3
+        count: int = copies * n_vertices // 3
         _recentred(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
         return count
     local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
@@ -127,7 +128,7 @@ def _find_areas(ticket, corners, has_areas, faults):
             faults[0] = True
 
 
-def rows_with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
+def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.int32] | None:
     """(k,) int32, ascending: the triangles with nonzero area, in exact arithmetic; None: all triangles.
 
     vertices : (n, 3, 3) float32
@@ -147,7 +148,7 @@ def _copy_rows(ticket, corners, rows, out):
         put(target, i * 9 + 8, get(source, row + 8))
 
 
-def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
+def solid_vertices(triangles: Triangles, threads: int | None) -> NDArray[np.float32]:
     """(k, 3, 3) float32: the triangles with nonzero area and without holes; not copied if these are all triangles."""
     if triangles.solid is None:
         return triangles.vertices
@@ -157,7 +158,7 @@ def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
     return out.reshape(-1, 3, 3)
 
 
-def solid_faces(vertices: np.ndarray, uncut: np.ndarray | None, threads: int) -> np.ndarray | None:
+def solid_faces(vertices: np.ndarray, uncut: NDArray[np.int32] | None, threads: int) -> NDArray[np.int32] | None:
     """(k,) int32, ascending: the faces with nonzero area and without holes; None: all faces.
 
     uncut : (m,) int32, ascending: the faces without holes; None: all faces

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .alpha_masks import Cutouts
@@ -18,12 +19,12 @@ from .alpha_masks import Cutouts
 class Triangles(NamedTuple):
     """A triangle soup in the recentred frame of its scene. World position = vertices + origin."""
 
-    vertices: np.ndarray  # (n, 3, 3) float32, recentred frame, C-contiguous
-    origin: np.ndarray  # (3,) float64, world position of the frame's origin
-    face_id: np.ndarray  # (n,) int32, index of the face in the scene; the same at every time
-    colour: np.ndarray  # (n, 3) float32, linear base colour in [0, 1]
+    vertices: NDArray[np.float32]  # (n, 3, 3) float32, recentred frame, C-contiguous
+    origin: NDArray[np.float64]  # (3,) float64, world position of the frame's origin
+    face_id: NDArray[np.int32]  # (n,) int32, index of the face in the scene; the same at every time
+    colour: NDArray[np.float32]  # (n, 3) float32, linear base colour in [0, 1]
     cutouts: Cutouts | None = None  # alpha-masked faces; None: all faces are solid
-    solid: np.ndarray | None = None  # (k,) int32, ascending: rows with nonzero area and without holes; None: all rows
+    solid: NDArray[np.int32] | None = None  # (k,) int32, ascending: rows with area and without holes; None: all
 
     def __repr__(self) -> str:
         return f"Triangles({len(self.vertices)} triangles; {', '.join(self._fields)})"
@@ -45,10 +46,10 @@ def concatenate(soups: Sequence[Triangles]) -> Triangles:
 class HitFaces(NamedTuple):
     """The arrays of a `Hit`."""
 
-    t: np.ndarray  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss
-    face: np.ndarray  # (...) int32, index of the face in the scene; -1 on a miss
-    u: np.ndarray  # (...) float32, barycentric weight of the face's second corner, 0 to 1; 0 on a miss
-    v: np.ndarray  # (...) float32, barycentric weight of its third corner, 0 to 1; 0 on a miss
+    t: NDArray[np.float64]  # (...) float64, in lengths of the direction, rounded to nearest; inf on a miss
+    face: NDArray[np.int32]  # (...) int32, index of the face in the scene; -1 on a miss
+    u: NDArray[np.float32]  # (...) float32, barycentric weight of the face's second corner, 0 to 1; 0 on a miss
+    v: NDArray[np.float32]  # (...) float32, barycentric weight of its third corner, 0 to 1; 0 on a miss
 
 
 class Hit(HitFaces):
@@ -62,7 +63,9 @@ class Hit(HitFaces):
     _object_of_face: Callable[[], np.ndarray] | None = None
 
     @classmethod
-    def of_scene(cls, faces: HitFaces, find: Callable, object_of_face: Callable) -> "Hit":
+    def of_scene(
+        cls, faces: HitFaces, find: Callable[[], tuple[Triangles, np.ndarray]], object_of_face: Callable[[], np.ndarray]
+    ) -> "Hit":
         """A `Hit` with access to its triangles and objects; `surfaces` calls `find()` at most once."""
         hit = cls(*faces)
         hit._find, hit._object_of_face = find, object_of_face
@@ -77,19 +80,19 @@ class Hit(HitFaces):
         return self._surfaces
 
     @property
-    def mask(self) -> np.ndarray:
+    def mask(self) -> NDArray[np.bool_]:
         """(...) bool: whether the ray hits a face."""
         return self.face >= 0
 
     @property
-    def position(self) -> np.ndarray:
+    def position(self) -> NDArray[np.float64]:
         """(..., 3) float64, world: the hit point on the face; NaN on a miss."""
         a, b, c = self._corners_of_hits().swapaxes(0, 1)
         u, v = (w[self.mask].astype(np.float64)[:, None] for w in (self.u, self.v))
         return self._scattered(a + u * (b - a) + v * (c - a))
 
     @property
-    def normal(self) -> np.ndarray:
+    def normal(self) -> NDArray[np.float64]:
         """(..., 3) float64: the unit face normal, oriented by the winding order; NaN on a miss.
 
         The corners are counter-clockwise seen from the side to which the normal points. The ray may come from either
@@ -100,14 +103,14 @@ class Hit(HitFaces):
         return self._scattered(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     @property
-    def corners(self) -> np.ndarray:
+    def corners(self) -> NDArray[np.float64]:
         """(..., 3, 3) float64, world: the three corners of the face; NaN on a miss."""
         out = np.full((*self.face.shape, 3, 3), np.nan)
         out[self.mask] = self._corners_of_hits()
         return out
 
     @property
-    def object(self) -> np.ndarray:
+    def object(self) -> NDArray[np.int32]:
         """(...) int32: index in `Scene.objects` of the object that was hit; -1 on a miss."""
         if self._object_of_face is None:
             raise _refusal()
@@ -115,10 +118,11 @@ class Hit(HitFaces):
         objects[self.mask] = self._object_of_face()[self.face[self.mask]]
         return objects
 
-    def _corners_of_hits(self) -> np.ndarray:
+    def _corners_of_hits(self) -> NDArray[np.float64]:
         """(m, 3, 3) float64, world: the face corners of all rays that hit."""
         triangles, index = self.surfaces()
-        return triangles.vertices[index[index >= 0]].astype(np.float64) + triangles.origin
+        out: NDArray[np.float64] = triangles.vertices[index[index >= 0]].astype(np.float64) + triangles.origin
+        return out
 
     def _scattered(self, values: np.ndarray) -> np.ndarray:
         out = np.full((*self.face.shape, 3), np.nan)

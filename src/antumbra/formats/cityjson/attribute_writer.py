@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...checks import path_of, quoted
 from ...checks import text as checked_text
@@ -27,8 +28,8 @@ class _Means(NamedTuple):
     """Area-weighted means of one attribute; NaN where no face has a value."""
 
     name: str
-    surfaces: np.ndarray  # (s,) float64
-    objects: np.ndarray  # (o,) float64
+    surfaces: NDArray[np.float64]  # (s,) float64
+    objects: NDArray[np.float64]  # (o,) float64
 
 
 def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray], *, lod: str | None = None) -> None:

@@ -12,6 +12,7 @@ from operator import index
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...extras import import_extra
@@ -28,16 +29,16 @@ _SAME_AREA = 1e-6  # relative tolerance of a polygon's area and that of its tria
 class Rings(NamedTuple):
     """Polygons as lists of rings; the first ring of each polygon is its outer boundary."""
 
-    corners: np.ndarray  # (c,) int64, vertices of all rings, concatenated
-    sizes: np.ndarray  # (r,) int64, number of corners of each ring
-    rings_in: np.ndarray  # (p,) int64, number of rings of each polygon
+    corners: NDArray[np.int64]  # (c,) int64, vertices of all rings, concatenated
+    sizes: NDArray[np.int64]  # (r,) int64, number of corners of each ring
+    rings_in: NDArray[np.int64]  # (p,) int64, number of rings of each polygon
 
 
 class Triangulation(NamedTuple):
     """Triangles, in the order of their polygons."""
 
-    faces: np.ndarray  # (f, 3) int64, vertices
-    polygon: np.ndarray  # (f,) int64
+    faces: NDArray[np.int64]  # (f, 3) int64, vertices
+    polygon: NDArray[np.int64]  # (f,) int64
     flat: int  # number of polygons without area, which have no triangles
     crossed: int  # number of polygons whose area differs from that of their triangles: their rings cross
 
@@ -46,13 +47,13 @@ class _ProjectedPolygons(NamedTuple):
     """Polygons in the plane, each with its own axes, in which its outer ring is counter-clockwise."""
 
     rings: Rings
-    points: np.ndarray  # (c, 2) float64, relative to the first corner of the polygon
-    first: np.ndarray  # (p + 1,) int64, first corner of each polygon
-    ring_end: np.ndarray  # (r,) uint32, end of each ring, relative to the first corner of its polygon
-    area: np.ndarray  # (p,) float64, twice the area of each polygon, holes subtracted; 0: degenerate
+    points: NDArray[np.float64]  # (c, 2) float64, relative to the first corner of the polygon
+    first: NDArray[np.int64]  # (p + 1,) int64, first corner of each polygon
+    ring_end: NDArray[np.uint32]  # (r,) uint32, end of each ring, relative to the first corner of its polygon
+    area: NDArray[np.float64]  # (p,) float64, twice the area of each polygon, holes subtracted; 0: degenerate
 
 
-def triangulate(vertices: np.ndarray, rings: Rings) -> Triangulation:
+def triangulate(vertices: NDArray[np.float64], rings: Rings) -> Triangulation:
     """Triangulate polygons: triangles and quads directly, all others by ear clipping.
 
     vertices : (v, 3) float64
@@ -169,10 +170,10 @@ GROUP = "CityObjectGroup"
 class Polygons(NamedTuple):
     """All polygons of the chosen geometries."""
 
-    vertices: np.ndarray  # (v, 3) float64, world
+    vertices: NDArray[np.float64]  # (v, 3) float64, world
     rings: Rings
-    surface: np.ndarray  # (p,) int32, index into `surfaces`
-    mirrored: np.ndarray  # (p,) bool: the instance's matrix flips the polygon's orientation
+    surface: NDArray[np.int32]  # (p,) int32, index into `surfaces`
+    mirrored: NDArray[np.bool_]  # (p,) bool: the instance's matrix flips the polygon's orientation
     surfaces: list[SemanticSurface]
     objects: list[str]  # ids
     types: list[str]

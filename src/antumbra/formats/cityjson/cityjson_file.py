@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..json_fields import Fields, parse
@@ -24,7 +25,7 @@ class CityPart(NamedTuple):
 
     where: str  # name in errors
     objects: dict[str, dict]  # id -> CityObject
-    vertices: np.ndarray  # (v, 3) float64, world
+    vertices: NDArray[np.float64]  # (v, 3) float64, world
 
 
 class CityDocument(NamedTuple):
@@ -34,7 +35,7 @@ class CityDocument(NamedTuple):
     crs: str | None  # such as "EPSG:7415"
     parts: list[CityPart]
     templates: list[dict]  # geometries
-    template_vertices: np.ndarray  # (v, 3) float64, in the frame of the templates
+    template_vertices: NDArray[np.float64]  # (v, 3) float64, in the frame of the templates
     notes: list[str]
 
 

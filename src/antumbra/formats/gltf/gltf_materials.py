@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import checked_file, sibling
@@ -26,7 +27,7 @@ class MappedMaterial(NamedTuple):
 
     material: Material
     uv_set: str = "TEXCOORD_0"  # attribute with the texture coordinates
-    transform: np.ndarray | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
+    transform: NDArray[np.float64] | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
 
     def transformed(self, uv: np.ndarray) -> np.ndarray:
         """Texture coordinates ((v, 2)) under the transform."""
@@ -133,7 +134,7 @@ class Materials:
         return buffer[start : start + size].tobytes()
 
 
-def _matrix(transform: Fields) -> np.ndarray:
+def _matrix(transform: Fields) -> NDArray[np.float64]:
     """(2, 3) float64: offset times rotation times scale of KHR_texture_transform."""
     angle = transform.number("rotation", 0.0)
     x, y = transform.numbers("scale", 2, (1.0, 1.0))

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.materials import Look, look_of, mean_colours
@@ -24,9 +25,9 @@ class Primitive(NamedTuple):
     mesh: Mesh
     where: str  # name in errors
     targets: np.ndarray | None  # (t, v, 3) float32 or float64, displacements of morph targets
-    joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
-    weights: np.ndarray | None  # (v, j) float64, summing to 1
-    used: np.ndarray | None  # (rows,) bool: the accessor rows that became vertices; None: all
+    joints: NDArray[np.int32] | None  # (v, j) int32, indices into the joints of a skin
+    weights: NDArray[np.float64] | None  # (v, j) float64, summing to 1
+    used: NDArray[np.bool_] | None  # (rows,) bool: the accessor rows that became vertices; None: all
     place: int  # index of the primitive in its mesh
 
     @property
@@ -132,8 +133,8 @@ def _appearance(fields: Fields, attributes, accessors: Accessors, rows, faces, m
 class Skin(NamedTuple):
     """Joints and their inverse bind matrices."""
 
-    joints: np.ndarray  # (j,) int64, node indices
-    inverse_bind: np.ndarray  # (j, 4, 4) float64
+    joints: NDArray[np.int64]  # (j,) int64, node indices
+    inverse_bind: NDArray[np.float64]  # (j, 4, 4) float64
     where: str  # name in errors
 
 
@@ -268,7 +269,7 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look 
     )  # fmt: skip
 
 
-def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> np.ndarray | None:
+def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> NDArray[np.float32] | None:
     """(v, width) float32: a vertex attribute of all meshes; None if none has it."""
     attributes = [None if m.look is None else getattr(m.look, name) for m in meshes]
     if all(values is None for values in attributes):

@@ -4,6 +4,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.camera import Camera
@@ -22,14 +23,14 @@ class Nodes(NamedTuple):
     """All nodes of a file, in the rest pose."""
 
     fields: list[Fields]
-    translation: np.ndarray  # (n, 3) float64
-    rotation: np.ndarray  # (n, 4) float64, quaternion x y z w, unit
-    scale: np.ndarray  # (n, 3) float64
-    matrix: np.ndarray  # (n, 4, 4) float64, used instead of the three above where `fixed`
-    fixed: np.ndarray  # (n,) bool
-    parent: np.ndarray  # (n,) int64, -1 for a root
+    translation: NDArray[np.float64]  # (n, 3) float64
+    rotation: NDArray[np.float64]  # (n, 4) float64, quaternion x y z w, unit
+    scale: NDArray[np.float64]  # (n, 3) float64
+    matrix: NDArray[np.float64]  # (n, 4, 4) float64, used instead of the three above where `fixed`
+    fixed: NDArray[np.bool_]  # (n,) bool
+    parent: NDArray[np.int64]  # (n,) int64, -1 for a root
     levels: list[np.ndarray]  # node indices by depth, roots first
-    visible: np.ndarray  # (n,) bool, whether the node is in the default scene
+    visible: NDArray[np.bool_]  # (n,) bool, whether the node is in the default scene
 
 
 def read_nodes(root: Fields) -> Nodes:
@@ -65,14 +66,14 @@ def local_matrices(translation, rotation, scale) -> np.ndarray:
     return matrices
 
 
-def posed_matrices(nodes: Nodes, translation, rotation, scale) -> np.ndarray:
+def posed_matrices(nodes: Nodes, translation, rotation, scale) -> NDArray[np.float64]:
     """(n, 4, 4) float64: local matrices of all nodes, from these values, or from the node's matrix where `fixed`."""
     local = local_matrices(translation, rotation, scale)
     local[nodes.fixed] = nodes.matrix[nodes.fixed]
     return local
 
 
-def world_matrices(nodes: Nodes, local: np.ndarray) -> np.ndarray:
+def world_matrices(nodes: Nodes, local: np.ndarray) -> NDArray[np.float64]:
     """(n, 4, 4) float64: each node's transform to world space, computed level by level from the roots."""
     world = local.copy()
     for level in nodes.levels[1:]:
@@ -93,7 +94,7 @@ def transform_points(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return out
 
 
-def with_ancestors(nodes: Nodes, selection: np.ndarray) -> np.ndarray:
+def with_ancestors(nodes: Nodes, selection: np.ndarray) -> NDArray[np.bool_]:
     """(n,) bool: the nodes in `selection` ((n,) bool) and all their ancestors."""
     ancestors = selection.copy()
     for level in reversed(nodes.levels[1:]):
@@ -101,7 +102,7 @@ def with_ancestors(nodes: Nodes, selection: np.ndarray) -> np.ndarray:
     return ancestors
 
 
-def singular(matrices: np.ndarray) -> np.ndarray:
+def singular(matrices: np.ndarray) -> NDArray[np.bool_]:
     """(n,) bool: which of (n, 4, 4) transforms have no inverse, independent of their scale."""
     linear = matrices[:, :3, :3]
     lengths = np.linalg.norm(linear, axis=1)
@@ -187,8 +188,8 @@ class Track(NamedTuple):
     node: int
     path: str  # "translation", "rotation", "scale" or "weights"
     interpolation: str
-    times: np.ndarray  # (k,) float64, seconds, non-decreasing
-    values: np.ndarray  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
+    times: NDArray[np.float64]  # (k,) float64, seconds, non-decreasing
+    values: NDArray[np.float64]  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
 
 
 def read_tracks(

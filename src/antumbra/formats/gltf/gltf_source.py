@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.mesh import MeshInfo, ObjectInfo, Piece
@@ -53,9 +54,9 @@ class MeshNode(NamedTuple):
     node: int
     primitives: list[Primitive]
     runs: list[Primitive]  # the primitives, with runs of small ones merged
-    weights: np.ndarray  # (t,) float64, weights of the morph targets at rest
+    weights: NDArray[np.float64]  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
-    copies: np.ndarray | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing relative to the node
+    copies: NDArray[np.float64] | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing relative to the node
 
     @property
     def n_copies(self) -> int:
@@ -67,11 +68,11 @@ class PlacedPrimitive(NamedTuple):
 
     node: int
     primitive: Primitive
-    matrix: np.ndarray  # (4, 4) float64, the node's transform to world space
+    matrix: NDArray[np.float64]  # (4, 4) float64, the node's transform to world space
     skinned: bool
-    vertices: np.ndarray  # (k, v, 3) float64, world; k copies
+    vertices: NDArray[np.float64]  # (k, v, 3) float64, world; k copies
     first: int  # object index of the first copy
-    linear: np.ndarray | None  # (k, 3, 3) float64: linear parts of the copies' transforms; None: skinned
+    linear: NDArray[np.float64] | None  # (k, 3, 3) float64: linear parts of the copies' transforms; None: skinned
 
 
 class GltfSource:
