@@ -10,12 +10,16 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import checked_file
+from ..scene.camera import Camera
+from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces
 
 # --- .npy and .npz files ----------------------------------------------------------------------------------------------
@@ -78,7 +82,7 @@ def _array_of(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, where: str) -> n
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _header(stream, where: str) -> tuple[tuple[int, ...], bool, np.dtype]:
+def _header(stream: IO[bytes], where: str) -> tuple[tuple[int, ...], bool, np.dtype]:
     try:
         shape, fortran, dtype = _HEADERS[npy.read_magic(stream)](stream)
     except Exception as error:  # the header is Python source, whose parser raises many error types
@@ -114,7 +118,9 @@ class VertexFrames:
     The frames are memory-mapped. Each is read and checked when it is needed.
     """
 
-    def __init__(self, file: str, frames, faces, colour, times: np.ndarray):
+    def __init__(
+        self, file: str, frames: np.ndarray, faces: np.ndarray, colour: NDArray[np.float32], times: np.ndarray
+    ) -> None:
         self.file = file
         self.duration = float(times[-1] - times[0])
         self._frames, self._times, self._colour = frames, times - times[0], colour
@@ -129,10 +135,10 @@ class VertexFrames:
             towards = self._frame(k + 1)
         yield Piece(vertices, self._faces, self._colour, f"{self.file}/frames.npy", towards, share)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return []
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return []
 
     def _frame(self, k: int) -> np.ndarray:
@@ -191,7 +197,7 @@ def _times(path: Path, count: int, where: str) -> np.ndarray:
     return times
 
 
-def _as_times(value, count: int, where: str) -> np.ndarray:
+def _as_times(value: Any, count: int, where: str) -> np.ndarray:
     numbers = isinstance(value, list) and all(type(v) in (int, float) and abs(v) < 1e300 for v in value)
     if not numbers or len(value) != count:
         raise InputError(f'{where}: "times" must be a list of {count} numbers, one for each frame')

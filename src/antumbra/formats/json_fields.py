@@ -2,10 +2,13 @@
 
 import json
 import math
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
+
+T = TypeVar("T")
 
 REQUIRED = object()
 _MAX_WHOLE = 2**53
@@ -16,14 +19,14 @@ class Fields:
 
     __slots__ = ("_data", "where")
 
-    def __init__(self, data, where: str):
+    def __init__(self, data: object, where: str) -> None:
         if not isinstance(data, dict):
             raise InputError(f"{where} is {_description(data)}; it must be a JSON object")
         self._data = data
         self.where = where
 
     @property
-    def data(self) -> dict:
+    def data(self) -> dict[str, Any]:
         """The JSON object itself."""
         return self._data
 
@@ -34,19 +37,19 @@ class Fields:
     def __contains__(self, key: str) -> bool:
         return self._data.get(key) is not None
 
-    def whole(self, key: str, default=REQUIRED, *, low: int = 0, high: int = _MAX_WHOLE):
+    def whole(self, key: str, default: Any = REQUIRED, *, low: int = 0, high: int = _MAX_WHOLE) -> Any:
         """A whole number, low <= value < high."""
         value = self._value(key, default, "a whole number")
         if value is default:
             return default
         return self._whole(value, key, low, high)
 
-    def number(self, key: str, default=REQUIRED) -> float:
+    def number(self, key: str, default: Any = REQUIRED) -> Any:
         """A finite number."""
         value = self._value(key, default, "a number")
         return default if value is default else self._number(value, key)
 
-    def numbers(self, key: str, length: int | None, default=REQUIRED):
+    def numbers(self, key: str, length: int | None, default: Any = REQUIRED) -> Any:
         """A list of finite numbers as float64, of the given length; None: any length."""
         value = self._value(key, default, "a list of numbers")
         if value is default:
@@ -68,7 +71,7 @@ class Fields:
     def flag(self, key: str) -> bool:
         return self._value(key, False, "true or false") is True
 
-    def text(self, key: str, default=REQUIRED):
+    def text(self, key: str, default: Any = REQUIRED) -> Any:
         value = self._value(key, default, "text")
         if value is not default and not isinstance(value, str):
             raise self.bad(key, "text")
@@ -93,7 +96,7 @@ class Fields:
             raise self.bad(key, "a list of objects")
         return [Fields(v, f"{self.place(key)}[{i}]{_name(v)}") for i, v in enumerate(value)]
 
-    def raw(self, key: str, kind: type, expected: str):
+    def raw(self, key: str, kind: type[T], expected: str) -> T:
         """A value of type `kind` as parsed; an empty one if the field is missing."""
         value = self._value(key, kind(), expected)
         if not isinstance(value, kind):
@@ -112,7 +115,7 @@ class Fields:
     def bad(self, key: str, expected: str) -> InputError:
         return InputError(f"{self.place(key)} is {_description(self._data.get(key))}; it must be {expected}")
 
-    def _value(self, key, default, expected):
+    def _value(self, key: str, default: Any, expected: str) -> Any:
         value = self._data.get(key)
         if value is None:
             if default is REQUIRED:
@@ -120,7 +123,7 @@ class Fields:
             return default
         return value
 
-    def _whole(self, value, key, low, high) -> int:
+    def _whole(self, value: Any, key: str, low: int, high: int) -> int:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value < high:
@@ -128,7 +131,7 @@ class Fields:
             raise InputError(f"{self.place(key)} is {_description(value)}; it must be a whole number {limit}")
         return value
 
-    def _number(self, value, key) -> float:
+    def _number(self, value: Any, key: str) -> float:
         if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
             raise InputError(f"{self.place(key)} holds {_description(value)}; it must be a finite number")
         return float(value)
@@ -146,16 +149,16 @@ def parse(text: bytes, file: str) -> Fields:
     return Fields(data, f"{file}:")
 
 
-def _no_constant(name: str):
+def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not JSON")
 
 
-def _name(data) -> str:
+def _name(data: object) -> str:
     name = data.get("name") if isinstance(data, dict) else None
     return f' "{name[:40]}"' if isinstance(name, str) and name.isprintable() and name else ""
 
 
-def _description(value) -> str:
+def _description(value: object) -> str:
     if isinstance(value, (dict, list)):
         return "an object" if isinstance(value, dict) else f"a list of {len(value)}"
     if isinstance(value, float) and not math.isfinite(value):

@@ -4,12 +4,12 @@ Mesh objects are recognised by their attributes, so any version of a library wor
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, text
 from ..errors import InputError
@@ -36,12 +36,16 @@ class ForeignMesh(NamedTuple):
     uv: Any = None  # (v, 2) numbers: texture coordinates, v down
 
 
-def is_mesh(obj) -> bool:
+_Reader = Callable[[Any, str, list[str]], Iterator[ForeignMesh]]
+"""(object, name, notes) -> its meshes."""
+
+
+def is_mesh(obj: object) -> bool:
     """Whether `meshes_of` supports this kind of object."""
     return _reader(obj) is not None
 
 
-def meshes_of(obj, name: str) -> tuple[list[Mesh], list[str]]:
+def meshes_of(obj: object, name: str) -> tuple[list[Mesh], list[str]]:
     """The checked meshes of an object, and notes on anything left out.
 
     Raises
@@ -77,10 +81,13 @@ def _mesh(foreign: ForeignMesh, where: str) -> Mesh:
     return textured_mesh(mesh, faces, len(vertices), foreign.material, where, foreign.uv, foreign.vertex_colours)
 
 
-def _reader(obj):
+def _reader(obj: object) -> _Reader | None:
     if isinstance(obj, (type, ModuleType)):  # a class or module passed instead of a mesh
         return None
-    has = lambda *names: all(hasattr(obj, name) for name in names)
+
+    def has(*names: str) -> bool:
+        return all(hasattr(obj, name) for name in names)
+
     if has("geometry", "graph"):
         return _trimesh_scene
     if has("vertices", "faces", "visual"):
@@ -101,7 +108,7 @@ def _reader(obj):
 # --- trimesh -----------------------------------------------------------------------------------------------------
 
 
-def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _trimesh_scene(scene: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """The mesh of each scene-graph node, transformed to world space."""
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
@@ -114,7 +121,7 @@ def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
         yield mesh._replace(vertices=np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _trimesh(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     visual, foreign = mesh.visual, ForeignMesh(name, mesh.vertices, mesh.faces)
     kind = getattr(visual, "kind", None)
     if kind == "vertex":
@@ -126,9 +133,12 @@ def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
         yield foreign._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
 
 
-def _material(material, name: str) -> Material:
+def _material(material: Any, name: str) -> Material:
     """A trimesh material. Its factors are linear, its image is sRGB."""
-    first_of = lambda *names: next((v for n in names if (v := getattr(material, n, None)) is not None), None)
+
+    def first_of(*names: str) -> Any:
+        return next((v for n in names if (v := getattr(material, n, None)) is not None), None)
+
     factor, picture = first_of("baseColorFactor", "diffuse"), first_of("baseColorTexture", "image")
     factor = np.ones(4) if factor is None else np.asarray(factor)
     factor = np.append(factor / 255.0 if factor.dtype.kind in "iu" else factor, 1.0)[:4]
@@ -143,16 +153,16 @@ def _material(material, name: str) -> Material:
 # --- Open3D ------------------------------------------------------------------------------------------------------
 
 
-def _open3d(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _open3d(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     colours = _from_srgb(mesh.vertex_colors) if mesh.has_vertex_colors() else None
     yield ForeignMesh(name, np.asarray(mesh.vertices), np.asarray(mesh.triangles), vertex_colours=colours)
 
 
-def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _open3d_tensors(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield from _open3d(mesh.to_legacy(), name, notes)
 
 
-def _from_srgb(colours) -> NDArray[np.uint8]:
+def _from_srgb(colours: ArrayLike) -> NDArray[np.uint8]:
     """(v, 3) uint8 sRGB from Open3D colours in [0, 1], which Open3D displays unconverted; most came from bytes."""
     return np.rint(np.clip(np.asarray(colours, np.float64), 0.0, 1.0) * 255.0).astype(np.uint8)
 
@@ -160,7 +170,7 @@ def _from_srgb(colours) -> NDArray[np.uint8]:
 # --- pyvista -----------------------------------------------------------------------------------------------------
 
 
-def _pyvista(data, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _pyvista(data: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """A PolyData, or the surface of another data set. PyVista triangulates polygons."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # PyVista warns about its own defaults
@@ -171,7 +181,7 @@ def _pyvista(data, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield ForeignMesh(name, surface.points, faces, None if of_points is not None else of_faces, of_points)
 
 
-def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _pyvista_blocks(blocks: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     for i, key in enumerate(blocks.keys()):
         block = blocks[i]
         read = None if block is None else _reader(block)
@@ -179,7 +189,7 @@ def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[ForeignMesh
             yield from read(block, str(key), notes)
 
 
-def _named_colours(data) -> np.ndarray | None:
+def _named_colours(data: Any) -> np.ndarray | None:
     """An (n, 3) or (n, 4) uint8 array with a conventional name, else the only such array; None if there is none."""
     bytes_of = {
         name: values
@@ -194,7 +204,7 @@ def _named_colours(data) -> np.ndarray | None:
 # --- meshio ------------------------------------------------------------------------------------------------------
 
 
-def _meshio(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _meshio(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     """Triangles and quads. Higher-order cells become flat between their corners; volume cells are left out."""
     points, faces = np.asarray(mesh.points), list[np.ndarray]()
     if points.ndim == 2 and points.shape[1] == 2:
@@ -220,9 +230,18 @@ def _meshio(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
 
 
 def data_of_arrays(
-    vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None, name="arrays",
-    up="y", crs=None,
-) -> MemoryData:  # fmt: skip
+    vertices: object,
+    faces: object = None,
+    colours: object = None,
+    *,
+    vertex_colours: object = None,
+    uv: object = None,
+    texture: object = None,
+    normals: object = None,
+    name: str = "arrays",
+    up: str = "y",
+    crs: object = None,
+) -> MemoryData:
     """Scene data from arrays; `Scene.from_arrays` documents the arguments."""
     positions, indices = _as_positions(vertices, text(name, "name")), None
     if faces is not None:
@@ -243,7 +262,7 @@ def data_of_arrays(
     return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
 
 
-def data_of_mesh(mesh, *, name: str | None = None, up="y", crs=None) -> MemoryData:
+def data_of_mesh(mesh: object, *, name: str | None = None, up: str = "y", crs: object = None) -> MemoryData:
     """Scene data from a mesh; `Scene.from_mesh` documents the arguments."""
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
     meshes, notes = meshes_of(mesh, name)
@@ -251,7 +270,7 @@ def data_of_mesh(mesh, *, name: str | None = None, up="y", crs=None) -> MemoryDa
     return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
 
 
-def _as_positions(vertices, name: str) -> np.ndarray:
+def _as_positions(vertices: object, name: str) -> np.ndarray:
     """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 if lossless for their dtype, else float64."""
     positions = as_array(vertices, f"{name}: vertices")
     if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):

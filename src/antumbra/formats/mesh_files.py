@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
     return StaticMeshes(meshes, file), textures.notes
 
 
-class FolderResolver(Mapping):
+class FolderResolver(Mapping[str, bytes]):
     """A trimesh resolver for material and texture files in the scene's folder only; also supplies mesh names."""
 
     def __init__(self, folder: Path, file: str, name: str = "geometry"):
@@ -58,7 +59,7 @@ class FolderResolver(Mapping):
         self._names = _names(name)
         self._textures: dict[tuple[str, str], Texture | None] = {}
 
-    def get(self, name: str, default=None) -> bytes:
+    def get(self, name: str, default: Any = None) -> bytes:
         """The contents of the file `name`. An unreadable file adds a note and raises OSError."""
         name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
         where = f"{self.file}: file {name[:80]!r}"
@@ -82,7 +83,7 @@ class FolderResolver(Mapping):
     def __getitem__(self, name: str) -> bytes:
         return self.get(name)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(())  # files are not listed
 
     def __len__(self) -> int:
@@ -114,7 +115,7 @@ class FolderResolver(Mapping):
         return data
 
 
-def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
+def _mesh(name: str, part: Any, textures: FolderResolver) -> Mesh:
     where = f'{textures.file}: mesh "{name}"'
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
@@ -130,7 +131,7 @@ def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
     return textured_mesh(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
 
 
-def _material(mtl, textures: FolderResolver) -> Material:
+def _material(mtl: Any, textures: FolderResolver) -> Material:
     """A material from an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
     if mtl is None:
         return PLAIN
@@ -145,7 +146,7 @@ def _material(mtl, textures: FolderResolver) -> Material:
     return Material(getattr(mtl, "name", None) or "", (r, g, b, alpha), texture, mode)
 
 
-def _number(words, default: float) -> float:
+def _number(words: Any, default: float) -> float:
     """The last number on a line of an MTL file, clamped to [0, 1]."""
     try:
         return float(np.clip(float(words[-1]), 0.0, 1.0))

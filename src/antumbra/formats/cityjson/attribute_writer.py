@@ -5,15 +5,17 @@ Values are averaged over the faces of each surface and object, weighted by area.
 
 import json
 from collections.abc import Mapping
+from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import path_of, quoted
 from ...checks import text as checked_text
 from ...errors import InputError
 from ...files import atomic_output, checked_file, checked_output
+from ...scene.mesh import Mesh
 from ...scene.scene_data import CityModel, SemanticSurface
 from .cityjson_file import DEPTHS, INSTANCE, SUFFIXES, lines_of, many_lists
 from .cityjson_source import read_cityjson
@@ -32,7 +34,13 @@ class _Means(NamedTuple):
     objects: NDArray[np.float64]  # (o,) float64
 
 
-def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray], *, lod: str | None = None) -> None:
+def write_attributes(
+    source_path: str | PathLike[str],
+    target_path: str | PathLike[str],
+    values: Mapping[str, np.ndarray],
+    *,
+    lod: str | None = None,
+) -> None:
     """Write a copy of a CityJSON file with attributes on semantic surfaces and on objects.
 
     A surface gets the area-weighted mean of its faces, and an object the mean of all its faces. Faces with non-finite
@@ -74,7 +82,7 @@ def write_attributes(source_path, target_path, values: Mapping[str, np.ndarray],
                 stream.write(json.dumps(text, ensure_ascii=False, separators=(",", ":")) + "\n")
 
 
-def _write(texts: list[dict], city: CityModel, means: list[_Means], heights: np.ndarray) -> None:
+def _write(texts: list[dict[str, Any]], city: CityModel, means: list[_Means], heights: np.ndarray) -> None:
     """Set the attributes in the JSON texts of a file."""
     things = {name: thing for text in texts for name, thing in text.get("CityObjects", {}).items()}
     for geometry in _without_semantics(things, city):
@@ -88,13 +96,14 @@ def _write(texts: list[dict], city: CityModel, means: list[_Means], heights: np.
             things[name]["attributes"] = attributes
 
 
-def _vector_areas(mesh) -> np.ndarray:
+def _vector_areas(mesh: Mesh) -> NDArray[np.float64]:
     """Face normals scaled by face area, (n, 3) float64."""
+    assert mesh.faces is not None
     a, b, c = (mesh.positions[mesh.faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a) / 2.0
 
 
-def _means(name: str, face_values, city: CityModel, vectors: np.ndarray) -> _Means:
+def _means(name: str, face_values: ArrayLike, city: CityModel, vectors: np.ndarray) -> _Means:
     try:
         values = np.asarray(face_values)
     except ValueError:  # rows of several lengths
@@ -115,24 +124,26 @@ def _means(name: str, face_values, city: CityModel, vectors: np.ndarray) -> _Mea
         return _Means(name, *means)
 
 
-def _heights(city: CityModel, vectors: np.ndarray) -> np.ndarray:
+def _heights(city: CityModel, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vertical component of each surface's unit normal, (s,) float64."""
     n = len(city.surfaces)
     total = np.stack([np.bincount(city.surface_of_face, column, n) for column in vectors.T], axis=1)
-    return total[:, 2] / np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)
+    out: NDArray[np.float64] = total[:, 2] / np.maximum(np.linalg.norm(total, axis=1), np.finfo(float).tiny)
+    return out
 
 
-def _geometry(things: dict, city: CityModel, surface: SemanticSurface) -> dict:
-    return things[city.objects[surface.object]]["geometry"][surface.geometry]
+def _geometry(things: dict[str, Any], city: CityModel, surface: SemanticSurface) -> dict[str, Any]:
+    geometry: dict[str, Any] = things[city.objects[surface.object]]["geometry"][surface.geometry]
+    return geometry
 
 
-def _without_semantics(things: dict, city: CityModel) -> list[dict]:
+def _without_semantics(things: dict[str, Any], city: CityModel) -> list[dict[str, Any]]:
     """The geometries, each once, with polygons without semantics. Instances are skipped: they have no polygons."""
     geometries = {(s.object, s.geometry): _geometry(things, city, s) for s in city.surfaces if s.semantic is None}
     return [geometry for geometry in geometries.values() if geometry["type"] != INSTANCE]
 
 
-def _fill_semantics(geometry: dict) -> None:
+def _fill_semantics(geometry: dict[str, Any]) -> None:
     """Complete a geometry's "semantics", with a value (or null) for each polygon."""
     semantics = _of_kind(dict, geometry.get("semantics"))
     values = _filled(geometry["boundaries"], semantics.get("values"), DEPTHS[geometry["type"]])
@@ -140,7 +151,7 @@ def _fill_semantics(geometry: dict) -> None:
 
 
 def _write_surface(
-    things: dict, city: CityModel, surface: SemanticSurface, values: dict[str, float], height: float
+    things: dict[str, Any], city: CityModel, surface: SemanticSurface, values: dict[str, float], height: float
 ) -> None:
     geometry = _geometry(things, city, surface)
     if geometry["type"] == INSTANCE:
@@ -157,7 +168,7 @@ def _write_surface(
     _update(surfaces[index], values)
 
 
-def _filled(boundaries: list, values: Any, depth: int) -> list:
+def _filled(boundaries: list[Any], values: Any, depth: int) -> Any:
     """`values`, padded with null to the shape of the boundaries."""
     values = _of_kind(list, values)
     values += [None] * (len(boundaries) - len(values))
@@ -179,6 +190,6 @@ def _of_kind(kind: type, value: Any) -> Any:
     return value if isinstance(value, kind) else kind()
 
 
-def _update(thing: dict, values: dict[str, float]) -> None:
+def _update(thing: dict[str, Any], values: dict[str, float]) -> None:
     """Set the finite values in a JSON object; JSON cannot represent others."""
     thing.update((name, float(value)) for name, value in values.items() if np.isfinite(value))

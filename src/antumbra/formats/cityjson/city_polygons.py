@@ -154,10 +154,12 @@ def _clip_ears(flat: _ProjectedPolygons, polygons: np.ndarray) -> tuple[np.ndarr
     return triangles[solid], polygons[place[solid]], crossed
 
 
-def _doubled_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def _doubled_areas(points: NDArray[np.float64], triangles: np.ndarray) -> NDArray[np.float64]:
     """Twice the signed areas, (...), of triangles given by (..., 3) corners."""
     a, b, c = (points[triangles[..., k]] for k in range(3))
-    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    areas: NDArray[np.float64]
+    areas = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    return areas
 
 
 # --- Polygons of boundaries, with their semantic surfaces -------------------------------------------------------------
@@ -181,7 +183,7 @@ class Polygons(NamedTuple):
 
 
 def iter_polygons(
-    boundaries, values, depth: int, path: tuple[int, ...] = ()
+    boundaries: Any, values: Any, depth: int, path: tuple[int, ...] = ()
 ) -> Iterator[tuple[tuple[int, ...], Any, Any]]:
     """(path, rings, semantic index or None) of each polygon in nested lists."""
     for i, inner in enumerate(boundaries):
@@ -290,7 +292,7 @@ class _Collector:
         base, self._n_vertices = self._n_vertices - first, self._n_vertices + len(placed)
         return base, first + len(placed), bool(np.linalg.det(matrix[:3, :3]) < 0.0)
 
-    def _template_span(self, template: dict) -> tuple[int, int]:
+    def _template_span(self, template: dict[str, Any]) -> tuple[int, int]:
         """The range of template vertices that a template uses; an instance copies only these."""
         key = id(template)
         if key not in self._spans:
@@ -329,7 +331,10 @@ class _Collector:
                 return sizes, corners.astype(np.int64)
         except (TypeError, ValueError):
             pass
-        fine = lambda ring: isinstance(ring, list) and all(type(i) is int and abs(i) < 2**62 for i in ring)
+
+        def fine(ring: Any) -> bool:
+            return isinstance(ring, list) and all(type(i) is int and abs(i) < 2**62 for i in ring)
+
         ring = next(k for k, ring in enumerate(self._rings) if not fine(ring))
         polygon = int(np.searchsorted(np.cumsum(self._rings_in), ring, side="right"))
         raise self._bad(polygon, "has boundaries that are not nested lists of vertices, as its type demands")

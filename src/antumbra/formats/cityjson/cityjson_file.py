@@ -24,7 +24,7 @@ class CityPart(NamedTuple):
     """Objects that share a list of vertices: a whole .json file, or one line of a .jsonl file."""
 
     where: str  # name in errors
-    objects: dict[str, dict]  # id -> CityObject
+    objects: dict[str, dict[str, Any]]  # id -> CityObject
     vertices: NDArray[np.float64]  # (v, 3) float64, world
 
 
@@ -34,7 +34,7 @@ class CityDocument(NamedTuple):
     file: str
     crs: str | None  # such as "EPSG:7415"
     parts: list[CityPart]
-    templates: list[dict]  # geometries
+    templates: list[dict[str, Any]]  # geometries
     template_vertices: NDArray[np.float64]  # (v, 3) float64, in the frame of the templates
     notes: list[str]
 
@@ -75,7 +75,7 @@ def open_cityjson(path: Path) -> CityDocument:
             raise feature.bad("type", '"CityJSONFeature"')
         parts.append(_part(feature, transform))
     templates = head.object("geometry-templates")
-    shapes: list[dict] = []
+    shapes: list[dict[str, Any]] = []
     corners = np.empty((0, 3))
     if templates is not None:
         shapes = templates.raw("templates", list, "a list of geometries")
@@ -156,8 +156,8 @@ class ChosenGeometry(NamedTuple):
     part: CityPart
     object: str  # id
     place: int  # in the object's "geometry"
-    geometry: dict  # the template if it is a `GeometryInstance`
-    instance: dict | None  # the `GeometryInstance`; None: no instance
+    geometry: dict[str, Any]  # the template if it is a `GeometryInstance`
+    instance: dict[str, Any] | None  # the `GeometryInstance`; None: no instance
 
 
 def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[ChosenGeometry], list[str]]:
@@ -194,7 +194,7 @@ def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[Cho
     return chosen, levels
 
 
-def lod_of(geometry: dict) -> str:
+def lod_of(geometry: dict[str, Any]) -> str:
     """The level of detail as text; "" if there is none. 2, 2.0 and "2.0" are "2"."""
     value = geometry.get("lod")
     if value is None or isinstance(value, (dict, list)):

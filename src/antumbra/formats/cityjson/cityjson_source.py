@@ -10,7 +10,7 @@ from ...errors import InputError
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
-from .city_polygons import Polygons, polygons_of, triangulate
+from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
 from .cityjson_file import chosen_geometries, many_lists, open_cityjson
 
 # --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
@@ -148,7 +148,7 @@ def _drop_unused(polygons: Polygons, surface: np.ndarray) -> tuple[_UsedParts, n
     return used, surface.astype(np.int32), owner[surface].astype(np.int32)
 
 
-def _notes(file: str, cut) -> list[str]:
+def _notes(file: str, cut: Triangulation) -> list[str]:
     notes = []
     if cut.flat:
         notes.append(f"{file}: {cut.flat} polygons without area are left out")

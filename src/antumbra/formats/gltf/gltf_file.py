@@ -6,7 +6,7 @@ import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -104,9 +104,10 @@ def data_uri_bytes(uri: str, where: str) -> bytes:
         raise InputError(f"{where} is a data URI that is not base64; export the file again") from None
 
 
-def _buffer(fields: Fields, index: int, binary, folder: Path) -> np.ndarray | None:
+def _buffer(fields: Fields, index: int, binary: memoryview | None, folder: Path) -> np.ndarray | None:
     size, uri = fields.whole("byteLength"), fields.text("uri", None)
     place = fields.place("byteLength")
+    data: bytes | memoryview
     if uri is None:
         if index > 0 or binary is None:
             return None
@@ -161,7 +162,7 @@ ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 _UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # column-major
 
 
-def up_axis_transform(up: str) -> dict:
+def up_axis_transform(up: str) -> dict[str, Any]:
     """The node transform that rotates the up axis of a scene, "y" or "z", to glTF's +Y.
 
     A matrix, not a quaternion, whose square roots of 1/2 would cause rounding errors in the coordinates.
@@ -169,7 +170,7 @@ def up_axis_transform(up: str) -> dict:
     return {"matrix": _UPRIGHT} if up == "z" else {}
 
 
-def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
+def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict[str, Any]:
     """The keys `bufferViews` and `buffers` of a file with concatenated arrays."""
     starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
     views = [
@@ -178,7 +179,7 @@ def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
     return {"bufferViews": views, "buffers": [{"byteLength": starts[-1]}]}
 
 
-def glb_bytes(root: dict, blocks: Sequence[np.ndarray]) -> bytes:
+def glb_bytes(root: dict[str, Any], blocks: Sequence[np.ndarray]) -> bytes:
     """A GLB file as bytes, from its JSON and from arrays whose sizes are multiples of four bytes."""
     return assemble_glb(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
 

@@ -1,5 +1,6 @@
 """glTF materials: base colour, texture and alpha mode, and a note on ignored fields."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,7 +46,7 @@ class Materials:
         self._samplers = root.objects("samplers")
         self._mapped: dict[int, MappedMaterial] = {}
         self._bad: set[int] = set()
-        self._cache: dict[tuple, Texture] = {}
+        self._cache: dict[tuple[int, int, int, bool, bool], Texture] = {}
         self.notes: list[str] = []
 
     def of_primitive(self, primitive: Fields) -> MappedMaterial:
@@ -131,7 +132,7 @@ class Materials:
         start, size = view.whole("byteOffset", 0), view.whole("byteLength", low=1)
         if buffer is None or start + size > len(buffer):
             raise InputError(f"{view.where} reaches beyond its buffer")
-        return buffer[start : start + size].tobytes()
+        return bytes(buffer[start : start + size])
 
 
 def _matrix(transform: Fields) -> NDArray[np.float64]:
@@ -164,7 +165,7 @@ def ignored_fields(root: Fields) -> list[str]:
     return [f"{root.where} left out: {', '.join(sorted(properties))}; surfaces are diffuse"] if properties else []
 
 
-def _ignored_properties(material: Fields):
+def _ignored_properties(material: Fields) -> Iterator[str]:
     model = material.object("pbrMetallicRoughness")
     if model is not None and ("metallicRoughnessTexture" in model or model.number("metallicFactor", 0.0) > 0.0):
         yield "metalness and roughness"

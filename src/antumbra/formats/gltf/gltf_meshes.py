@@ -1,6 +1,6 @@
 """glTF mesh primitives: triangles, strips and fans; morph targets and skins; merging of small primitives."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -82,7 +82,7 @@ def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> 
     return np.stack([corners[i + 1], corners[i + 2], corners[i * 0]], axis=1)
 
 
-def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
+def _targets(fields: Fields, accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
     targets = []
     for target in fields.objects("targets"):
         index = target.whole("POSITION", None, high=len(accessors))
@@ -96,7 +96,9 @@ def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
     return np.stack([zero if t is None else t for t in targets])
 
 
-def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple:
+def _influences(
+    attributes: dict[str, int], accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]
+) -> tuple[NDArray[np.int32] | None, NDArray[np.float64] | None]:
     """(joints, weights) with the columns of all sets (JOINTS_0, JOINTS_1, ...); weights sum to 1."""
     joints, weights = [], []
     for n in range(len(attributes)):
@@ -113,7 +115,15 @@ def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple
     return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
 
 
-def _appearance(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials, vertices) -> tuple:
+def _appearance(
+    fields: Fields,
+    attributes: dict[str, int],
+    accessors: Accessors,
+    rows: Callable[[np.ndarray], np.ndarray],
+    faces: np.ndarray | None,
+    materials: Materials,
+    vertices: np.ndarray,
+) -> tuple[NDArray[np.float32], Look | None]:
     """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean colour suffices)."""
 
     def of(name: str, *kinds: str) -> np.ndarray | None:
@@ -212,7 +222,7 @@ def join_small_primitives(primitives: list[Primitive]) -> list[Primitive]:
     return [run[0] if len(run) == 1 else _joined(run) for run in runs]
 
 
-def _kind(primitive: Primitive) -> tuple:
+def _kind(primitive: Primitive) -> tuple[object, ...]:
     """A key that is equal for primitives that deform in the same way."""
     targets, joints = primitive.targets, primitive.joints
     return (
@@ -261,12 +271,16 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look 
     number = {material: i for i, material in enumerate(materials)}
     of_mesh = np.array([-1 if look is None else number[look.materials[0]] for look in looks], np.int32)
     textured = np.array([look is not None and look.uv is not None for look in looks])
-    rows = lambda name, width, neutral: _rows(meshes, name, width, neutral)
-    normals = rows("normals", 3, 0.0)
+    normals = _rows(meshes, "normals", 3, 0.0)
     return Look(
-        tuple(materials), rows("uv", 2, 0.0), rows("colours", 4, 1.0), normals, None if normals is None else positions,
-        np.repeat(of_mesh, counts), np.repeat(textured, counts),
-    )  # fmt: skip
+        tuple(materials),
+        _rows(meshes, "uv", 2, 0.0),
+        _rows(meshes, "colours", 4, 1.0),
+        normals,
+        None if normals is None else positions,
+        np.repeat(of_mesh, counts),
+        np.repeat(textured, counts),
+    )
 
 
 def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> NDArray[np.float32] | None:
@@ -274,5 +288,8 @@ def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> NDArray[
     attributes = [None if m.look is None else getattr(m.look, name) for m in meshes]
     if all(values is None for values in attributes):
         return None
-    lacking = lambda mesh: np.full((len(mesh.positions), width), neutral, np.float32)
-    return np.concatenate([lacking(m) if values is None else values for m, values in zip(meshes, attributes)])
+
+    def neutral_rows(mesh: Mesh) -> NDArray[np.float32]:
+        return np.full((len(mesh.positions), width), neutral, np.float32)
+
+    return np.concatenate([neutral_rows(m) if values is None else values for m, values in zip(meshes, attributes)])

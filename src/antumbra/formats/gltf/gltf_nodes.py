@@ -1,10 +1,10 @@
 """The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights at nodes."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...scene.camera import Camera
@@ -52,7 +52,7 @@ def read_nodes(root: Fields) -> Nodes:
     return Nodes(fields, translation, rotation / length[:, None], scale, matrix, fixed, parent, levels, visible)
 
 
-def local_matrices(translation, rotation, scale) -> np.ndarray:
+def local_matrices(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> NDArray[np.float64]:
     """Translation times rotation times scale ((..., 4, 4) float64). Quaternions are unit x, y, z, w."""
     x, y, z, w = np.moveaxis(np.asarray(rotation, np.float64), -1, 0)
     matrices = np.zeros((*x.shape, 4, 4))
@@ -66,7 +66,9 @@ def local_matrices(translation, rotation, scale) -> np.ndarray:
     return matrices
 
 
-def posed_matrices(nodes: Nodes, translation, rotation, scale) -> NDArray[np.float64]:
+def posed_matrices(
+    nodes: Nodes, translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray
+) -> NDArray[np.float64]:
     """(n, 4, 4) float64: local matrices of all nodes, from these values, or from the node's matrix where `fixed`."""
     local = local_matrices(translation, rotation, scale)
     local[nodes.fixed] = nodes.matrix[nodes.fixed]
@@ -102,12 +104,13 @@ def with_ancestors(nodes: Nodes, selection: np.ndarray) -> NDArray[np.bool_]:
     return ancestors
 
 
-def singular(matrices: np.ndarray) -> NDArray[np.bool_]:
+def singular(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n,) bool: which of (n, 4, 4) transforms have no inverse, independent of their scale."""
     linear = matrices[:, :3, :3]
     lengths = np.linalg.norm(linear, axis=1)
     with np.errstate(all="ignore"):
-        return ~(np.abs(np.linalg.det(linear / lengths[:, None, :])) > SINGULAR)
+        out: NDArray[np.bool_] = ~(np.abs(np.linalg.det(linear / lengths[:, None, :])) > SINGULAR)
+        return out
 
 
 def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
@@ -119,11 +122,11 @@ def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
         raise InputError(f"{where} has a transform without inverse; give it a scale or matrix that is not flat")
 
 
-def _matrix(fields: Fields) -> np.ndarray:
+def _matrix(fields: Fields) -> NDArray[np.float64]:
     values = fields.numbers("matrix", 16, None)
     if values is None:
         return np.eye(4)
-    matrix = values.reshape(4, 4).T  # glTF stores columns
+    matrix: NDArray[np.float64] = values.reshape(4, 4).T  # glTF stores columns
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6):
         raise fields.bad("matrix", "affine: every fourth number 0, the last 1")
     matrix[3] = 0.0, 0.0, 0.0, 1.0
@@ -217,25 +220,25 @@ def read_tracks(
     return list(tracks.values()), notes
 
 
-def sample_track(track: Track, time: float) -> np.ndarray:
+def sample_track(track: Track, time: float) -> NDArray[np.float64]:
     """The value ((c,) float64) of a track at `time`, clamped to the first and last key."""
     times, values = track.times, track.values
     keys = values[:, 1] if track.interpolation == CUBICSPLINE else values
     k = int(np.searchsorted(times, time, side="right")) - 1
-    if k < 0:
-        return keys[0]
-    if k >= len(times) - 1 or track.interpolation == STEP:
-        return keys[k]
+    before: NDArray[np.float64] = keys[max(k, 0)]
+    if k < 0 or k >= len(times) - 1 or track.interpolation == STEP:
+        return before
     step = times[k + 1] - times[k]
     t = (time - times[k]) / step
     if track.interpolation == CUBICSPLINE:
         return _hermite(values[k], values[k + 1], t, step, track.path == "rotation")
     if track.path == "rotation":
-        return _slerp(keys[k], keys[k + 1], t)
-    return (1.0 - t) * keys[k] + t * keys[k + 1]
+        return _slerp(before, keys[k + 1], t)
+    value: NDArray[np.float64] = (1.0 - t) * before + t * keys[k + 1]
+    return value
 
 
-def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
+def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> NDArray[np.float64]:
     """Spherical linear interpolation of unit quaternions along the shorter arc."""
     cosine = float(a @ b)
     sign = -1.0 if cosine < 0.0 else 1.0
@@ -247,10 +250,12 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotation: bool) -> np.ndarray:
+def _hermite(
+    before: NDArray[np.float64], after: NDArray[np.float64], t: float, step: float, rotation: bool
+) -> NDArray[np.float64]:
     """A cubic Hermite spline. Tangents are per second, so they are scaled by the key interval."""
     t2, t3 = t * t, t * t * t
-    value = (
+    value: NDArray[np.float64] = (
         (2 * t3 - 3 * t2 + 1) * before[1]
         + step * (t3 - 2 * t2 + t) * before[2]
         + (3 * t2 - 2 * t3) * after[1]
@@ -259,13 +264,16 @@ def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotat
     if not rotation:
         return value
     length = np.linalg.norm(value)
-    return value / length if length > 1e-12 else before[1]
+    unit: NDArray[np.float64] = value / length if length > 1e-12 else before[1]
+    return unit
 
 
-def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: list[int]) -> Track | None:
+def _track(
+    channel: Fields, samplers: list[Fields], accessors: Accessors, nodes: Nodes, n_weights: list[int]
+) -> Track | None:
     target = channel.object("target")
     path = None if target is None else target.text("path", None)
-    if path not in (*WIDTH, "weights") or "node" not in target:
+    if target is None or path not in (*WIDTH, "weights") or "node" not in target:
         return None  # a target defined by an extension
     node = target.whole("node", high=len(nodes.fields))
     if path != "weights" and nodes.fixed[node]:
@@ -348,14 +356,15 @@ class GltfViews:
             lights.append(light.named(name))
         return lights
 
-    def _axis(self, world: np.ndarray, node: int, column: int) -> np.ndarray:
+    def _axis(self, world: np.ndarray, node: int, column: int) -> NDArray[np.float64]:
         axis = world[node][:3, column]
         length = np.linalg.norm(axis)
         if not 0.0 < length < np.inf:
             raise InputError(f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat")
-        return axis / length
+        unit: NDArray[np.float64] = axis / length
+        return unit
 
-    def _placed_cameras(self, root: Fields) -> list[tuple[int, dict]]:
+    def _placed_cameras(self, root: Fields) -> list[tuple[int, dict[str, Any]]]:
         cameras, placed = root.objects("cameras"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             index = self._nodes.fields[node].whole("camera", None, high=len(cameras))
@@ -370,7 +379,7 @@ class GltfViews:
                 self.notes.append(f"{cameras[index].where} is neither perspective nor orthographic; left out")
         return placed
 
-    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple, str]]:
+    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple[float, ...], str]]:
         extension = root.extension(LIGHTS_EXTENSION)
         lights, placed = [] if extension is None else extension.objects("lights"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
@@ -391,7 +400,7 @@ class GltfViews:
         return placed
 
 
-def _perspective(lens: Fields) -> dict:
+def _perspective(lens: Fields) -> dict[str, Any]:
     """The arguments of a perspective `Camera`."""
     vfov, aspect = np.degrees(lens.number("yfov")), lens.number("aspectRatio", 1.0)
     if not 0.0 < vfov < 180.0:
@@ -401,7 +410,7 @@ def _perspective(lens: Fields) -> dict:
     return {"vfov": float(vfov), "width": round(HEIGHT * aspect)}
 
 
-def _orthographic(lens: Fields) -> dict:
+def _orthographic(lens: Fields) -> dict[str, Any]:
     """The arguments of an orthographic `Camera`. Clipping planes are ignored, as for perspective cameras."""
     across, above = abs(lens.number("xmag")), abs(lens.number("ymag"))  # half the width and half the height
     if not 0.0 < above < np.inf:

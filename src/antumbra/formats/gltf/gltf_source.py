@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...scene.camera import Camera
+from ...scene.lights import Light
 from ...scene.mesh import MeshInfo, ObjectInfo, Piece
 from ..json_fields import Fields
 from .accessors import Accessors
@@ -81,7 +83,16 @@ class GltfSource:
     Faces are ordered by node in the file, then by primitive, then by instance.
     """
 
-    def __init__(self, file: str, meshes: list[MeshInfo], objects: list[ObjectInfo], nodes, draws, tracks, views):
+    def __init__(
+        self,
+        file: str,
+        meshes: list[MeshInfo],
+        objects: list[ObjectInfo],
+        nodes: Nodes,
+        draws: list[MeshNode],
+        tracks: list[Track],
+        views: GltfViews,
+    ) -> None:
         self.file, self.meshes, self.objects = file, meshes, objects
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
@@ -107,10 +118,10 @@ class GltfSource:
                     yield PlacedPrimitive(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
                     at += len(vertices)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return self._views.cameras(self._pose(time)[0])
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return self._views.lights(self._pose(time)[0])
 
     def _pose(self, time: float) -> tuple[np.ndarray, dict[int, np.ndarray]]:
@@ -179,12 +190,20 @@ class _Mesh:
         return sum(p.triangles for p in self._primitives or ())
 
 
-def _mesh_nodes(document: GltfDocument, accessors, materials, nodes: Nodes, meshes, mesh_of_node) -> list[MeshNode]:
+def _mesh_nodes(
+    document: GltfDocument,
+    accessors: Accessors,
+    materials: Materials,
+    nodes: Nodes,
+    meshes: list[_Mesh],
+    mesh_of_node: list[int | None],
+) -> list[MeshNode]:
     skins, draws = read_skins(document.root, accessors, len(nodes.fields)), list[MeshNode]()
     for node in np.flatnonzero(nodes.visible).tolist():
-        if mesh_of_node[node] is None:
+        mesh_index = mesh_of_node[node]
+        if mesh_index is None:
             continue
-        fields, mesh = nodes.fields[node], meshes[mesh_of_node[node]]
+        fields, mesh = nodes.fields[node], meshes[mesh_index]
         primitives = mesh.primitives(accessors, materials)
         index = fields.whole("skin", None, high=len(skins))
         skin = None if index is None else skins[index]
@@ -197,10 +216,10 @@ def _mesh_nodes(document: GltfDocument, accessors, materials, nodes: Nodes, mesh
     return draws
 
 
-def _weights(node: Fields, mesh: _Mesh) -> np.ndarray:
+def _weights(node: Fields, mesh: _Mesh) -> NDArray[np.float64]:
     """Morph weights at rest: from the node, else from the mesh, else zero."""
     for fields in (node, mesh.fields):
-        weights = fields.numbers("weights", None, None)
+        weights: NDArray[np.float64] | None = fields.numbers("weights", None, None)
         if weights is not None and len(weights):
             if len(weights) != mesh.n_targets:
                 raise fields.bad("weights", f"{mesh.n_targets} numbers, one for each morph target")
@@ -229,7 +248,9 @@ def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
     return copies
 
 
-def _world_batches(positions: np.ndarray, primitive: Primitive, draw: MeshNode, world: np.ndarray) -> Iterator[tuple]:
+def _world_batches(
+    positions: np.ndarray, primitive: Primitive, draw: MeshNode, world: np.ndarray
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
     """(world positions (k, v, 3) float64, `PlacedPrimitive.linear`) of a primitive, one batch of copies at a time."""
     if draw.skin is not None and primitive.joints is not None:
         yield skinned(positions, primitive, draw.skin, world), None
@@ -242,15 +263,16 @@ def _world_batches(positions: np.ndarray, primitive: Primitive, draw: MeshNode, 
 
 
 def _info(
-    meshes: list[_Mesh], mesh_of_node, nodes: Nodes, draws: list[MeshNode]
+    meshes: list[_Mesh], mesh_of_node: list[int | None], nodes: Nodes, draws: list[MeshNode]
 ) -> tuple[list[MeshInfo], list[ObjectInfo]]:
     """The visible meshes, and the objects: all copies at all nodes."""
-    mesh_ids = sorted({mesh_of_node[draw.node] for draw in draws})
+    mesh_of_draw = [mesh for draw in draws if (mesh := mesh_of_node[draw.node]) is not None]  # that is, of each draw
+    mesh_ids = sorted(set(mesh_of_draw))
     row, instances = {mesh: i for i, mesh in enumerate(mesh_ids)}, [0] * len(mesh_ids)
     objects: list[ObjectInfo] = []
-    for draw in draws:
-        mesh = row[mesh_of_node[draw.node]]
-        name = nodes.fields[draw.node].text("name", None) or meshes[mesh_of_node[draw.node]].name
+    for draw, mesh_id in zip(draws, mesh_of_draw):
+        mesh = row[mesh_id]
+        name = nodes.fields[draw.node].text("name", None) or meshes[mesh_id].name
         for k in range(draw.n_copies):
             object_name = name if draw.copies is None else f"{name}[{k}]"
             objects.append(ObjectInfo(object_name, mesh, instances[mesh]))
@@ -264,7 +286,7 @@ def _check_size(file: str, draws: list[MeshNode]) -> None:
         raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
 
 
-def _check_transforms(nodes: Nodes, draws, tracks: list[Track], views: GltfViews) -> None:
+def _check_transforms(nodes: Nodes, draws: list[MeshNode], tracks: list[Track], views: GltfViews) -> None:
     """Check that transforms of meshes, cameras and lights are invertible at rest, unless their scale is animated."""
     used = np.zeros(len(nodes.fields), bool)
     for draw in draws:
