@@ -3,7 +3,10 @@
 Its detail is fitted to the triangle budget; hanging ivy uses up the remainder.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .props import SINK, agave, bench, blades, bush, cloth, crate, ivy, palm, pot, shrub, vase
@@ -35,7 +38,9 @@ from .shapes import (
 EMBED = 0.02  # metres by which parts extend into their neighbours, against gaps and coplanar faces
 
 
-def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> PaletteMesh:
+def column(
+    height: float, radius: float, flutes: int, n: int, leaves: int = 0, colour: int = p.LIMESTONE
+) -> PaletteMesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
     `n` sets the number of facets of the mouldings. A flute has `n` facets for `n` >= 3 and three for `n` = 2. For
@@ -52,7 +57,7 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
         profile = [(1.2 * r, 0.4 * r), (r, 0.8 * r), (0.87 * r, high), (1.25 * r, height - 0.3 * r)]
         return merge(*ends, revolve(profile, flutes, colour))
     base = [
-        [(1.3 * r, 0.4 * r)],
+        np.array([(1.3 * r, 0.4 * r)]),
         arc((1.08 * r, 0.68 * r), 0.24 * r, -70, 80, n),
         arc((1.02 * r, 1.12 * r), 0.13 * r, -70, 70, max(1, n - 1)),
     ]
@@ -70,14 +75,14 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
         shaft = np.concatenate([first, shaft, last])
         fluted.append(np.ones((len(astragal) + len(bell) + 2, len(scale))))
         scale = np.concatenate(fluted)
-    profile = np.concatenate([*base, shaft, astragal, bell, [(1.25 * r, height - 0.3 * r)]])
-    meshes = [*ends, revolve(profile, flutes * per, colour, scale)]
+    outline = np.concatenate([*base, shaft, astragal, bell, [(1.25 * r, height - 0.3 * r)]])
+    meshes = [*ends, revolve(outline, flutes * per, colour, scale)]
     if leaves:
         meshes.append(_acanthus(r, high + 0.25 * r, leaves, n + 1, colour))
     return merge(*meshes)
 
 
-def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> PaletteMesh:
+def _acanthus(r: float, y: float, leaves: int, segments: int, colour: int) -> PaletteMesh:
     """Two rows of leaves that curl away from a capital's bell."""
     rows = []
     for row, length, phase in ((0.0, 0.75 * r, 0.0), (0.45 * r, 0.95 * r, 0.5)):
@@ -100,7 +105,7 @@ def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> Palette
     return merge(*rows)
 
 
-def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
+def baluster(height: float, detail: float, colour: int = p.LIMESTONE) -> PaletteMesh:
     """A turned baluster."""
     h, n = height, steps(2, detail)
     profile = np.concatenate(
@@ -114,7 +119,7 @@ def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
     return revolve(profile, steps(6, detail, 4), colour)
 
 
-def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> PaletteMesh:
+def arch(radius: float, top: float, depth: float, n: int, colour: int = p.SANDSTONE) -> PaletteMesh:
     """The wall along x above a round arch of `radius`, from the springing at y = 0 to y = `top`; `depth`: along z."""
     curve = arc((0, 0), radius, 180, 0, n)
     end = np.array([[radius + EMBED, 0.0]])
@@ -123,7 +128,7 @@ def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) ->
 
 
 def doorway(
-    width: float, half: float, spring: float, height: float, depth: float, n: int, colour=p.SANDSTONE
+    width: float, half: float, spring: float, height: float, depth: float, n: int, colour: int = p.SANDSTONE
 ) -> PaletteMesh:
     """A wall along x, `width` by `height`, with a doorway 2 `half` wide under a round arch that springs at `spring`."""
     curve = arc((0.0, spring), half, 180, 0, n)
@@ -134,7 +139,7 @@ def doorway(
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 
-def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> PaletteMesh:
+def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour: int = p.LIMESTONE) -> PaletteMesh:
     """The stones of a round arch that springs at y = 0, alternately light and dark, with open joints."""
     joint = 0.012 / radius
     edges = np.linspace(np.pi, 0.0, stones + 1)
@@ -147,7 +152,7 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
     return lofts(sections[:, :, ::-1], colour + np.array([0, 1] * stones)[:stones])
 
 
-def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> PaletteMesh:
+def vault(half: float, crown: float, top: float, n: int, colour: int = p.PLASTER) -> PaletteMesh:
     """A groin vault over a square bay of half width `half`, with its crown at y = `crown`, solid up to y = `top`."""
     radius = 1.2 * half  # less than a semicircle, so that the corners stay blunt
     x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
@@ -160,7 +165,19 @@ def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Pa
     return mesh
 
 
-def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0.03, relief=0.008) -> PaletteMesh:
+def tiles(
+    x0: float,
+    x1: float,
+    z0: float,
+    z1: float,
+    nx: int,
+    nz: int,
+    rng: np.random.Generator,
+    colour: int = p.TRAVERTINE,
+    accent: int | None = None,
+    joint: float = 0.03,
+    relief: float = 0.008,
+) -> PaletteMesh:
     """A floor of nx x nz tiles with tops within `relief` / 2 of y = 0, bevelled into the joints."""
     lines = []
     for a, b, n in ((x0, x1, nx), (z0, z1, nz)):
@@ -180,7 +197,9 @@ def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0
     return heightfield(lines[0], lines[1], height, np.repeat(np.repeat(shade, 3, axis=0), 3, axis=1))
 
 
-def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> PaletteMesh:
+def ashlar(
+    width: float, height: float, depth: float, course: float, rng: np.random.Generator, colour: int = p.SANDSTONE
+) -> PaletteMesh:
     """A wall along x with shades in running bond. Its front at z = 0 faces +z, and its back is at -depth."""
     nx, ny = max(2, round(width / course)), max(1, round(height / course))
     i, j = np.indices((nx, ny))
@@ -192,7 +211,7 @@ def ashlar(width: float, height: float, depth: float, course: float, rng, colour
     return assemble([place_copies(lying, tilt=np.pi / 2)])
 
 
-def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> PaletteMesh:
+def stairs(n: int, width: float, rise: float, run: float, colour: int = p.SANDSTONE) -> PaletteMesh:
     """A flight of n steps rising along +x from the origin, `width` wide in z, with a sloping soffit."""
     i = np.arange(2 * n + 1)
     upper = np.stack([i // 2 * run, (i + 1) // 2 * rise], axis=1)
@@ -217,7 +236,9 @@ COARSE = 0.24  # up to this detail, voussoirs, small arches and ribs are omitted
 SKETCH = 0.12  # up to this detail, all shapes have their plainest form
 
 
-def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
+def around(
+    spacing: float, half_x: float = HALF_X, half_z: float = HALF_Z, corners: bool = True
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(positions, (k, 2), every `spacing` metres around the rectangle; rotations that turn +z towards the court)."""
     nx, nz = round(2 * half_x / spacing), round(2 * half_z / spacing)
     start = 0.0 if corners else 0.5
@@ -233,12 +254,12 @@ def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
     return np.concatenate(sides), turns
 
 
-def at_height(places, y) -> np.ndarray:
+def at_height(places: ArrayLike, y: float) -> np.ndarray:
     """Positions (k, 2) as points (k, 3) at height y."""
     return np.insert(np.asarray(places, np.float64), 1, y, axis=1)
 
 
-def architecture(d: float, rng) -> list[ScenePart]:
+def architecture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The whole building. Up to a detail of `COARSE`, ornaments are omitted."""
     corners, _ = around(BAY)
     middles, facing = around(BAY, corners=False)
@@ -290,7 +311,7 @@ def _upper_storey(d: float) -> list[ScenePart]:
     return parts
 
 
-def _floors(d: float, rng) -> list[ScenePart]:
+def _floors(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Tiles in the courtyard and the galleries, and a kerb under the columns."""
     edge_x, edge_z = HALF_X - 0.55, HALF_Z - 0.55
     wide = min(0.9, max(0.2, 0.9 / d**0.5)) if d > COARSE else 3.0
@@ -301,13 +322,18 @@ def _floors(d: float, rng) -> list[ScenePart]:
     wide *= 1.4
     parts = [place_copies(court)]
     for sign in (-1, 1):
-        x, z = sorted((sign * inner_x, sign * outer_x)), sorted((sign * inner_z, sign * outer_z))
+        x0, x1 = sorted((sign * inner_x, sign * outer_x))
+        z0, z1 = sorted((sign * inner_z, sign * outer_z))
         k = max(1, round(GALLERY / wide))
         parts.append(
-            place_copies(tiles(*x, -outer_z, outer_z, k, round(2 * outer_z / wide), rng, p.TERRACOTTA), (0, STEP, 0))
+            place_copies(
+                tiles(x0, x1, -outer_z, outer_z, k, round(2 * outer_z / wide), rng, p.TERRACOTTA), (0, STEP, 0)
+            )
         )
         parts.append(
-            place_copies(tiles(-inner_x, inner_x, *z, round(2 * inner_x / wide), k, rng, p.TERRACOTTA), (0, STEP, 0))
+            place_copies(
+                tiles(-inner_x, inner_x, z0, z1, round(2 * inner_x / wide), k, rng, p.TERRACOTTA), (0, STEP, 0)
+            )
         )
     kerb = [(-0.56, -0.1), (0.5, -0.1), (0.5, STEP + 0.03), (-0.5, STEP + 0.05), (-0.56, STEP)]
     return [*parts, place_copies(frame_ring(kerb, HALF_X, HALF_Z, p.MARBLE))]
@@ -328,7 +354,7 @@ def _mouldings(d: float) -> list[ScenePart]:
     roof = [(-0.62, 0.0), (GALLERY + 0.9, 1.9), (GALLERY + 0.9, 1.75), (-0.55, -0.1)]
     ceiling = [(0.2, -0.12), (GALLERY + 0.1, -0.12), (GALLERY + 0.1, -0.02), (0.2, -0.02)]
     low_rail = [(-0.12, 0.0), (0.12, 0.0), (0.12, 0.15), (-0.12, 0.15)]
-    rows = [
+    rows: list[tuple[ArrayLike, float, int]] = [
         (cornice, LEVEL, p.LIMESTONE),
         (slab, LEVEL, p.OAK),
         (low_rail, LEVEL - 2 * EMBED, p.LIMESTONE),
@@ -356,7 +382,7 @@ def _mouldings(d: float) -> list[ScenePart]:
     return parts
 
 
-def _galleries(d: float, rng) -> list[ScenePart]:
+def _galleries(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Vaults and transverse arches below, timber ceiling above, and the walls behind."""
     bays, facing = around(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
     half = BAY / 2 - 0.22
@@ -401,10 +427,10 @@ CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0,
 LIGHT = {"corner": (-3.2, 7.6, 7.6), "u": (2.2, 0.0, 0.0), "v": (0.0, 1.5, -1.7)}
 
 
-def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the atrium with about `triangles` triangles."""
 
-    def build(detail):
+    def build(detail: float) -> list[ScenePart]:
         return architecture(detail, np.random.default_rng([seed, 0])) + _furniture(
             detail, np.random.default_rng([seed, 1])
         )
@@ -415,7 +441,7 @@ def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), CAMERA, LIGHT
 
 
-def _furniture(d: float, rng) -> list[ScenePart]:
+def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The fountain, pots with plants, amphorae, benches, crates, curtains and banners."""
     pots = np.array([(-2.9, 5.6), (4.3, 4.2), (-4.2, -1.4), (4.3, -6.6), (-4.1, -8.8), (3.9, 9.0)])
     leaves = palm(rng, steps(15, d, 4), steps(18, d, 3), 2.3, 1.75, d)
@@ -480,7 +506,7 @@ def _fountain(d: float) -> list[ScenePart]:
 FOUNTAIN = (0.0, 0.6)
 
 
-def _clutter(d: float, rng) -> list[ScenePart]:
+def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Groups of amphorae, benches between the columns, crates in corners, clipped shrubs."""
     per_corner = max(1, round(d**0.5))
     spots, turns = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
@@ -514,7 +540,7 @@ def _clutter(d: float, rng) -> list[ScenePart]:
     return parts
 
 
-def _cloths(d: float, rng) -> list[ScenePart]:
+def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Banners over the balustrade, and gathered curtains in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
     middles, facing = around(BAY, corners=False)
@@ -532,7 +558,7 @@ def _cloths(d: float, rng) -> list[ScenePart]:
     return parts
 
 
-def _hanging_plants(rng, leaves: int) -> ScenePart:
+def _hanging_plants(rng: np.random.Generator, leaves: int) -> ScenePart:
     """Ivy with exactly `leaves` leaves, hanging in tufts from the balustrade."""
     edge, _ = around(BAY / 2, corners=False)
     edge = edge[rng.permutation(len(edge))[: max(1, len(edge) * 2 // 5)]]

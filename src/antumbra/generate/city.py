@@ -7,14 +7,14 @@ main program.
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import chain, cycle
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .palette import check_request
@@ -86,7 +86,7 @@ def _side(length: float, style: Style) -> Lines:
     )
 
 
-def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray]:
+def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, NDArray[np.float64]]:
     """(horizontal lines from below the ground to the roof, outward offset of the wall at each)."""
     sill, head, d = 0.8, FLOOR - 0.6, style.ledge
     if style.relief:
@@ -102,15 +102,22 @@ def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray
             [*out, 0, d, d],
         )
     top = floors * FLOOR
-    y = (np.arange(floors)[:, None] * FLOOR + y).ravel()
-    y = np.concatenate([[-0.2], y, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
-    inset, pane, out = (np.concatenate([[0], np.tile(a, floors), [0] * 5]) for a in (inset, pane, out))
-    out[-5:] = 0.3, 0.35, 0.1, -0.25, -0.3
-    return Lines(y, inset, pane > 0), out
+    heights = (np.arange(floors)[:, None] * FLOOR + y).ravel()
+    heights = np.concatenate([[-0.2], heights, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
+    insets, panes, offsets = (np.concatenate([[0], np.tile(a, floors), [0] * 5]) for a in (inset, pane, out))
+    offsets[-5:] = 0.3, 0.35, 0.1, -0.25, -0.3
+    return Lines(heights, insets, panes > 0), offsets
 
 
 def tower(
-    width: float, depth: float, floors: int, style: Style, rng, base=0.0, roof=p.CONCRETE, parapet=1.0
+    width: float,
+    depth: float,
+    floors: int,
+    style: Style,
+    rng: np.random.Generator,
+    base: float = 0.0,
+    roof: int = p.CONCRETE,
+    parapet: float = 1.0,
 ) -> PaletteMesh:
     """A rectangular building with windows all around, ledges, and a parapet around a flat roof."""
     x, z = _side(width, style), _side(depth, style)
@@ -139,7 +146,9 @@ def tower(
     return capped(points, (0, points[0, 0, 1], 0), (0, points[-1, 0, 1], 0), colour)
 
 
-def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> PaletteMesh:
+def round_tower(
+    radius: float, floors: int, segments: int, rng: np.random.Generator, glass: int = p.GLASS
+) -> PaletteMesh:
     """A round tower with a ledge at every floor and a flat conical roof."""
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
@@ -160,7 +169,9 @@ def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -
     return mesh
 
 
-def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TERRACOTTA) -> PaletteMesh:
+def house(
+    width: float, depth: float, floors: int, style: Style, rng: np.random.Generator, roof: int = p.TERRACOTTA
+) -> PaletteMesh:
     """A house with a gabled roof along x, eaves, and a chimney."""
     body = tower(width, depth, floors, style, rng, parapet=0.3)
     top, rise = floors * FLOOR + 0.45, 0.42 * depth
@@ -181,7 +192,7 @@ def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TER
         width - 0.3,
         style.wall,
     )
-    gable = gable._replace(vertices=gable.vertices[:, [2, 1, 0]] * np.float32([1, 1, -1]))
+    gable = gable._replace(vertices=gable.vertices[:, [2, 1, 0]] * np.array([1, 1, -1], np.float32))
     stack = box((0.8, 2.2, 0.8), (0.28 * width, top + rise * 0.6 + 0.6, 0.2 * depth), p.BRICK)
     return merge(body, shell(upper, lower, roof), gable, stack)
 
@@ -201,8 +212,10 @@ def car(colour: int, detail: float) -> PaletteMesh:
         box((1.25, 0.05, 1.4), (-0.5, 1.44, 0), colour),
     ]
     rim = revolve([(0.33, -0.1), (0.33, 0.1)], 6 + 2 * n, p.IRON)
-    wheel = rim.vertices[:, [0, 2, 1]] * np.float32([1, 1, -1])
-    meshes += [rim._replace(vertices=wheel + np.float32([x, 0.32, z])) for x in (-1.35, 1.4) for z in (-0.8, 0.8)]
+    wheel = rim.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32)
+    meshes += [
+        rim._replace(vertices=wheel + np.array([x, 0.32, z], np.float32)) for x in (-1.35, 1.4) for z in (-0.8, 0.8)
+    ]
     return merge(*meshes)
 
 
@@ -273,7 +286,7 @@ def _plan(triangles: int) -> _Plan:
     return _Plan(n, budget, detail, props, trees)
 
 
-def city_view(triangles: int) -> tuple[dict, dict]:
+def city_view(triangles: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """Camera and light of the city with about `triangles` triangles."""
     n = _plan(triangles).n
     half = n * PITCH / 2.0
@@ -339,12 +352,12 @@ def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[Pa
         yield mesh
 
 
-def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the city with about `triangles` triangles."""
     return merge(*_pieces(triangles, seed)), *city_view(triangles)
 
 
-def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
+def _block(plan: _Plan, i: int, j: int, budget: int, rng: np.random.Generator) -> PaletteMesh:
     """A block at its position, with the streets on two of its sides, with about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
@@ -387,7 +400,7 @@ def _ground(plan: _Plan) -> list[ScenePart]:
     return [place_copies(road), place_copies(pavement)] + ([place_copies(lines)] if plan.detail > 0.4 else [])
 
 
-def _street(plan: _Plan, rng) -> list[ScenePart]:
+def _street(plan: _Plan, rng: np.random.Generator) -> list[ScenePart]:
     """Cars along the streets and lamps on the pavement."""
     q = (PITCH - STREET) / 2
     n = round(7 * plan.detail)
@@ -395,14 +408,14 @@ def _street(plan: _Plan, rng) -> list[ScenePart]:
         return []
     along = (np.arange(n) + 0.5) / n * (PITCH - STREET - 8.0) - (PITCH - STREET) / 2 + 4.0
     lanes = [(q + 1.3, 0.0), (q + 5.2, np.pi), (q + STREET - 1.3, np.pi)]
-    spots, turns = [], []
+    lane_spots, lane_turns = [], []
     for lane, turn in lanes:
         for across in (0, 1):
             keep = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
             fixed = np.full(len(keep), lane if lane < PITCH / 2 else lane - PITCH)
-            spots.append(np.stack([keep, 0 * keep, fixed] if across == 0 else [fixed, 0 * keep, keep], axis=1))
-            turns.append(np.full(len(keep), turn + across * np.pi / 2))
-    spots, turns = np.concatenate(spots), np.concatenate(turns)
+            lane_spots.append(np.stack([keep, 0 * keep, fixed] if across == 0 else [fixed, 0 * keep, keep], axis=1))
+            lane_turns.append(np.full(len(keep), turn + across * np.pi / 2))
+    spots, turns = np.concatenate(lane_spots), np.concatenate(lane_turns)
     paint = rng.integers(0, len(_PAINTS), len(spots))
     parts = [
         place_copies(
@@ -417,7 +430,9 @@ def _street(plan: _Plan, rng) -> list[ScenePart]:
     return [part for part in parts if len(part.offset)]
 
 
-def _lots(rng, x0, x1, z0, z1, least: float) -> list[tuple]:
+def _lots(
+    rng: np.random.Generator, x0: float, x1: float, z0: float, z1: float, least: float
+) -> list[tuple[float, float, float, float]]:
     """A rectangle split into lots by random cuts."""
     w, d = x1 - x0, z1 - z0
     if max(w, d) < 2.0 * least or (max(w, d) < 2.8 * least and rng.random() < 0.35):
@@ -430,7 +445,7 @@ def _lots(rng, x0, x1, z0, z1, least: float) -> list[tuple]:
     return _lots(rng, x0, x1, z0, m, least) + _lots(rng, x0, x1, m, z1, least)
 
 
-def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePart]:
+def _buildings(plan: _Plan, rng: np.random.Generator, central: float, budget: float) -> list[ScenePart]:
     q = (PITCH - STREET) / 2 - 4.0
     lots = _lots(rng, -q, q, -q, q, max(10.0 + 3.0 * central, 2.0 * q / np.sqrt(max(budget, 400.0) / 400.0)))
     parts, roofs = [], []
@@ -443,7 +458,9 @@ def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePar
     return parts + (_roof_things(plan, rng, np.array(roofs).reshape(-1, 3)) if plan.detail > 0.3 else [])
 
 
-def _building(rng, w: float, d: float, central: float, budget: float):
+def _building(
+    rng: np.random.Generator, w: float, d: float, central: float, budget: float
+) -> tuple[PaletteMesh, Iterable[ArrayLike]]:
     """(mesh of a building on a lot of w x d metres, free positions on its roof)."""
     wall, glass = _WALLS[rng.integers(len(_WALLS))], p.GLASS
     kind = rng.random()
@@ -481,7 +498,9 @@ def _affordable(budget: float, w: float, d: float, floors: int, style: Style) ->
     return choice
 
 
-def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
+def _stepped(
+    rng: np.random.Generator, w: float, d: float, floors: int, budget: float, wall: int
+) -> tuple[PaletteMesh, NDArray[np.float64]]:
     """(mesh of a tower with three tiers, a position on its roof)."""
     meshes, base = [], 0.0
     tiers = np.maximum(1, np.round(floors * np.array([0.45, 0.33, 0.22])).astype(int))
@@ -492,14 +511,14 @@ def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
     return merge(*meshes), np.array([[0.0, base, 0.0]])
 
 
-def _roof_things(plan: _Plan, rng, spots: np.ndarray) -> list[ScenePart]:
+def _roof_things(plan: _Plan, rng: np.random.Generator, spots: np.ndarray) -> list[ScenePart]:
     kind = rng.choice(4, len(spots), p=[0.25, 0.5, 0.15, 0.1])
     turn = rng.integers(0, 4, len(spots)) * np.pi / 2
     pairs = [(plan.props[7 + k], kind == k) for k in range(4)]
     return [place_copies(mesh, spots[chosen], turn[chosen]) for mesh, chosen in pairs if chosen.any()]
 
 
-def _park(plan: _Plan, rng) -> list[ScenePart]:
+def _park(plan: _Plan, rng: np.random.Generator) -> list[ScenePart]:
     """A lawn with paths around a round pond."""
     q = (PITCH - STREET) / 2 - 2.5
     lawn = box((2 * q, 0.3, 2 * q), (0, 0.1, 0), p.GRASS)
@@ -520,7 +539,7 @@ def _park(plan: _Plan, rng) -> list[ScenePart]:
     return [place_copies(lawn), place_copies(paths), place_copies(rim), place_copies(water), place_copies(jet), hedges]
 
 
-def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
+def _trees(plan: _Plan, rng: np.random.Generator, spots: np.ndarray, budget: int) -> list[ScenePart]:
     """Trees, whose leaves use up the block's budget."""
     bare = len(plan.trees[0].wood.faces)
     n = int(np.clip(budget / (bare + 4 * 40), 0, len(spots)))
@@ -559,11 +578,12 @@ def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[Palette
     finally:
         for worker in workers:
             worker.kill()
-            worker.stdout.close()
+            if worker.stdout is not None:
+                worker.stdout.close()
             worker.wait()
 
 
-def _start_worker(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
+def _start_worker(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen[bytes]:
     """Start a process that generates every `step`-th group. Ctrl-C reaches only its parent, which terminates it."""
     paths = [str(_PACKAGE), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
@@ -571,7 +591,7 @@ def _start_worker(triangles: int, seed: int, first: int, step: int) -> subproces
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env, start_new_session=True)
 
 
-def _receive(pipe) -> PaletteMesh | None:
+def _receive(pipe: Any) -> PaletteMesh | None:
     """The next block from a pipe, preceded by its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
     if pipe.readinto(sizes.view(np.uint8).data) == 0:
@@ -584,7 +604,7 @@ def _receive(pipe) -> PaletteMesh | None:
     return block
 
 
-def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
+def _send(pipe: IO[bytes], triangles: int, seed: int, first: int, step: int) -> None:
     """In a worker: write the blocks of its groups. A group is complete before it is sent."""
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):

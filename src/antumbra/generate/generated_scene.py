@@ -5,22 +5,22 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..scene.camera import Camera
-from ..scene.lights import QuadLight
-from ..scene.mesh import MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
+from ..scene.lights import Light, QuadLight
+from ..scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ..scene.scene_data import MemoryData
 
 
 class _ProceduralMeshes(StaticMeshes):
     """Meshes with their own camera and light."""
 
-    def __init__(self, meshes, file, camera, light):
+    def __init__(self, meshes: list[Mesh], file: str, camera: Camera, light: QuadLight) -> None:
         super().__init__(meshes, file)
         self._camera, self._light = camera, light
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return [self._camera]
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return [self._light]
 
 
@@ -57,7 +57,7 @@ class StreamedCity:
     appearance = None
     notes = ()
 
-    def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1):
+    def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1) -> None:
         from .palette import check_request
         from .procedural_scenes import PROCEDURAL
 
@@ -84,12 +84,12 @@ class StreamedCity:
         for vertices, faces, colour in stream_blocks(*self._arguments, self._processes):
             yield Piece(vertices[None], faces, palette[colour], self.file)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         from .procedural_scenes import city_view
 
         return [Camera(**city_view(self._arguments[0])[0])]
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         from .procedural_scenes import city_view
 
         return [QuadLight(**city_view(self._arguments[0])[1])]

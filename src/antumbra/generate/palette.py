@@ -48,11 +48,12 @@ _MATERIALS = {
 }
 
 
-def _palette() -> np.ndarray:
+def _palette() -> NDArray[np.float32]:
     base = srgb_to_linear(np.array(list(_MATERIALS.values())) / 255.0)[:, None]
     lightness, warmth = np.array(_LIGHTNESS)[:, None], np.array(_WARMTH)[:, None]
     shades = base * lightness * (1.0 + warmth * np.array([1.0, 0.0, -1.0]))
-    return np.minimum(shades, 1.0).reshape(-1, 3).astype(np.float32)
+    out: NDArray[np.float32] = np.minimum(shades, 1.0).reshape(-1, 3).astype(np.float32)
+    return out
 
 
 PALETTE: Final = _palette()
@@ -106,7 +107,7 @@ MIN_TRIANGLES, MAX_TRIANGLES = 1_000, 400_000_000
 """The limits of the number of triangles."""
 
 
-def check_request(name: str, triangles, seed) -> tuple[int, int]:
+def check_request(name: str, triangles: object, seed: object) -> tuple[int, int]:
     """`triangles` and `seed` of the scene `name` as integers. Raises InputError if one is invalid."""
     where = f"procedural scene {name}:"
     return (

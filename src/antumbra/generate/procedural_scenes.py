@@ -1,7 +1,7 @@
 """The registry of procedural scenes, and `generate`, which generates one by name."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from .atrium import atrium
 from .city import city, city_blocks, city_view
 from .forest import forest
 from .palette import MAX_TRIANGLES, MIN_TRIANGLES, PALETTE, check_request
+from .shapes import PaletteMesh
 
 
 class ProceduralScene(NamedTuple):
@@ -22,14 +23,16 @@ class ProceduralScene(NamedTuple):
     faces: NDArray[np.int32]  # (f, 3) int32, counter-clockwise seen from outside
     colour: NDArray[np.uint8]  # (f,) uint8, palette indices
     palette: NDArray[np.float32]  # (256, 3) float32, linear
-    camera: dict  # position, target, up: (3,) tuples of float; vfov: degrees
-    light: dict  # a quad: corner, u, v: (3,) tuples of float
+    camera: dict[str, Any]  # position, target, up: (3,) tuples of float; vfov: degrees
+    light: dict[str, Any]  # a quad: corner, u, v: (3,) tuples of float
 
 
 class Recipe(NamedTuple):
     """The generator function of a scene, with its description and default size."""
 
-    function: Callable  # (triangles, seed) -> mesh, camera, light
+    function: Callable[
+        [int, int], tuple[PaletteMesh, dict[str, Any], dict[str, Any]]
+    ]  # (triangles, seed) -> mesh, camera, light
     description: str
     default_triangles: int
 
@@ -96,7 +99,7 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     return ProceduralScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
 
 
-def _plain(value):
+def _plain(value: Any) -> float | tuple[float, ...]:
     """A vector as a tuple of Python floats, a number as a float."""
     return tuple(float(x) for x in value) if np.ndim(value) else float(value)
 

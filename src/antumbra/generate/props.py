@@ -6,6 +6,7 @@ Leaves are thin, open, two-sided surfaces; everything else is closed.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .shapes import PaletteMesh, arc, box, boxes, cross, lofts, merge, revolve, shell, steps, tubes
@@ -16,19 +17,30 @@ from .shapes import PaletteMesh, arc, box, boxes, cross, lofts, merge, revolve, 
 UP = np.array([0.0, 1.0, 0.0])
 
 
-def unit(v) -> np.ndarray:
+def unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors along the last axis, scaled to length 1."""
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    out: NDArray[np.float64] = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    return out
 
 
-def sphere_directions(rng, n: int, low=-1.0) -> np.ndarray:
+def sphere_directions(rng: np.random.Generator, n: int, low: float = -1.0) -> NDArray[np.float64]:
     """(n, 3) random unit vectors with y >= low."""
     y, angle = rng.uniform(low, 1.0, n), rng.uniform(0.0, 2.0 * np.pi, n)
     flat = np.sqrt(1.0 - y * y)
     return np.stack([flat * np.cos(angle), y, flat * np.sin(angle)], axis=1)
 
 
-def blades(base, along, facing, length, width, droop, segments: int, ribs=2, colour=p.LEAF) -> PaletteMesh:
+def blades(
+    base: NDArray[np.float64],
+    along: NDArray[np.float64],
+    facing: NDArray[np.float64],
+    length: ArrayLike,
+    width: ArrayLike,
+    droop: ArrayLike,
+    segments: int,
+    ribs: int = 2,
+    colour: ArrayLike = p.LEAF,
+) -> PaletteMesh:
     """k leaves: pointed ribbons that grow from `base` in the direction `along`.
 
     base, along, facing : (k, 3)
@@ -79,7 +91,7 @@ def _blade_faces(segments: int, ribs: int) -> np.ndarray:
     return np.array(faces, np.int32)
 
 
-def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> PaletteMesh:
+def agave(rng: np.random.Generator, leaves: int, length: float, segments: int, colour: int = p.MOSS) -> PaletteMesh:
     """A rosette of long pointed leaves on the ground."""
     angle = np.arange(leaves) * 2.39996  # the golden angle
     rise = np.linspace(0.25, 1.4, leaves)
@@ -100,7 +112,9 @@ def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> Pale
     )
 
 
-def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.LEAF) -> PaletteMesh:
+def shrub(
+    rng: np.random.Generator, leaves: int, radius: float, height: float, size: float, colour: int = p.LEAF
+) -> PaletteMesh:
     """A dense ball of leaves on stems; 4 triangles per leaf."""
     out = sphere_directions(rng, leaves, -0.5)
     reach = rng.uniform(0.55, 1.0, leaves)[:, None]
@@ -124,7 +138,9 @@ def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.
     return merge(foliage, tubes(paths, np.array([0.025, 0.018, 0.008]) * max(1.0, radius), 4, p.BARK))
 
 
-def ivy(rng, start, fall, leaves: int, size: float) -> PaletteMesh:
+def ivy(
+    rng: np.random.Generator, start: NDArray[np.float64], fall: NDArray[np.float64], leaves: int, size: float
+) -> PaletteMesh:
     """Leaves along strands that hang down (k,) metres from (k, 3) points; 4 triangles per leaf."""
     which = rng.integers(0, len(start), leaves)
     drop = rng.uniform(0.0, 1.0, leaves) ** 1.2
@@ -145,7 +161,7 @@ def ivy(rng, start, fall, leaves: int, size: float) -> PaletteMesh:
     )
 
 
-def fern(rng, fronds: int, pairs: int, length: float) -> PaletteMesh:
+def fern(rng: np.random.Generator, fronds: int, pairs: int, length: float) -> PaletteMesh:
     """Arching fronds with `pairs` pairs of pinnae; 2 triangles per pinna."""
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.3, 0.3, fronds)
     flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
@@ -187,7 +203,7 @@ def fern(rng, fronds: int, pairs: int, length: float) -> PaletteMesh:
     return merge(*meshes)
 
 
-def grass(rng, n_blades: int, height: float, spread: float, segments: int) -> PaletteMesh:
+def grass(rng: np.random.Generator, n_blades: int, height: float, spread: float, segments: int) -> PaletteMesh:
     """A tuft of grass."""
     place = rng.normal(0.0, spread, (n_blades, 2))
     base = np.stack([place[:, 0], np.full(n_blades, -0.03), place[:, 1]], axis=1)
@@ -207,7 +223,7 @@ def grass(rng, n_blades: int, height: float, spread: float, segments: int) -> Pa
     )
 
 
-def bush(rng, size: float, detail: float, colour=p.PINE) -> PaletteMesh:
+def bush(rng: np.random.Generator, size: float, detail: float, colour: int = p.PINE) -> PaletteMesh:
     """A clipped shrub: a lumpy solid ball."""
     n = steps(22, detail, 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
@@ -220,7 +236,9 @@ def bush(rng, size: float, detail: float, colour=p.PINE) -> PaletteMesh:
 # --- Palms, broadleaf trees and spruces -------------------------------------------------------------------------------
 
 
-def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: float) -> PaletteMesh:
+def palm(
+    rng: np.random.Generator, fronds: int, leaflets: int, height: float, length: float, detail: float
+) -> PaletteMesh:
     """A curved trunk with arching fronds of `leaflets` pairs of leaflets."""
     t = np.linspace(0.0, 1.0, steps(10, detail, 3) + 1)
     lean = rng.uniform(-0.08, 0.08, 2) * height
@@ -262,7 +280,9 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
     return merge(*meshes)
 
 
-def branches(rng, base, along, length, number: int, n: int):
+def branches(
+    rng: np.random.Generator, base: NDArray[np.float64], along: NDArray[np.float64], length: float, number: int, n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Branch paths, (k * number, n + 1, 3), and their directions: `number` from each (k, m, 3) path in `base`."""
     k, m = base.shape[:2]
     where = rng.uniform(0.35, 1.0, (k, number)) * (m - 1)
@@ -287,7 +307,7 @@ class BareTree(NamedTuple):
     height: float
 
 
-def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
+def bare_tree(rng: np.random.Generator, height: float, detail: float, bark: int = p.BARK) -> BareTree:
     """A trunk and two orders of branches."""
     n = steps(5, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -305,7 +325,7 @@ def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
     return BareTree(wood, second, tips, height)
 
 
-def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> PaletteMesh:
+def tree(rng: np.random.Generator, bare: BareTree, leaves: int, size: float, colour: int = p.LEAF) -> PaletteMesh:
     """A broadleaf tree: leaves of 4 triangles around the twigs, with one shade per twig."""
     twigs = bare.twigs
     which = rng.integers(0, len(twigs), leaves)
@@ -318,7 +338,7 @@ def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> Palett
     return merge(bare.wood, foliage)
 
 
-def conifer(rng, height: float, leaves: int, detail: float) -> PaletteMesh:
+def conifer(rng: np.random.Generator, height: float, leaves: int, detail: float) -> PaletteMesh:
     """A spruce: whorls of drooping boughs made of long blades, 4 triangles each."""
     t = np.linspace(0.0, 1.0, steps(4, detail, 2) + 1)
     trunk = np.stack([0.0 * t, height * t - 0.2, 0.0 * t], axis=1)
@@ -350,7 +370,9 @@ def conifer(rng, height: float, leaves: int, detail: float) -> PaletteMesh:
 SINK = 0.015  # metres by which props extend into the floor, against gaps and coplanar faces
 
 
-def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11) -> PaletteMesh:
+def vase(
+    height: float, detail: float, colour: int = p.TERRACOTTA, belly: float = 0.3, neck: float = 0.11
+) -> PaletteMesh:
     """A hollow amphora with two handles."""
     h, n = height, steps(7, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -383,7 +405,7 @@ def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11
     return merge(body, handles)
 
 
-def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> PaletteMesh:
+def pot(height: float, radius: float, detail: float, colour: int = p.TERRACOTTA) -> PaletteMesh:
     """A flower pot, filled with earth to just below its rim."""
     h, r = height, radius
     wall = [
@@ -401,7 +423,7 @@ def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Pal
     return body
 
 
-def crate(size, planks: int, colour=p.OAK) -> PaletteMesh:
+def crate(size: tuple[float, float, float], planks: int, colour: int = p.OAK) -> PaletteMesh:
     """A wooden box: a core with `planks` planks on every side but the bottom. With fewer than 2, a plain box."""
     w, h, d = size
     if planks < 2:
@@ -452,15 +474,15 @@ def barrel(height: float, radius: float, detail: float) -> PaletteMesh:
     return merge(*meshes)
 
 
-def bench(length: float, colour=p.MARBLE, bevel=0.015) -> PaletteMesh:
+def bench(length: float, colour: int = p.MARBLE, bevel: float = 0.015) -> PaletteMesh:
     """A bench."""
     foot = box((0.14, 0.42, 0.36), (0, 0.21 - SINK / 2, 0), colour, bevel)
-    shift = np.float32([0.36 * length, 0, 0])
+    shift = np.array([0.36 * length, 0, 0], np.float32)
     feet = [foot._replace(vertices=foot.vertices + sign * shift) for sign in (-1, 1)]
     return merge(*feet, box((length, 0.09, 0.46), (0, 0.45, 0), colour, bevel))
 
 
-def bottle(height: float, detail: float, colour=p.GLASS) -> PaletteMesh:
+def bottle(height: float, detail: float, colour: int = p.GLASS) -> PaletteMesh:
     """A bottle."""
     h = height
     profile = [
@@ -489,12 +511,12 @@ def cloth(
     height: float,
     nx: int,
     ny: int,
-    rng,
-    folds=5.0,
-    depth=0.07,
-    sway=0.0,
-    colour=p.RED,
-    trim=p.OCHRE,
+    rng: np.random.Generator,
+    folds: float = 5.0,
+    depth: float = 0.07,
+    sway: float = 0.0,
+    colour: int = p.RED,
+    trim: int = p.OCHRE,
 ) -> PaletteMesh:
     """A hanging cloth, 1 cm thick, with its top edge along x at y = 0. `sway` gathers it to one side at half height."""
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]

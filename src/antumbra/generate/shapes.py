@@ -9,7 +9,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 # --- Meshes from grids of points --------------------------------------------------------------------------------------
 
@@ -22,7 +22,7 @@ class PaletteMesh(NamedTuple):
     colour: NDArray[np.uint8]  # (f,) uint8, palette indices
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """`np.cross` of (..., 3) arrays, without its overhead for small arrays."""
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
@@ -44,7 +44,7 @@ def merge(*meshes: PaletteMesh) -> PaletteMesh:
 
 def raised(mesh: PaletteMesh, y: float) -> PaletteMesh:
     """The mesh, raised by `y` metres."""
-    return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))
+    return mesh._replace(vertices=mesh.vertices + np.array([0.0, y, 0.0], np.float32))
 
 
 def outward(mesh: PaletteMesh) -> PaletteMesh:
@@ -64,13 +64,13 @@ def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
     return pairs.reshape(-1, 3)
 
 
-def _colours(colour, n: int) -> np.ndarray:
+def _colours(colour: ArrayLike, n: int) -> NDArray[np.uint8]:
     """`colour`, one value or one per cell, as (n,) uint8."""
     colour = np.asarray(colour, np.uint8).reshape(-1)
     return np.repeat(colour, n // len(colour))
 
 
-def grid(points, colour=0, flip=None) -> PaletteMesh:
+def grid(points: ArrayLike, colour: ArrayLike = 0, flip: NDArray[np.bool_] | None = None) -> PaletteMesh:
     """An open surface through (m, n, 3) points that faces (along n) x (along m); colour: scalar or (m - 1, n - 1)."""
     points = np.asarray(points, np.float32)
     index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
@@ -78,7 +78,9 @@ def grid(points, colour=0, flip=None) -> PaletteMesh:
     return PaletteMesh(points.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def heightfield(x, z, height, colour=0) -> PaletteMesh:
+def heightfield(
+    x: NDArray[np.float64], z: NDArray[np.float64], height: NDArray[np.float64], colour: ArrayLike = 0
+) -> PaletteMesh:
     """An open surface (x[i], height[i, j], z[j]) that faces up."""
     points = np.empty((len(x), len(z), 3), np.float32)
     points[..., 0], points[..., 1], points[..., 2] = np.asarray(x)[:, None], height, z
@@ -92,7 +94,7 @@ def _rim(m: int, n: int) -> np.ndarray:
     return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
 
-def shell(front, back, colour=0, rim_colour=None) -> PaletteMesh:
+def shell(front: ArrayLike, back: ArrayLike, colour: ArrayLike = 0, rim_colour: int | None = None) -> PaletteMesh:
     """The solid between two (m, n, 3) grids of points."""
     front, back = np.asarray(front, np.float32), np.asarray(back, np.float32)
     m, n = front.shape[:2]
@@ -106,12 +108,12 @@ def shell(front, back, colour=0, rim_colour=None) -> PaletteMesh:
     return outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
 
 
-def block(points, level: float, colour=0) -> PaletteMesh:
+def block(points: ArrayLike, level: float, colour: ArrayLike = 0) -> PaletteMesh:
     """The solid between a surface of (m, n, 3) points and the horizontal plane at height `level`."""
     top = grid(points, colour)
     m, n = np.asarray(points).shape[:2]
     rim = _rim(m, n)
-    foot = top.vertices[rim] * np.float32([1, 0, 1]) + np.float32([0, level, 0])
+    foot = top.vertices[rim] * np.array([1, 0, 1], np.float32) + np.array([0, level, 0], np.float32)
     under = np.arange(m * n, m * n + len(rim), dtype=np.int32)
     wall = _split(np.stack([np.append(under, under[0]), np.append(rim, rim[0])]))
     cap = np.stack([np.full_like(under, m * n + len(rim)), np.roll(under, -1), under], axis=1)
@@ -134,7 +136,7 @@ def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
     return np.concatenate([_split(index), fan[:, ::-1], fan + (n - 1) * k]).astype(np.int32)
 
 
-def lofts(sections, colour=0, closed=False) -> PaletteMesh:
+def lofts(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> PaletteMesh:
     """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
 
     The loops must be counter-clockwise seen from the last section. Fans cap the ends, so the end loops must be convex.
@@ -147,12 +149,12 @@ def lofts(sections, colour=0, closed=False) -> PaletteMesh:
     return PaletteMesh(sections.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def loft(sections, colour=0, closed=False) -> PaletteMesh:
+def loft(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> PaletteMesh:
     """The solid through (n, k, 3) sections of either orientation; see `lofts`."""
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
-def capped(rings, low, high, colour=0) -> PaletteMesh:
+def capped(rings: ArrayLike, low: ArrayLike, high: ArrayLike, colour: ArrayLike = 0) -> PaletteMesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
     The loops must be counter-clockwise seen from `high`. colour: one, or (n - 1) k for the cells and 2 k for the fans.
@@ -174,7 +176,9 @@ def capped(rings, low, high, colour=0) -> PaletteMesh:
     return PaletteMesh(vertices, np.concatenate([cells, *fans]), _colours(colour, len(cells) + 2 * k))
 
 
-def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
+def revolve(
+    profile: ArrayLike, segments: int, colour: ArrayLike = 0, scale: NDArray[np.float64] | None = None
+) -> PaletteMesh:
     """A solid of revolution about +Y through (k, 2) points (radius, height), closed at the axis.
 
     scale : (k, segments), optional
@@ -192,7 +196,7 @@ def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
 _SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]
 
 
-def _hull(polygons, points) -> np.ndarray:
+def _hull(polygons: list[list[int]], points: NDArray[np.float64]) -> NDArray[np.int32]:
     """Fans over planar convex polygons around the origin, oriented outward."""
     faces = []
     for p in polygons:
@@ -202,7 +206,7 @@ def _hull(polygons, points) -> np.ndarray:
     return np.array(faces, np.int32)
 
 
-def _corner(signs) -> int:
+def _corner(signs: ArrayLike) -> int:
     return int((np.array(signs) > 0) @ np.array([4, 2, 1]))
 
 
@@ -218,8 +222,8 @@ def _box_faces(bevelled: bool) -> np.ndarray:
         polygons.append([per * _corner(s) + axis % per for s in loop])
     if bevelled:
         polygons += [[3 * c, 3 * c + 1, 3 * c + 2] for c in range(8)]
-        for axis, side in product(range(3), product((-1, 1), repeat=2)):
-            a, b = (3 * _corner(np.insert(side, axis, end)) for end in (-1, 1))
+        for axis, sides in product(range(3), product((-1, 1), repeat=2)):
+            a, b = (3 * _corner(np.insert(sides, axis, end)) for end in (-1, 1))
             i, j = (axis + 1) % 3, (axis + 2) % 3
             polygons.append([a + i, a + j, b + j, b + i])
     return _hull(polygons, points)
@@ -228,7 +232,7 @@ def _box_faces(bevelled: bool) -> np.ndarray:
 _BOX, _BEVELLED = _box_faces(False), _box_faces(True)
 
 
-def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
+def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0), colour: ArrayLike = 0, bevel: float = 0.0) -> PaletteMesh:
     """A box of `size` (3,) around `centre`, bevelled by `bevel` metres: 12 triangles, or 44 with bevels."""
     half = np.asarray(size, np.float64) / 2.0
     if bevel > 0.0:
@@ -236,10 +240,10 @@ def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
         vertices, faces = (_SIGNS[:, None] * inset).reshape(-1, 3), _BEVELLED
     else:
         vertices, faces = _SIGNS * half, _BOX
-    return PaletteMesh((vertices + centre).astype(np.float32), faces, _colours(colour, len(faces)))
+    return PaletteMesh((vertices + np.asarray(centre)).astype(np.float32), faces, _colours(colour, len(faces)))
 
 
-def boxes(sizes, centres, colour=0) -> PaletteMesh:
+def boxes(sizes: ArrayLike, centres: ArrayLike, colour: ArrayLike = 0) -> PaletteMesh:
     """Plain boxes of (k, 3) sizes around (k, 3) centres; colour: one, or one per box."""
     sizes, centres = np.broadcast_arrays(np.asarray(sizes, np.float32), np.asarray(centres, np.float32))
     vertices = _SIGNS.astype(np.float32) * (sizes[:, None] / 2) + centres[:, None]
@@ -247,20 +251,23 @@ def boxes(sizes, centres, colour=0) -> PaletteMesh:
     return PaletteMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), _colours(colour, 12 * len(sizes)))
 
 
-def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
+def arc(centre: ArrayLike, radius: ArrayLike, start: float, end: float, n: int) -> NDArray[np.float64]:
     """(n + 1, 2) points of an arc around `centre`. Angles are in degrees; radius: one, or (2,)."""
     angle = np.radians(np.linspace(start, end, n + 1))
-    return np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+    points: NDArray[np.float64] = np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.asarray(
+        radius
+    )
+    return points
 
 
-def prism(lower, upper, depth: float, colour=0) -> PaletteMesh:
+def prism(lower: ArrayLike, upper: ArrayLike, depth: float, colour: ArrayLike = 0) -> PaletteMesh:
     """The solid between two polylines (n, 2) in the x-y plane, with thickness `depth` in z around 0."""
     flat = np.stack([np.asarray(lower, np.float32), np.asarray(upper, np.float32)])
     z = np.full((*flat.shape[:2], 1), depth / 2, np.float32)
     return shell(np.concatenate([flat, z], axis=-1), np.concatenate([flat, -z], axis=-1), colour)
 
 
-def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
+def frame_ring(profile: ArrayLike, half_x: float, half_z: float, colour: ArrayLike = 0) -> PaletteMesh:
     """A mitred moulding around a rectangle with a closed (k, 2) profile (outward offset, height)."""
     profile = np.asarray(profile, np.float32)
     sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
@@ -269,7 +276,7 @@ def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
     return loft(points, colour, closed=True)
 
 
-def tubes(paths, radii, sides: int, colour=0) -> PaletteMesh:
+def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, colour: ArrayLike = 0) -> PaletteMesh:
     """Closed round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0."""
     paths = np.asarray(paths, np.float64)
     tangent = np.gradient(paths, axis=1)
@@ -301,37 +308,44 @@ class ScenePart(NamedTuple):
         return len(self.offset) * len(self.mesh.faces)
 
 
-def rotation_y(angle) -> np.ndarray:
+def rotation_y(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees map +Z to +X."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
 
 
-def rotation_x(angle) -> np.ndarray:
+def rotation_x(angle: ArrayLike) -> NDArray[np.float64]:
     """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees map +Y to +Z."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
-def place_copies(mesh: PaletteMesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> ScenePart:
+def place_copies(
+    mesh: PaletteMesh,
+    at: ArrayLike = (0.0, 0.0, 0.0),
+    turn: ArrayLike = 0.0,
+    scale: ArrayLike = 1.0,
+    tilt: ArrayLike | None = None,
+    shade: ArrayLike = 0,
+) -> ScenePart:
     """Copies of a mesh at (k, 3) positions: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
     offset = np.atleast_2d(np.asarray(at, np.float32))
     k = len(offset)
-    matrix = rotation_y(turn)
+    rotation = rotation_y(turn)
     if tilt is not None:
-        matrix = matrix @ rotation_x(tilt)
-    scale = np.asarray(scale, np.float64)
-    if scale.ndim == 1:
-        scale = scale[:, None, None]
-    elif scale.ndim == 2:
-        scale = scale[:, None, :]
-    matrix = np.broadcast_to((matrix * scale).astype(np.float32), (k, 3, 3))
+        rotation = rotation @ rotation_x(tilt)
+    factors = np.asarray(scale, np.float64)
+    if factors.ndim == 1:
+        factors = factors[:, None, None]
+    elif factors.ndim == 2:
+        factors = factors[:, None, :]
+    matrix = np.broadcast_to((rotation * factors).astype(np.float32), (k, 3, 3))
     return ScenePart(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
 
 
-def moved(parts: Iterable[ScenePart], at=(0.0, 0.0, 0.0), turn=0.0) -> list[ScenePart]:
+def moved(parts: Iterable[ScenePart], at: ArrayLike = (0.0, 0.0, 0.0), turn: ArrayLike = 0.0) -> list[ScenePart]:
     """The parts, rotated as a whole about Y (radians), then translated by `at` (3,)."""
     around = rotation_y(turn)[0].astype(np.float32)
     shift = np.asarray(at, np.float32)
@@ -363,7 +377,9 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     return PaletteMesh(vertices, faces, colour)
 
 
-def fitted(build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near=0.93) -> list[ScenePart]:
+def fitted(
+    build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near: float = 0.93
+) -> list[ScenePart]:
     """`build(detail)` at the detail that gives just under `triangles` triangles; `detail`: the first guess.
 
     The number of triangles grows about linearly with the square of the detail, which is solved for by false position.
