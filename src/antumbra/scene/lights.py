@@ -363,9 +363,15 @@ def _check_round(light: "DiskLight | SphereLight") -> None:
 
 
 _KINDS = {
-    "PointLight": "point", "QuadLight": "quad", "DiskLight": "disk", "SphereLight": "sphere", "DirectionalLight": "sun",
-    "PointLights": "points", "DirectionalLights": "suns", "AmbientOcclusion": "ambient",
-}  # fmt: skip
+    "PointLight": "point",
+    "QuadLight": "quad",
+    "DiskLight": "disk",
+    "SphereLight": "sphere",
+    "DirectionalLight": "sun",
+    "PointLights": "points",
+    "DirectionalLights": "suns",
+    "AmbientOcclusion": "ambient",
+}
 
 
 def light_names(lights: Sequence[Light]) -> list[str]:
