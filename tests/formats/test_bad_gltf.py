@@ -87,7 +87,7 @@ JSON = {
     ),
     "position out of range": (put("POSITION", 99, *PRIMITIVE, "attributes"), "attributes.POSITION is 99"),
     "scalar positions": (put("POSITION", 1, *PRIMITIVE, "attributes"), "accessors[1].type is 'SCALAR'"),
-    "corners no multiple of 3": (put("count", 11, "accessors", 1), "11 corners, no multiple of 3"),
+    "corners no multiple of 3": (put("count", 11, "accessors", 1), "11 corners, not a multiple of 3"),
     "no count": (lambda j: j["accessors"][0].pop("count"), "accessors[0].count is missing"),
     "count beyond the view": (
         put("count", 10**12, "accessors", 0),

@@ -67,18 +67,18 @@ def check_expansion(path: Path, size: int) -> None:
     """Raise InputError if the expanded size that a file declares, in bytes, is far larger than the file."""
     file_size = path.stat().st_size
     if size > max(_MOST, _RATIO * file_size):
-        raise InputError(f"{path.name}: its {file_size / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; divide it")
+        raise InputError(f"{path.name}: its {file_size / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; split it")
 
 
 def _array_of(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, where: str) -> np.ndarray:
     if entry.compress_type not in _METHODS or entry.flag_bits & _ENCRYPTED:
-        raise InputError(f"{where} is compressed by another method, or encrypted; write it with numpy.savez")
+        raise InputError(f"{where} is encrypted or compressed by an unsupported method; write it with numpy.savez")
     with archive.open(entry) as stream:
         shape, fortran, dtype = _header(stream, where)
         needed = _checked_size(shape, dtype, entry.file_size - stream.tell(), where)
         data = stream.read(needed)
         if len(data) < needed or stream.read(1):  # reading to the end verifies the checksum
-            raise InputError(f"{where} has another size than it says; copy it again")
+            raise InputError(f"{where} does not have its declared size; copy it again")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
 
 
@@ -182,9 +182,9 @@ def _times(path: Path, count: int, where: str) -> np.ndarray:
         try:
             info = json.loads(path.read_bytes())
         except (ValueError, RecursionError):
-            raise InputError(f"{where}: not JSON; mend or remove it") from None
+            raise InputError(f"{where}: not JSON; fix or remove it") from None
     if not isinstance(info, dict):
-        raise InputError(f"{where}: must be a JSON object; mend or remove it")
+        raise InputError(f"{where}: must be a JSON object; fix or remove it")
     span = _SPAN.search(info["frames"]) if isinstance(info.get("frames"), str) else None
     if info.get("times") is not None:
         times = _as_times(info["times"], count, where)

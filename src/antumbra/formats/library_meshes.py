@@ -249,7 +249,7 @@ def data_of_arrays(
             raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
         indices = as_array(faces, f"{name}: faces")
     elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
-        raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
+        raise InputError(f"{name}: {len(positions)} vertices are not a multiple of 3; give faces")
     positions = positions.reshape(-1, 3)
     mesh = make_mesh(name, positions, indices, colours, name)
     if any(attribute is not None for attribute in (vertex_colours, uv, texture, normals)):

@@ -164,7 +164,7 @@ def _check_ply(data: bytes, file: str) -> None:
     declared = sum(counts.values())
     if declared > available:
         raise InputError(
-            f"{file}: PLY header declares {declared} elements, there is room for {available}; copy it again"
+            f"{file}: PLY header declares {declared} elements, but there is room for {available}; copy it again"
         )
 
 

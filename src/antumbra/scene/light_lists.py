@@ -77,7 +77,7 @@ class LightList(Light):
         if not 1 <= k <= limit:
             cure = "drop some" if self.interleave or k < 1 or k > MAX_SPP * N_SETS else "set interleave=True"
             cure = "give at least one" if k < 1 else cure
-            raise InputError(f"{name} has {k} lights; a receiver asks at most {limit} of them: {cure}")
+            raise InputError(f"{name} has {k} lights; at most {limit} are allowed: {cure}")
         object.__setattr__(self, "intensities", rows(self.intensities, k, 1, f"{name} intensities")[:, 0])
         object.__setattr__(self, "colours", rows(self.colours, k, 3, f"{name} colours"))
         if (self.intensities < 0).any():

@@ -38,7 +38,7 @@ def read_environment(path: Path) -> np.ndarray:
     checked_file(path, path.name)
     readers = {".hdr": _read_hdr, ".exr": _read_exr}
     if path.suffix.lower() not in readers:
-        raise InputError(f"{path.name}: a sky is read from one of {', '.join(ENVIRONMENT_SUFFIXES)}; convert it")
+        raise InputError(f"{path.name}: a sky must be one of {', '.join(ENVIRONMENT_SUFFIXES)}; convert it")
     try:
         with without_output():
             image = readers[path.suffix.lower()](path)
@@ -68,7 +68,7 @@ def _read_hdr(path: Path) -> np.ndarray:
     size, _, body = body.partition(b"\n")
     words = size.split()
     if not header.startswith((b"#?RADIANCE", b"#?RGBE")) or not blank or len(words) != 4:
-        raise ValueError("no Radiance picture")
+        raise ValueError("not a Radiance picture")
     if words[0] != b"-Y" or words[2] != b"+X":
         raise ValueError("its rows do not run from top to bottom and left to right")
     h, w = int(words[1]), int(words[3])

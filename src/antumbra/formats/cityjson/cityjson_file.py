@@ -111,7 +111,9 @@ def _part(fields: Fields, transform: tuple[np.ndarray, np.ndarray]) -> CityPart:
     objects = fields.raw("CityObjects", dict, "an object of CityObjects")
     for name, thing in objects.items():
         if not isinstance(thing, dict):
-            raise InputError(f"{fields.where} CityObjects has {name[:60]!r}, which is no object; export the file again")
+            raise InputError(
+                f"{fields.where} CityObjects has {name[:60]!r}, which is not an object; export the file again"
+            )
     scale, translation = transform
     return CityPart(fields.where, objects, _vertices(fields, "vertices") * scale + translation)
 
@@ -218,7 +220,7 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
     for index, shape in enumerate(shapes if isinstance(shapes, list) else []):
         where = f'{part.where} CityObjects "{name[:60]}" geometry[{index}]'
         if not isinstance(shape, dict):
-            raise InputError(f"{where} is no object; export the file again")
+            raise InputError(f"{where} is not an object; export the file again")
         instance = None
         if shape.get("type") == INSTANCE:
             number, instance = shape.get("template"), shape

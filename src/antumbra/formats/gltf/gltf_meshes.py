@@ -72,7 +72,7 @@ def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> 
     count = n_vertices if corners is None else len(corners)
     if mode == TRIANGLES:
         if count % 3:
-            raise InputError(f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated")
+            raise InputError(f"{fields.where} has {count} corners, not a multiple of 3; export the mesh triangulated")
         return None if corners is None else corners.reshape(-1, 3)
     if corners is None:
         corners = np.arange(count)
