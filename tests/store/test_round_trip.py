@@ -118,7 +118,9 @@ def test_a_store_of_a_streamed_city(tmp_path):
 
 def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
     started = []
-    monkeypatch.setattr(stream, "_started", lambda *a, start=stream._started: started.append(start(*a)) or started[-1])
+    monkeypatch.setattr(
+        stream, "_start_worker", lambda *a, start=stream._start_worker: started.append(start(*a)) or started[-1]
+    )
     pieces = StreamedCity(5_000_000, processes=2).pieces(0.0)
     next(pieces)
     assert [worker.poll() for worker in started] == [None, None]
@@ -129,7 +131,7 @@ def test_processes_that_make_a_city_end_with_who_reads(monkeypatch):
 @pytest.mark.parametrize("code", ["raise SystemExit(3)", "import os; os.write(1, bytes([9] + 15 * [0]))"])
 def test_a_process_that_fails_is_no_end_of_the_city(monkeypatch, code):
     command = [sys.executable, "-c", code]
-    monkeypatch.setattr(stream, "_started", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
+    monkeypatch.setattr(stream, "_start_worker", lambda *_: subprocess.Popen(command, stdout=subprocess.PIPE))
     with pytest.raises(RuntimeError, match=r"has failed|ended too early"):
         list(StreamedCity(20_000).pieces(0.0))
 
