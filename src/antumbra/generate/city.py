@@ -411,10 +411,17 @@ def _street(plan: _Plan, rng: np.random.Generator) -> list[ScenePart]:
     lane_spots, lane_turns = [], []
     for lane, turn in lanes:
         for across in (0, 1):
-            keep = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
-            fixed = np.full(len(keep), lane if lane < PITCH / 2 else lane - PITCH)
-            lane_spots.append(np.stack([keep, 0 * keep, fixed] if across == 0 else [fixed, 0 * keep, keep], axis=1))
-            lane_turns.append(np.full(len(keep), turn + across * np.pi / 2))
+            positions = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
+            lane_positions = np.full(len(positions), lane if lane < PITCH / 2 else lane - PITCH)
+            lane_spots.append(
+                np.stack(
+                    [positions, 0 * positions, lane_positions]
+                    if across == 0
+                    else [lane_positions, 0 * positions, positions],
+                    axis=1,
+                )
+            )
+            lane_turns.append(np.full(len(positions), turn + across * np.pi / 2))
     spots, turns = np.concatenate(lane_spots), np.concatenate(lane_turns)
     paint = rng.integers(0, len(_PAINTS), len(spots))
     parts = [
@@ -475,7 +482,7 @@ def _building(
         mesh = house(w, d, floors, style, rng, p.TERRACOTTA if rng.random() < 0.7 else p.SLATE)
         return mesh, []
     if floors > 8 and kind < 0.75:
-        return _stepped(rng, w, d, floors, budget, wall)
+        return _stepped_tower(rng, w, d, floors, budget, wall)
     ledge = 0.25 if floors < 8 and rng.random() < 0.6 else 0.0
     share = 0.5 if floors < 9 else 0.8
     style = _affordable(budget, w, d, floors, Style(3.2, share, True, wall, glass, ledge))
@@ -498,7 +505,7 @@ def _affordable(budget: float, w: float, d: float, floors: int, style: Style) ->
     return choice
 
 
-def _stepped(
+def _stepped_tower(
     rng: np.random.Generator, w: float, d: float, floors: int, budget: float, wall: int
 ) -> tuple[PaletteMesh, NDArray[np.float64]]:
     """(mesh of a tower with three tiers, a position on its roof)."""

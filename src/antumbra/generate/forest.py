@@ -113,8 +113,8 @@ def _trees(
     xz = _scattered(ground, n, rng, 1.9, eye, 3.2)
     edge = np.maximum(ground.off_path(xz[:, 0], xz[:, 1]), np.abs(xz[:, 1]) - 0.4 * ground.half) / ground.half
     kind = np.where(rng.random(len(xz)) < 0.08 + 1.1 * edge, 2, np.where(rng.random(len(xz)) < 0.35, 1, 0))
-    each = budget / len(xz)
-    detail = float(np.clip(np.sqrt(each / 2600.0), 0.12, 3.0))
+    per_tree = budget / len(xz)
+    detail = float(np.clip(np.sqrt(per_tree / 2600.0), 0.12, 3.0))
     parts = []
     for k in range(3):
         chosen = xz[kind == k]
@@ -122,21 +122,21 @@ def _trees(
         for variant in range(variants):
             at = ground.at(chosen[variant::variants], 0.06)
             if len(at):
-                mesh = _kind_of_tree(k, each, detail, rng)
+                mesh = _kind_of_tree(k, per_tree, detail, rng)
                 parts.append(place_copies(mesh, at, rng.uniform(0, 6.3, len(at)), rng.uniform(0.75, 1.25, len(at))))
     return parts
 
 
-def _kind_of_tree(kind: int, each: float, detail: float, rng: np.random.Generator) -> PaletteMesh:
+def _kind_of_tree(kind: int, budget: float, detail: float, rng: np.random.Generator) -> PaletteMesh:
     if kind == 2:
-        leaves = max(12, int(each / 4) - 10)
+        leaves = max(12, int(budget / 4) - 10)
         return conifer(rng, 11.0, leaves, detail)
     bark, colour, height = ((p.BARK, p.LEAF, 9.5), (p.BIRCH, p.LIME, 8.0))[kind]
     bare = bare_tree(rng, height, detail, bark)
-    while len(bare.wood.faces) > 0.4 * each and detail > 0.1:
+    while len(bare.wood.faces) > 0.4 * budget and detail > 0.1:
         detail *= 0.8
         bare = bare_tree(rng, height, detail, bark)
-    leaves = max(12, int((each - len(bare.wood.faces)) / 4))
+    leaves = max(12, int((budget - len(bare.wood.faces)) / 4))
     return tree(rng, bare, leaves, float(np.clip(10.0 / np.sqrt(leaves), 0.1, 1.2)), colour)
 
 

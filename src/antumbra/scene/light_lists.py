@@ -46,8 +46,8 @@ class LightList(Light):
         raise NotImplementedError
 
     def __repr__(self) -> str:
-        shared = ", interleave=True" if self.interleave else ""
-        return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{shared})"
+        suffix = ", interleave=True" if self.interleave else ""
+        return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{suffix})"
 
     def samples(self, spp: int) -> int:
         k = len(self.points)

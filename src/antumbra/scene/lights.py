@@ -104,7 +104,7 @@ class Light:
         self._check()
 
 
-def _fixed(
+def _fixed_patch(
     base: NDArray[np.float64],
     u: NDArray[np.float64] = _NO_EXTENT,
     v: NDArray[np.float64] = _NO_EXTENT,
@@ -132,7 +132,7 @@ class PointLight(Light):
         self._check()
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
-        return _fixed(self.position, origin=origin)
+        return _fixed_patch(self.position, origin=origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class QuadLight(Light):
         return float(np.linalg.norm(np.cross(self.u, self.v)))
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
-        return _fixed(self.corner, self.u, self.v, origin)
+        return _fixed_patch(self.corner, self.u, self.v, origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,7 @@ class DiskLight(Light):
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
         u, v = tangents(self.normal)
-        return _fixed(self.center, u * self.radius, v * self.radius, origin)
+        return _fixed_patch(self.center, u * self.radius, v * self.radius, origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +238,7 @@ class SphereLight(Light):
         return float(4.0 * np.pi * self.radius**2)
 
     def patch(self, origin: NDArray[np.float64], reach: float) -> LightPatch:
-        return _fixed(self.center, origin=origin)._replace(kind=SPHERE, radius=float(self.radius))
+        return _fixed_patch(self.center, origin=origin)._replace(kind=SPHERE, radius=float(self.radius))
 
 
 _FARTHEST = 2.0**125  # sums of two such coordinates, and differences of these sums, are finite in float32

@@ -50,7 +50,7 @@ def decode_image(data: bytes, side: int | None = None) -> NDArray[np.uint8]:
     Raises ValueError, with the reason, if the image cannot be decoded or is unreasonably large.
     """
     try:
-        with _opened(data) as image:
+        with _open_image(data) as image:
             _check_size(image.size, len(data))
             if side is not None:
                 image.draft("RGB", (side, side))
@@ -59,7 +59,7 @@ def decode_image(data: bytes, side: int | None = None) -> NDArray[np.uint8]:
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def _opened(data: bytes) -> "Image.Image":
+def _open_image(data: bytes) -> "Image.Image":
     """A Pillow image with its pixels still unread. Pillow's warnings about large images become errors."""
     from PIL import Image
 
@@ -93,37 +93,37 @@ def mip_levels(pixels: np.ndarray, has_alpha: bool = False) -> list[np.ndarray]:
         return []
     strip_rows = len(pixels) if len(pixels) % 2 else _STRIP
     strips = (linear_of(pixels[y : y + strip_rows]) for y in range(0, len(pixels), strip_rows))
-    weighted = np.concatenate([_quartered(_times_alpha(strip) if has_alpha else strip) for strip in strips])
+    weighted = np.concatenate([_halve_image(_premultiplied(strip) if has_alpha else strip) for strip in strips])
     levels = [weighted]
     while weighted.shape[:2] != (1, 1):
-        weighted = _quartered(weighted)
+        weighted = _halve_image(weighted)
         levels.append(weighted)
-    return [_by_alpha(level) for level in levels] if has_alpha else levels
+    return [_unpremultiplied(level) for level in levels] if has_alpha else levels
 
 
 _STRIP = 256  # rows converted to linear light at a time: they take sixteen times the memory of their bytes
 _LEAST = np.float32(1.0 / 255.0)  # added to every weight, so that a fully transparent image has a mean
 
 
-def _times_alpha(linear: np.ndarray) -> np.ndarray:
+def _premultiplied(linear: np.ndarray) -> np.ndarray:
     out = linear.copy()
     out[..., 3] += _LEAST
     out[..., :3] *= out[..., 3:]
     return out
 
 
-def _by_alpha(weighted: np.ndarray) -> np.ndarray:
+def _unpremultiplied(weighted: np.ndarray) -> np.ndarray:
     out = weighted.copy()
     out[..., :3] /= out[..., 3:]
     out[..., 3] -= _LEAST
     return out
 
 
-def _quartered(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.ascontiguousarray(_halved(_halved(picture).swapaxes(0, 1)).swapaxes(0, 1))
+def _halve_image(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(_halve_rows(_halve_rows(picture).swapaxes(0, 1)).swapaxes(0, 1))
 
 
-def _halved(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+def _halve_rows(rows: NDArray[np.float32]) -> NDArray[np.float32]:
     """Means of pairs of rows; for an odd number 2 k + 1, k means over 2 + 1/k rows each."""
     n, k = len(rows), len(rows) // 2
     if n % 2 == 0:
@@ -188,7 +188,7 @@ class Texture:
     @cached_property
     def pixels(self) -> NDArray[np.uint8]:
         """(h, w, 4) uint8, contiguous. Raises ValueError if the image cannot be decoded."""
-        return self._decoded(None)
+        return self._decode(None)
 
     @cached_property
     def mips(self) -> NDArray[np.uint8]:
@@ -199,13 +199,13 @@ class Texture:
     @cached_property
     def preview_levels(self) -> list[np.ndarray]:
         """Mip levels ((h, w, 4) float32, linear) for mean colours; those of a large image start at reduced size."""
-        pixels = self._decoded(_PREVIEW)
+        pixels = self._decode(_PREVIEW)
         smaller = mip_levels(pixels, self.has_alpha)
         if max(pixels.shape[:2]) <= _PREVIEW:
             return [linear_of(pixels), *smaller]
         return [level for level in smaller if max(level.shape[:2]) <= _PREVIEW]
 
-    def _decoded(self, side: int | None) -> np.ndarray:
+    def _decode(self, side: int | None) -> np.ndarray:
         picture, opacity = self.picture, None if self.opacity is None else decode_image(self.opacity, side)
         if picture is None:
             pixels = np.full((1, 1, 4) if opacity is None else opacity.shape, 255, np.uint8)

@@ -224,13 +224,16 @@ def textured_mesh(
         colours = linear_colours(colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
             raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
-    uv, normals = _checked(uv, (n_vertices, 2), f"{where}: uv"), _checked(normals, (n_vertices, 3), f"{where}: normals")
+    uv, normals = (
+        _checked_attribute(uv, (n_vertices, 2), f"{where}: uv"),
+        _checked_attribute(normals, (n_vertices, 3), f"{where}: normals"),
+    )
     uv, colours = rows(uv), rows(colours)
     look = look_of(material, uv, colours, rows(normals), mesh.positions)
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
 
 
-def _checked(values: object, shape: tuple[int, int], where: str) -> np.ndarray | None:
+def _checked_attribute(values: object, shape: tuple[int, int], where: str) -> np.ndarray | None:
     if values is None:
         return None
     values = as_array(values, where)

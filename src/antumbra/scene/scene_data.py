@@ -145,15 +145,15 @@ class SceneData(ABC):
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
         """Camera `index` of the file at `time`."""
-        index = self._known("camera", index, len(self._cameras))
+        index = self._checked_index("camera", index, len(self._cameras))
         return self._cameras_at(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0) -> Light:
         """Light `index` of the file at `time`."""
-        index = self._known("light", index, len(self._lights))
+        index = self._checked_index("light", index, len(self._lights))
         return self._lights_at(self.clamped(time))[index]
 
-    def _known(self, kind: str, index: int, count: int) -> int:
+    def _checked_index(self, kind: str, index: int, count: int) -> int:
         """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)

@@ -192,14 +192,14 @@ class Sky(LightList):
         out = np.empty((*down.shape, 3), np.float32)
         if self._level:
             for c in range(3):
-                out[..., c] = np.interp(down, np.arange(h), self._tinted[:, 0, c])
+                out[..., c] = np.interp(down, np.arange(h), self._scaled_map[:, 0, c])
             return out
         across = (np.arctan2(right, -back) * np.float32(0.5 / np.pi) + np.float32(0.5)) * w - np.float32(0.5)
         y, x = np.floor(down), np.floor(across)
         fy, fx = (down - y)[..., None], (across - x)[..., None]
         rows = [np.clip(y + k, 0, h - 1).astype(np.int32) for k in (0, 1)]
         columns = [(x.astype(np.int32) + k) % w for k in (0, 1)]
-        (a, b), (c, d) = ([self._tinted[r, k] for k in columns] for r in rows)
+        (a, b), (c, d) = ([self._scaled_map[r, k] for k in columns] for r in rows)
         result: NDArray[np.float32] = (a + fx * (b - a)) * (1 - fy) + (c + fx * (d - c)) * fy
         return result
 
@@ -209,7 +209,7 @@ class Sky(LightList):
         return bool((self.map == self.map[:, :1]).all())
 
     @cached_property
-    def _tinted(self) -> np.ndarray:
+    def _scaled_map(self) -> np.ndarray:
         return (self.map * (self.intensity * np.asarray(self.colour))).astype(np.float32)
 
     @cached_property
@@ -261,8 +261,8 @@ def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, 
     if not total > 0.0:
         power, total = np.broadcast_to(solid, (h, w)), 0.0
     a, b = (((np.arange(count) + 0.5) / count), (0.5 + _STEP * np.arange(count)) % 1.0)
-    y, fy = _inverted(power.sum(1)[None], np.zeros(count, int), a)
-    x, fx = _inverted(power, y, b)
+    y, fy = _invert_cumulative(power.sum(1)[None], np.zeros(count, int), a)
+    x, fx = _invert_cumulative(power, y, b)
     cosine = edges[y] + fy * (edges[y + 1] - edges[y])
     angle = 2.0 * np.pi * ((x + fx) / w - 0.5)
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
@@ -273,7 +273,7 @@ def _sample_map(image: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, 
     return directions, np.full(count, total / count), colour
 
 
-def _inverted(weights: np.ndarray, row: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _invert_cumulative(weights: np.ndarray, row: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(index, fraction within it) where the cumulative sum of a row of weights reaches a share of its total."""
     sums = np.concatenate([np.zeros((len(weights), 1)), np.cumsum(weights, 1)], 1)
     sums /= np.where(sums[:, -1:] > 0.0, sums[:, -1:], 1.0)  # black rows are never sampled

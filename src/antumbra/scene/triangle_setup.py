@@ -86,17 +86,17 @@ def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> i
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
         count: int = copies * n_vertices // 3
-        _recentred(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
+        _recentre_piece(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
         return count
     local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
-    _recentred(piece, origin, local, threads)
+    _recentre_piece(piece, origin, local, threads)
     count = copies * len(faces)
     args = local.ctypes.data, n_vertices, faces.ctypes.data, len(faces), out.ctypes.data
     run(_gather, threads, new_ticket(count, _AT_A_TIME), *args)
     return count
 
 
-def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
+def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
     """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
     a = np.ascontiguousarray(piece.vertices, dtype)

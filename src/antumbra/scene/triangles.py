@@ -89,7 +89,7 @@ class Hit(HitFaces):
         """(..., 3) float64, world: the hit point on the face; NaN on a miss."""
         a, b, c = self._corners_of_hits().swapaxes(0, 1)
         u, v = (w[self.mask].astype(np.float64)[:, None] for w in (self.u, self.v))
-        return self._scattered(a + u * (b - a) + v * (c - a))
+        return self._per_ray(a + u * (b - a) + v * (c - a))
 
     @property
     def normal(self) -> NDArray[np.float64]:
@@ -100,7 +100,7 @@ class Hit(HitFaces):
         """
         a, b, c = self._corners_of_hits().swapaxes(0, 1)
         normals = np.cross(b - a, c - a)
-        return self._scattered(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+        return self._per_ray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -124,7 +124,7 @@ class Hit(HitFaces):
         out: NDArray[np.float64] = triangles.vertices[index[index >= 0]].astype(np.float64) + triangles.origin
         return out
 
-    def _scattered(self, values: np.ndarray) -> np.ndarray:
+    def _per_ray(self, values: np.ndarray) -> np.ndarray:
         out = np.full((*self.face.shape, 3), np.nan)
         out[self.mask] = values
         return out

@@ -84,16 +84,16 @@ def write_attributes(
 
 def _write(texts: list[dict[str, Any]], city: CityModel, means: list[_Means], heights: np.ndarray) -> None:
     """Set the attributes in the JSON texts of a file."""
-    things = {name: thing for text in texts for name, thing in text.get("CityObjects", {}).items()}
-    for geometry in _without_semantics(things, city):
+    city_objects = {name: thing for text in texts for name, thing in text.get("CityObjects", {}).items()}
+    for geometry in _without_semantics(city_objects, city):
         _fill_semantics(geometry)
     for k, surface in enumerate(city.surfaces):
-        _write_surface(things, city, surface, {m.name: m.surfaces[k] for m in means}, heights[k])
+        _write_surface(city_objects, city, surface, {m.name: m.surfaces[k] for m in means}, heights[k])
     for k, name in enumerate(city.objects):
-        attributes = _of_kind(dict, things[name].get("attributes"))
+        attributes = _of_kind(dict, city_objects[name].get("attributes"))
         _update(attributes, {m.name: m.objects[k] for m in means})
         if attributes:
-            things[name]["attributes"] = attributes
+            city_objects[name]["attributes"] = attributes
 
 
 def _vector_areas(mesh: Mesh) -> NDArray[np.float64]:
@@ -132,28 +132,28 @@ def _heights(city: CityModel, vectors: NDArray[np.float64]) -> NDArray[np.float6
     return out
 
 
-def _geometry(things: dict[str, Any], city: CityModel, surface: SemanticSurface) -> dict[str, Any]:
-    geometry: dict[str, Any] = things[city.objects[surface.object]]["geometry"][surface.geometry]
+def _geometry(city_objects: dict[str, Any], city: CityModel, surface: SemanticSurface) -> dict[str, Any]:
+    geometry: dict[str, Any] = city_objects[city.objects[surface.object]]["geometry"][surface.geometry]
     return geometry
 
 
-def _without_semantics(things: dict[str, Any], city: CityModel) -> list[dict[str, Any]]:
+def _without_semantics(city_objects: dict[str, Any], city: CityModel) -> list[dict[str, Any]]:
     """The geometries, each once, with polygons without semantics. Instances are skipped: they have no polygons."""
-    geometries = {(s.object, s.geometry): _geometry(things, city, s) for s in city.surfaces if s.semantic is None}
+    geometries = {(s.object, s.geometry): _geometry(city_objects, city, s) for s in city.surfaces if s.semantic is None}
     return [geometry for geometry in geometries.values() if geometry["type"] != INSTANCE]
 
 
 def _fill_semantics(geometry: dict[str, Any]) -> None:
     """Complete a geometry's "semantics", with a value (or null) for each polygon."""
     semantics = _of_kind(dict, geometry.get("semantics"))
-    values = _filled(geometry["boundaries"], semantics.get("values"), DEPTHS[geometry["type"]])
+    values = _padded_values(geometry["boundaries"], semantics.get("values"), DEPTHS[geometry["type"]])
     geometry["semantics"] = {**semantics, "surfaces": _of_kind(list, semantics.get("surfaces")), "values": values}
 
 
 def _write_surface(
-    things: dict[str, Any], city: CityModel, surface: SemanticSurface, values: dict[str, float], height: float
+    city_objects: dict[str, Any], city: CityModel, surface: SemanticSurface, values: dict[str, float], height: float
 ) -> None:
-    geometry = _geometry(things, city, surface)
+    geometry = _geometry(city_objects, city, surface)
     if geometry["type"] == INSTANCE:
         return
     surfaces, index = geometry["semantics"]["surfaces"], surface.semantic
@@ -168,13 +168,13 @@ def _write_surface(
     _update(surfaces[index], values)
 
 
-def _filled(boundaries: list[Any], values: Any, depth: int) -> Any:
+def _padded_values(boundaries: list[Any], values: Any, depth: int) -> Any:
     """`values`, padded with null to the shape of the boundaries."""
     values = _of_kind(list, values)
     values += [None] * (len(boundaries) - len(values))
     if depth:
         for k, inner in enumerate(boundaries):
-            values[k] = _filled(inner, values[k], depth - 1)
+            values[k] = _padded_values(inner, values[k], depth - 1)
     return values
 
 
@@ -190,6 +190,6 @@ def _of_kind(kind: type, value: Any) -> Any:
     return value if isinstance(value, kind) else kind()
 
 
-def _update(thing: dict[str, Any], values: dict[str, float]) -> None:
+def _update(attributes: dict[str, Any], values: dict[str, float]) -> None:
     """Set the finite values in a JSON object; JSON cannot represent others."""
-    thing.update((name, float(value)) for name, value in values.items() if np.isfinite(value))
+    attributes.update((name, float(value)) for name, value in values.items() if np.isfinite(value))

@@ -76,17 +76,17 @@ def triangulate(vertices: NDArray[np.float64], rings: Rings) -> Triangulation:
 def _without_short_rings(rings: Rings) -> Rings:
     """The rings without those of fewer than three corners, and without the holes of such outer rings."""
     polygon = np.repeat(np.arange(len(rings.rings_in)), rings.rings_in)
-    fine = rings.sizes >= 3
-    if fine.all():
+    valid = rings.sizes >= 3
+    if valid.all():
         return rings
     outer = np.zeros(len(polygon), bool)
     outer[(np.cumsum(rings.rings_in) - rings.rings_in)[rings.rings_in > 0]] = True
     dropped = np.zeros(len(rings.rings_in), bool)
-    dropped[polygon[outer & ~fine]] = True
-    fine &= ~dropped[polygon]
-    in_valid_ring = np.repeat(fine, rings.sizes)
+    dropped[polygon[outer & ~valid]] = True
+    valid &= ~dropped[polygon]
+    in_valid_ring = np.repeat(valid, rings.sizes)
     return Rings(
-        rings.corners[in_valid_ring], rings.sizes[fine], np.bincount(polygon[fine], minlength=len(rings.rings_in))
+        rings.corners[in_valid_ring], rings.sizes[valid], np.bincount(polygon[valid], minlength=len(rings.rings_in))
     )
 
 
@@ -129,9 +129,9 @@ def _quads(flat: _ProjectedPolygons, polygons: np.ndarray) -> tuple[np.ndarray, 
     corners = flat.first[polygons, None] + np.arange(4)
     halves = [np.array([[0, 1, 2], [0, 2, 3]]), np.array([[1, 2, 3], [1, 3, 0]])]
     fits = [np.asarray((_doubled_areas(flat.points, corners[:, half]) > 0.0).all(axis=1)) for half in halves]
-    picked = np.where(fits[0][:, None, None], corners[:, halves[0]], corners[:, halves[1]])
-    fine = fits[0] | fits[1]
-    return polygons[fine], picked[fine].reshape(-1, 3)
+    triangles = np.where(fits[0][:, None, None], corners[:, halves[0]], corners[:, halves[1]])
+    valid = fits[0] | fits[1]
+    return polygons[valid], triangles[valid].reshape(-1, 3)
 
 
 def _clip_ears(flat: _ProjectedPolygons, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
@@ -207,8 +207,8 @@ def outermost(part: CityPart, name: str) -> str:
     path = [name]
     while True:
         parents = part.objects[path[-1]].get("parents")
-        known = [p for p in parents if isinstance(p, str) and p in part.objects] if isinstance(parents, list) else []
-        above = [p for p in known if part.objects[p].get("type") != GROUP and p not in path]
+        ids = [p for p in parents if isinstance(p, str) and p in part.objects] if isinstance(parents, list) else []
+        above = [p for p in ids if part.objects[p].get("type") != GROUP and p not in path]
         if not above:
             return path[-1] if len(path) > 1 else ""
         path.append(above[0])
@@ -246,17 +246,19 @@ class _Collector:
             self._add_polygons(choice)
         except (TypeError, ValueError):
             raise InputError(f"{where}.boundaries are not nested lists, as its type demands; export it again") from None
-        added = len(self._rings_in) - n_polygons
-        self._base += [base] * added
-        self._limit += [limit] * added
-        self._mirrored += [mirrored] * added
+        n_added = len(self._rings_in) - n_polygons
+        self._base += [base] * n_added
+        self._limit += [limit] * n_added
+        self._mirrored += [mirrored] * n_added
 
     def _add_polygons(self, choice: ChosenGeometry) -> None:
         semantics = choice.geometry.get("semantics")
         semantics = semantics if isinstance(semantics, dict) else {}
-        known, values = semantics.get("surfaces"), semantics.get("values")
+        surfaces, values = semantics.get("surfaces"), semantics.get("values")
         kinds = (
-            {k: s.get("type") for k, s in enumerate(known) if isinstance(s, dict)} if isinstance(known, list) else {}
+            {k: s.get("type") for k, s in enumerate(surfaces) if isinstance(s, dict)}
+            if isinstance(surfaces, list)
+            else {}
         )
         boundaries, depth = choice.geometry.get("boundaries") or [], DEPTHS[choice.geometry["type"]]
         owner, surface_of = self._object(choice), {}
@@ -298,8 +300,8 @@ class _Collector:
         if key not in self._spans:
             used = [0]
             with suppress(TypeError, ValueError):  # reported when its polygons are added
-                nested = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
-                used = list(chain.from_iterable(chain.from_iterable(rings for _, rings, _ in nested))) or used
+                polygons = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
+                used = list(chain.from_iterable(chain.from_iterable(rings for _, rings, _ in polygons))) or used
                 self._spans[key] = max(0, index(min(used))), index(max(used)) + 1
         return self._spans.get(key, (0, 0))
 

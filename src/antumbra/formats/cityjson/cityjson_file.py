@@ -42,12 +42,12 @@ class CityDocument(NamedTuple):
 @contextmanager
 def many_lists() -> Iterator[None]:
     """Pause garbage collection, which takes as long as the work itself when there are millions of lists."""
-    paused = gc.isenabled()
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if paused:
+        if was_enabled:
             gc.enable()
 
 
@@ -109,8 +109,8 @@ def _transform(head: Fields) -> tuple[np.ndarray, np.ndarray]:
 
 def _part(fields: Fields, transform: tuple[np.ndarray, np.ndarray]) -> CityPart:
     objects = fields.raw("CityObjects", dict, "an object of CityObjects")
-    for name, thing in objects.items():
-        if not isinstance(thing, dict):
+    for name, city_object in objects.items():
+        if not isinstance(city_object, dict):
             raise InputError(
                 f"{fields.where} CityObjects has {name[:60]!r}, which is not an object; export the file again"
             )
@@ -182,8 +182,8 @@ def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[Cho
     if lod is not None:
         chosen_lod = lod_of({"lod": lod})
         if chosen_lod not in levels:
-            known = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
-            raise InputError(f"{document.file}: no geometry has lod {chosen_lod!r}; {known}")
+            levels_text = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
+            raise InputError(f"{document.file}: no geometry has lod {chosen_lod!r}; {levels_text}")
         return [c for shapes in geometries.values() for c in shapes if lod_of(c.geometry) == chosen_lod], levels
     highest = {
         key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in geometries.items() if shapes
@@ -234,5 +234,5 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
 def _parts(part: CityPart, name: str) -> list[str]:
     """Ids of an object's children that are parts of it, such as BuildingParts."""
     children = part.objects[name].get("children")
-    known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
-    return [c for c in known if str(part.objects[c].get("type")).endswith("Part")]
+    ids = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
+    return [c for c in ids if str(part.objects[c].get("type")).endswith("Part")]

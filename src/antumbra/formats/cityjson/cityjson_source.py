@@ -59,18 +59,18 @@ OTHERS = "#dddad5"
 
 def colours_of(surface_types: list[str | None], object_types: list[str]) -> np.ndarray:
     """Linear colours, (n, 3) float32, of surfaces, from the types of each surface and of its object."""
-    known: dict[tuple[str | None, str], int] = {}
-    places = [known.setdefault(pair, len(known)) for pair in zip(surface_types, object_types)]
-    table = np.array([_linear(_hex(*pair)) for pair in known], np.float32).reshape(-1, 3)
-    return table[places]
+    pairs: dict[tuple[str | None, str], int] = {}
+    indices = [pairs.setdefault(pair, len(pairs)) for pair in zip(surface_types, object_types)]
+    table = np.array([_linear(_hex(*pair)) for pair in pairs], np.float32).reshape(-1, 3)
+    return table[indices]
 
 
-def _hex(surface: str | None, thing: str) -> str:
+def _hex(surface: str | None, object_type: str) -> str:
     if surface in SURFACES:
         return SURFACES[surface]
-    if thing in OBJECTS:
-        return OBJECTS[thing]
-    return next((colour for begin, colour in OBJECTS.items() if thing.startswith(begin)), OTHERS)  # BuildingPart
+    if object_type in OBJECTS:
+        return OBJECTS[object_type]
+    return next((colour for begin, colour in OBJECTS.items() if object_type.startswith(begin)), OTHERS)  # BuildingPart
 
 
 def _linear(colour: str) -> np.ndarray:

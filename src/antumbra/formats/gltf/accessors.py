@@ -91,9 +91,9 @@ class Accessors:
             if count > self._available:
                 raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
             values = np.zeros((count, width), dtype)
-        return values if sparse is None else self._patched(values, sparse)
+        return values if sparse is None else self._with_sparse(values, sparse)
 
-    def _patched(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
+    def _with_sparse(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
         count = sparse.whole("count", low=1, high=len(values) + 1)
         indices, replacements = sparse.object("indices"), sparse.object("values")
         if indices is None or replacements is None:
@@ -111,9 +111,9 @@ class Accessors:
         number = view.whole("buffer", high=len(self._document.buffers))
         buffer = self._document.buffers[number]
         if buffer is None:
-            packed = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
-            why = f"is compressed ({packed}); {CURE}" if packed else "has no data; export the file again"
-            raise InputError(f"{self._document.file}: buffers[{number}] {why}")
+            compression = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
+            reason = f"is compressed ({compression}); {CURE}" if compression else "has no data; export the file again"
+            raise InputError(f"{self._document.file}: buffers[{number}] {reason}")
         start, size = view.whole("byteOffset", 0), view.whole("byteLength")
         if start + size > len(buffer):
             end = f"ends at byte {start + size}, buffers[{number}] at {len(buffer)}"
@@ -153,19 +153,19 @@ def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
     InputError
         If the library is missing, or the data cannot be decoded.
     """
-    packed = primitive.extension(DRACO_EXTENSION)
+    extension = primitive.extension(DRACO_EXTENSION)
     attributes = primitive.mapping("attributes", len(accessors))
-    if packed is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
+    if extension is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
         return []
     if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
         raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
     library = import_extra("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
-    data, indices = accessors.view_bytes(packed, "bufferView"), primitive.whole("indices", high=len(accessors))
+    data, indices = accessors.view_bytes(extension, "bufferView"), primitive.whole("indices", high=len(accessors))
     try:
         mesh = library.decode(data)
         arrays = {
             attributes[name]: np.asarray(mesh.get_attribute_by_unique_id(number)["data"])
-            for name, number in packed.mapping("attributes", 1 << 31).items()
+            for name, number in extension.mapping("attributes", 1 << 31).items()
             if name in attributes
         }
         arrays[indices] = np.asarray(mesh.faces).reshape(-1, 1)

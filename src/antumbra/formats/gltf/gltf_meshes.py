@@ -219,7 +219,7 @@ def join_small_primitives(primitives: list[Primitive]) -> list[Primitive]:
             size = 0
         runs[-1].append(primitive)
         kind, size = primitive_kind, size + n
-    return [run[0] if len(run) == 1 else _joined(run) for run in runs]
+    return [run[0] if len(run) == 1 else _merge_run(run) for run in runs]
 
 
 def _kind(primitive: Primitive) -> tuple[object, ...]:
@@ -232,7 +232,7 @@ def _kind(primitive: Primitive) -> tuple[object, ...]:
     )
 
 
-def _joined(run: list[Primitive]) -> Primitive:
+def _merge_run(run: list[Primitive]) -> Primitive:
     first, meshes = run[0], [p.mesh for p in run]
     counts = [n_faces(m.positions, m.faces) for m in meshes]
     faces = None

@@ -48,7 +48,7 @@ def read_nodes(root: Fields) -> Nodes:
     length = np.linalg.norm(rotation, axis=1)
     if not (length > 0.0).all():
         raise fields[int(np.argmin(length))].bad("rotation", "a unit quaternion; zero has no inverse")
-    visible = _reached(root, fields, children, parent)
+    visible = _reachable(root, fields, children, parent)
     return Nodes(fields, translation, rotation / length[:, None], scale, matrix, fixed, parent, levels, visible)
 
 
@@ -163,19 +163,19 @@ def _levels(fields: list[Fields], parent: np.ndarray) -> list[np.ndarray]:
     return [order[a:b] for a, b in pairwise(ends)]
 
 
-def _reached(root: Fields, fields: list[Fields], children: list[list[int]], parent: np.ndarray) -> np.ndarray:
+def _reachable(root: Fields, fields: list[Fields], children: list[list[int]], parent: np.ndarray) -> np.ndarray:
     scenes = root.objects("scenes")
     if scenes:
         roots = scenes[root.whole("scene", 0, high=len(scenes))].indices("nodes", len(fields))
     else:
         roots = np.flatnonzero(parent < 0).tolist()
-    reached = np.zeros(len(fields), bool)
+    visible = np.zeros(len(fields), bool)
     while roots:
         node = roots.pop()
-        if not reached[node]:
-            reached[node] = True
+        if not visible[node]:
+            visible[node] = True
             roots.extend(children[node])
-    return reached
+    return visible
 
 
 # --- Keyframe animation -----------------------------------------------------------------------------------------------
@@ -277,8 +277,8 @@ def _track(
         return None  # a target defined by an extension
     node = target.whole("node", high=len(nodes.fields))
     if path != "weights" and nodes.fixed[node]:
-        moved = nodes.fields[node].where
-        raise InputError(f"{channel.where} moves {moved}, which has a matrix; export it with TRS instead")
+        node_name = nodes.fields[node].where
+        raise InputError(f"{channel.where} moves {node_name}, which has a matrix; export it with TRS instead")
     sampler = samplers[channel.whole("sampler", high=len(samplers))]
     interpolation = sampler.text("interpolation", LINEAR)
     if interpolation not in (STEP, LINEAR, CUBICSPLINE):
@@ -365,23 +365,23 @@ class GltfViews:
         return unit
 
     def _placed_cameras(self, root: Fields) -> list[tuple[int, dict[str, Any]]]:
-        cameras, placed = root.objects("cameras"), []
+        cameras, entries = root.objects("cameras"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             index = self._nodes.fields[node].whole("camera", None, high=len(cameras))
             if index is None:
                 continue
             perspective, flat = cameras[index].object("perspective"), cameras[index].object("orthographic")
             if perspective is not None:
-                placed.append((node, _perspective(perspective)))
+                entries.append((node, _perspective(perspective)))
             elif flat is not None:
-                placed.append((node, _orthographic(flat)))
+                entries.append((node, _orthographic(flat)))
             else:
                 self.notes.append(f"{cameras[index].where} is neither perspective nor orthographic; left out")
-        return placed
+        return entries
 
     def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple[float, ...], str]]:
         extension = root.extension(LIGHTS_EXTENSION)
-        lights, placed = [] if extension is None else extension.objects("lights"), []
+        lights, entries = [] if extension is None else extension.objects("lights"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             reference = self._nodes.fields[node].extension(LIGHTS_EXTENSION)
             if reference is None:
@@ -396,8 +396,8 @@ class GltfViews:
                 self.notes.append(f"{light.where} is a spot light; taken as a point light that shines all around")
             colour = tuple(np.maximum(light.numbers("color", 3, np.ones(3)), 0.0).tolist())
             name = light.text("name", "") or self._nodes.fields[node].text("name", "")
-            placed.append((node, kind, intensity, colour, name))
-        return placed
+            entries.append((node, kind, intensity, colour, name))
+        return entries
 
 
 def _perspective(lens: Fields) -> dict[str, Any]:
