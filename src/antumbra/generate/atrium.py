@@ -236,7 +236,7 @@ COARSE = 0.24  # up to this detail, voussoirs, small arches and ribs are omitted
 SKETCH = 0.12  # up to this detail, all shapes have their plainest form
 
 
-def around(
+def arcade_positions(
     spacing: float, half_x: float = HALF_X, half_z: float = HALF_Z, corners: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(positions, (k, 2), every `spacing` metres around the rectangle; rotations that turn +z towards the court)."""
@@ -261,8 +261,8 @@ def at_height(places: ArrayLike, y: float) -> np.ndarray:
 
 def architecture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The whole building. Up to a detail of `COARSE`, ornaments are omitted."""
-    corners, _ = around(BAY)
-    middles, facing = around(BAY, corners=False)
+    corners, _ = arcade_positions(BAY)
+    middles, facing = arcade_positions(BAY, corners=False)
     box_height = LEVEL - 0.27 - SPRING
     pier = box((PIER, box_height, PIER), (0, box_height / 2, 0), p.SANDSTONE)
     shaft = column(SPRING - STEP, 0.31, 12 if d > COARSE else 5, round(3.4 * d), 8 if d > 0.45 else 0)
@@ -280,8 +280,8 @@ def architecture(d: float, rng: np.random.Generator) -> list[ScenePart]:
 def _upper_storey(d: float) -> list[ScenePart]:
     """Slender columns on pedestals, small arches, and the balustrade between them."""
     high = LEVEL + 0.9
-    places, _ = around(BAY / 2 if d > COARSE else BAY)
-    middles, facing = around(BAY / 2, corners=False)
+    places, _ = arcade_positions(BAY / 2 if d > COARSE else BAY)
+    middles, facing = arcade_positions(BAY / 2, corners=False)
     shaft = column(UPPER_SPRING - high, 0.17, steps(9, d, 4), round(1.2 * d + 0.25), 6 if d > 1.5 else 0, p.MARBLE)
     if d <= SKETCH:
         shaft = box((0.3, UPPER_SPRING - high + 0.06, 0.3), (0, (UPPER_SPRING - high) / 2, 0), p.MARBLE)
@@ -375,25 +375,25 @@ def _mouldings(d: float) -> list[ScenePart]:
         place_copies(frame_ring(profile, HALF_X, HALF_Z, colour), (0, y, 0)) for profile, y, colour in rows
     ]
     if d > 0.3:
-        places, _ = around(0.5 if d > 0.75 else 1.0, HALF_X - 0.42, HALF_Z - 0.42)
+        places, _ = arcade_positions(0.5 if d > 0.75 else 1.0, HALF_X - 0.42, HALF_Z - 0.42)
         parts.append(place_copies(box((0.16, 0.16, 0.2), (0, 0, 0), p.LIMESTONE), at_height(places, LEVEL - 0.24)))
-        places, _ = around(0.5 if d > 0.75 else 1.0, HALF_X - 0.36, HALF_Z - 0.36)
+        places, _ = arcade_positions(0.5 if d > 0.75 else 1.0, HALF_X - 0.36, HALF_Z - 0.36)
         parts.append(place_copies(box((0.13, 0.12, 0.13), (0, 0, 0), p.LIMESTONE), at_height(places, EAVES - 0.16)))
     return parts
 
 
 def _galleries(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Vaults and transverse arches below, timber ceiling above, and the walls behind."""
-    bays, facing = around(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
+    bays, facing = arcade_positions(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
     half = BAY / 2 - 0.22
-    ribs, turns = around(BAY)
+    ribs, turns = arcade_positions(BAY)
     first = [0, 3, 9, 12]  # the corners, where two ribs start
     ribs, turns = np.concatenate([ribs, ribs[first]]), np.concatenate([turns, turns[np.roll(first, 1)]])
     out = -np.stack([np.sin(turns), np.cos(turns)], axis=1)
     cross = at_height(ribs + out * GALLERY / 2, SPRING)
     n = steps(5, d, 1)
     pilaster = box((0.5, EAVES, 0.36), (0, EAVES / 2 - 3 * EMBED, 0), p.LIMESTONE)
-    outside, outside_turns = around(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
+    outside, outside_turns = arcade_positions(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
     course = min(0.8, max(0.12, 0.65 / d**0.5)) if d > COARSE else 3.2
     long, wide = 2 * (HALF_Z + GALLERY), 2 * (HALF_X + GALLERY)
     wall = place_copies(ashlar(long + 0.1, EAVES - EMBED, 0.4, course, rng), [(0, 0, 0)]).mesh
@@ -413,7 +413,9 @@ def _galleries(d: float, rng: np.random.Generator) -> list[ScenePart]:
         rib = arch(RADIUS, LEVEL - 0.28 - SPRING, 0.5, steps(10, d, 3), p.LIMESTONE)
         parts.append(place_copies(rib, cross, turns + np.pi / 2))
     if d > 0.4:
-        beams, turn = around(1.0 if d > 0.8 else 2.0, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2, corners=False)
+        beams, turn = arcade_positions(
+            1.0 if d > 0.8 else 2.0, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2, corners=False
+        )
         parts.append(
             place_copies(box((0.16, 0.22, GALLERY + 0.1), (0, 0, 0), p.DARK_WOOD), at_height(beams, EAVES - 0.2), turn)
         )
@@ -509,7 +511,7 @@ FOUNTAIN = (0.0, 0.6)
 def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Groups of amphorae, benches between the columns, crates in corners, clipped shrubs."""
     per_corner = max(1, round(d**0.5))
-    spots, turns = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
+    spots, turns = arcade_positions(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     seats = bench(1.7, bevel=0.015 if d > COARSE else 0.0)
     corner = np.array([(-2.1, 7.3), (-4.7, 3.0), (4.7, -1.6), (-4.6, -10.4), (4.6, 6.9)])
     places = np.repeat(corner, 2 * per_corner, axis=0) + rng.normal(0.0, 0.33, (10 * per_corner, 2))
@@ -534,7 +536,7 @@ def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     green = merge(
         raised(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
     )
-    tubs, _ = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
+    tubs, _ = arcade_positions(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     if d > COARSE:
         parts.append(place_copies(green, at_height(tubs[1::3], STEP + 0.04), rng.uniform(0, 6.3, len(tubs[1::3]))))
     return parts
@@ -543,7 +545,7 @@ def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
 def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Banners over the balustrade, and gathered curtains in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
-    middles, facing = around(BAY, corners=False)
+    middles, facing = arcade_positions(BAY, corners=False)
     out = np.stack([np.sin(facing), np.cos(facing)], axis=1)
     parts = []
     for colour, banners, curtains in ((p.RED, (1, 6, 13, 17), (5, 10, 16)), (p.BLUE, (4, 8, 11, 15), (2, 7, 14))):
@@ -560,7 +562,7 @@ def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
 
 def _hanging_plants(rng: np.random.Generator, leaves: int) -> ScenePart:
     """Ivy with exactly `leaves` leaves, hanging in tufts from the balustrade."""
-    edge, _ = around(BAY / 2, corners=False)
+    edge, _ = arcade_positions(BAY / 2, corners=False)
     edge = edge[rng.permutation(len(edge))[: max(1, len(edge) * 2 // 5)]]
     per = 9
     strand = np.repeat(edge, per, axis=0) + rng.uniform(-0.6, 0.6, (len(edge) * per, 2))

@@ -280,7 +280,7 @@ def palm(
     return merge(*meshes)
 
 
-def branches(
+def grow_branches(
     rng: np.random.Generator, base: NDArray[np.float64], along: NDArray[np.float64], length: float, number: int, n: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Branch paths, (k * number, n + 1, 3), and their directions: `number` from each (k, m, 3) path in `base`."""
@@ -314,8 +314,10 @@ def bare_tree(rng: np.random.Generator, height: float, detail: float, bark: int 
     sway = rng.normal(0.0, 0.035 * height, 2)
     trunk = np.stack([sway[0] * np.sin(2.2 * t), 0.75 * height * t - 0.2, sway[1] * np.sin(2.6 * t)], axis=1)[None]
     flare = height * (0.028 * (1.0 - 0.75 * t) + 0.02 * np.exp(-9.0 * t))
-    first, directions = branches(rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2))
-    second, tips = branches(rng, first, directions, 0.2 * height, steps(5, detail**0.5, 3), 2)
+    first, directions = grow_branches(
+        rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2)
+    )
+    second, tips = grow_branches(rng, first, directions, 0.2 * height, steps(5, detail**0.5, 3), 2)
     thin = np.linspace(1.0, 0.3, first.shape[1])
     wood = merge(
         tubes(trunk, flare, steps(9, detail, 5), bark),

@@ -163,7 +163,7 @@ def _texel_spans(u: np.ndarray, size: int, wrap: int) -> tuple[list[tuple[np.nda
 def _folded(low: np.ndarray, high: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Texel ranges of a mirrored texture, folded back onto the texture, where each becomes a single range."""
     first, last = low // size, (high - 1) // size
-    a, b = mirrored(low, size), mirrored(high - 1, size)
+    a, b = mirrored_texels(low, size), mirrored_texels(high - 1, size)
     low, high = np.minimum(a, b), np.maximum(a, b) + 1
     fold = np.where(first % 2 == 0, size, 0)  # the texture edge at which the range is mirrored
     crosses_fold = last == first + 1
@@ -171,7 +171,7 @@ def _folded(low: np.ndarray, high: np.ndarray, size: int) -> tuple[np.ndarray, n
     return np.where(last > first + 1, 0, low), np.where(last > first + 1, size, high)
 
 
-def mirrored(x: np.ndarray, size: int) -> np.ndarray:
+def mirrored_texels(x: np.ndarray, size: int) -> np.ndarray:
     """Texel indices of a texture that is mirrored at its edges."""
     x = x % (2 * size)
     return np.where(x < size, x, 2 * size - 1 - x)

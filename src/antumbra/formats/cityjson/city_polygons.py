@@ -202,7 +202,7 @@ def polygons_of(document: CityDocument, chosen: list[ChosenGeometry]) -> Polygon
     return collector.polygons()
 
 
-def outermost(part: CityPart, name: str) -> str:
+def outermost_object(part: CityPart, name: str) -> str:
     """The id of the outermost object that contains an object; "" if there is none. Groups do not count."""
     path = [name]
     while True:
@@ -277,7 +277,7 @@ class _Collector:
         if key not in self._objects:
             self._objects[key] = len(self._objects)
             self._types.append(str(choice.part.objects[choice.object].get("type", "")))
-            self._parents.append(outermost(choice.part, choice.object))
+            self._parents.append(outermost_object(choice.part, choice.object))
         return self._objects[key]
 
     def _place(self, choice: ChosenGeometry, where: str) -> tuple[int, int, bool]:
