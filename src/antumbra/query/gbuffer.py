@@ -17,7 +17,7 @@ from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from .receivers import NOTHING
 
-# --- The ray of a pixel, with the same bits in rasterisation and ray tracing ------------------------------------------
+# --- The ray of a pixel -----------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -39,7 +39,7 @@ def pixel_ray(rays, x, y):
     return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
 
 
-# --- The G-buffer: the surface seen by each pixel, from rasterisation or primary rays; both give the same bits --------
+# --- The G-buffer -----------------------------------------------------------------------------------------------------
 
 
 class GBuffer(NamedTuple):
@@ -153,7 +153,7 @@ def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) 
     return gbuffer
 
 
-# --- The test whether two pixels see the same smooth surface, for the filter, penumbrae and silhouettes ---------------
+# --- Smooth surfaces across pixels ------------------------------------------------------------------------------------
 
 
 COSINE = np.float32(np.cos(np.radians(20.0)))
@@ -200,11 +200,18 @@ class Points(NamedTuple):
 
 
 @inlined
-def points_of(seen):
+def points_of(surfaces):
     """The pointers of a `PictureSurfaces`, which must outlive them."""
-    h, w = seen.face.shape
+    h, w = surfaces.face.shape
     return Points(
-        ptr(seen.position), ptr(seen.normal), ptr(seen.face), ptr(seen.depth), ptr(seen.side), h, w, seen.pixel
+        ptr(surfaces.position),
+        ptr(surfaces.normal),
+        ptr(surfaces.face),
+        ptr(surfaces.depth),
+        ptr(surfaces.side),
+        h,
+        w,
+        surfaces.pixel,
     )
 
 

@@ -21,7 +21,7 @@ from ..kernels.jit import inlined, kernel
 from ..scene.light_list import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
 
-# --- Light samples in kernels: the patch of a light for a receiver, and the points of the patch -----------------------
+# --- Light samples in kernels -----------------------------------------------------------------------------------------
 
 
 class Patch(NamedTuple):
@@ -55,13 +55,6 @@ def patch_at(light, x, y, z, nx, ny, nz):
     if light.kind == AMBIENT:
         return hemisphere(np.float64(x), np.float64(y), np.float64(z), nx, ny, nz, light.radius)
     return Patch(b[0], b[1], b[2], u[0], u[1], u[2], v[0], v[1], v[2], w[0], w[1], w[2])
-
-
-@inlined
-def moved(patch, x, y, z):
-    """The patch with its base moved by (x, y, z)."""
-    bx, by, bz, ux, uy, uz, vx, vy, vz, wx, wy, wz = patch
-    return Patch(bx + x, by + y, bz + z, ux, uy, uz, vx, vy, vz, wx, wy, wz)
 
 
 @inlined
@@ -108,14 +101,7 @@ def sample_point(patch, a, b, c):
     )
 
 
-# --- Sample sets on a light: 16 sets that interleave over 4x4 pixels and together form one fine set -------------------
-#
-# This is interleaved sampling [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009, Sec.
-# 4.5]. Pixel (x, y) uses set (x mod 4) + 4 (y mod 4). So 16 neighbouring pixels share 16 spp samples, and each set by
-# itself is well distributed.
-#
-# The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]. All sets are the same Halton sequence. On the
-# hemisphere each set is rotated around the normal by its own angle; on other domains it is shifted.
+# --- Sample sets ------------------------------------------------------------------------------------------------------
 
 
 def hammersley(n: int) -> np.ndarray:
@@ -219,7 +205,7 @@ ROTATIONS: dict[str, float] = {
 """Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper chose 36 for 20 samples."""
 
 
-def _moved_halton(degrees: float):
+def _shifted_halton(degrees: float):
     """Cranley-Patterson rotation of the square, with offsets of up to degrees / 360."""
 
     def sets(spp: int, seed: int) -> np.ndarray:
@@ -245,7 +231,7 @@ SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {
     "larcher-pillichshammer": _net(larcher_pillichshammer),
     "hammersley": _net(hammersley),
     "sobol": _scrambled_sobol,
-    **{name: _moved_halton(degrees) for name, degrees in ROTATIONS.items()},
+    **{name: _shifted_halton(degrees) for name, degrees in ROTATIONS.items()},
 }
 
 

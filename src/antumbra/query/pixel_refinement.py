@@ -36,7 +36,7 @@ from .rasteriser import rasterise
 from .ray_passes import RayPass, listed_pass
 from .receivers import NOTHING
 
-# --- Selection of pixels for refinement: penumbrae and silhouettes [Benthin and Wald 2009, Sec. 5.4 and 6.1] ----------
+# --- Pixels to refine [Benthin and Wald 2009, Sec. 5.4 and 6.1] -------------------------------------------------------
 
 
 VISIBLE = np.float32(1.0 / 16.0)
@@ -71,26 +71,26 @@ def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
 
 
 @kernel
-def _penumbra_rows(ticket, seen, counts, spp, out):
-    points = points_of(seen)
+def _penumbra_rows(ticket, surfaces, counts, spp, out):
+    points = points_of(surfaces)
     h, w = counts.shape
     for y in items(ticket):
         for x in range(w):
-            own = counts[y, x]
-            found = 0 < own < spp
+            count = counts[y, x]
+            refine = 0 < count < spp
             for v in range(max(y - 1, 0), min(y + 2, h)):
                 for u in range(max(x - 1, 0), min(x + 2, w)):
-                    found = found or (counts[v, u] != own and same_surface(points, y, x, v, u))
-            out[y, x] = found and seen.side[y, x] != NOTHING
+                    refine = refine or (counts[v, u] != count and same_surface(points, y, x, v, u))
+            out[y, x] = refine and surfaces.side[y, x] != NOTHING
 
 
-def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def penumbra(surfaces: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(H, W) bool: pixels partly in shadow, or with another count than a neighbour on the same surface.
 
     counts : (H, W) int, the number of a pixel's `spp` samples of one light that are occluded
     """
     counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
-    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, int(spp), out)
+    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, counts, int(spp), out)
     return out
 
 
@@ -106,35 +106,35 @@ def _other_colour(colour, i, k):
 
 
 @kernel
-def _boundary_rows(ticket, seen, colour, below, right):
-    points = points_of(seen)
+def _boundary_rows(ticket, surfaces, colour, below, right):
+    points = points_of(surfaces)
     h, w = below.shape
     for y in items(ticket):
         for x in range(w):
-            face = seen.face[y, x]
+            face = surfaces.face[y, x]
             for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
                 out[y, x] = NO_BOUNDARY
-                if v < h and u < w and seen.face[v, u] != face:
-                    other = seen.face[v, u]
+                if v < h and u < w and surfaces.face[v, u] != face:
+                    other = surfaces.face[v, u]
                     if min(face, other) < 0:
                         out[y, x] = OUTLINE
                     elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
                         out[y, x] = INNER
 
 
-def boundaries(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
+def boundaries(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
     """Two (H, W) int8: what lies between each pixel and that below, and that to the right of it.
 
     It is INNER between two surfaces or colours, OUTLINE between a surface and the background, or else NO_BOUNDARY.
 
     colour : (n, 3) float32, linear base colour of each face
     """
-    below, right = (np.empty(seen.face.shape, np.int8) for _ in range(2))
-    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), seen, colour, below, right)
+    below, right = (np.empty(surfaces.face.shape, np.int8) for _ in range(2))
+    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), surfaces, colour, below, right)
     return below, right
 
 
-def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
+def edges(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
     """(H, W) bool: pixels with a direct neighbour on another surface, of another colour, or in the background.
 
     colour : (n, 3) float32, linear base colour of each face
@@ -144,19 +144,14 @@ def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray
     The G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower
     than a pixel that pass between all pixel centres.
     """
-    below, right = boundaries(seen, colour, threads)
+    below, right = boundaries(surfaces, colour, threads)
     out = (below | right) > 0
     out[1:] |= below[:-1] > 0
     out[:, 1:] |= right[:, :-1] > 0
     return out
 
 
-# --- Sub-pixels: sixteen points in each selected pixel, arranged as a separate picture --------------------------------
-#
-# Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
-# neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group
-# of
-# 16 frusta [Benthin and Wald 2009, Sec. 6.1].
+# --- Sub-pixels -------------------------------------------------------------------------------------------------------
 
 
 BLOCK = 4
@@ -192,7 +187,7 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
 
 
 def subpixel_gbuffer(
-    triangles, rays: CameraRays, wanted: np.ndarray, threads=None, hits: Callable | None = None
+    triangles, rays: CameraRays, mask: np.ndarray, threads=None, hits: Callable | None = None
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels.
 
@@ -205,9 +200,9 @@ def subpixel_gbuffer(
     of its pixels. It also needs no tree of all visible triangles.
     """
     threads = thread_count(threads)
-    pixels = np.ascontiguousarray(np.argwhere(wanted))
+    pixels = np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
-    out, columns = _nothing_seen(*shape, triangles.origin), shape[1] // BLOCK
+    out, columns = _background(*shape, triangles.origin), shape[1] // BLOCK
     corners = triangles.vertices.reshape(-1, 9)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
         shifted = _shifted(rays, row, column)
@@ -226,9 +221,9 @@ def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
         directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
 
 
-def subpixel_rays(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+def subpixel_rays(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
-    threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(wanted))
+    threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
     if isinstance(rays, ListedRays):
         return _listed_subpixels(rays, pixels, shape), shape
@@ -259,7 +254,7 @@ def _shifted(rays: CameraRays, row: int, column: int) -> CameraRays:
     return rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
 
 
-def _nothing_seen(h: int, w: int, origin) -> GBuffer:
+def _background(h: int, w: int, origin) -> GBuffer:
     position, normal = np.zeros((h, w, 3), np.float32), np.zeros((h, w, 3), np.float32)
     depth, side = np.full((h, w), np.inf, np.float32), np.full((h, w), NOTHING, np.int8)
     return GBuffer(position, normal, np.full((h, w), -1, np.int32), depth, side, origin)

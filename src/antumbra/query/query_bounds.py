@@ -17,7 +17,7 @@ from ..scene.light_list import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
 from ..scene.recentre import settled
 
-# --- Points along a space-filling curve, so that neighbours in a list are near each other -----------------------------
+# --- Morton order -----------------------------------------------------------------------------------------------------
 
 
 def morton_codes(points: np.ndarray) -> np.ndarray:
@@ -35,7 +35,7 @@ def morton_codes(points: np.ndarray) -> np.ndarray:
     return cells[0] << 2 | cells[1] << 1 | cells[2]
 
 
-# --- Bounds of a query's triangles and points; distant lights are placed beyond them ----------------------------------
+# --- Bounds of triangles and points -----------------------------------------------------------------------------------
 
 
 _ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
@@ -69,15 +69,15 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
     if n == 0:
-        rest = flat.reshape(-1, 3)
-        if len(rest) == 1:
-            return rest[0], rest[0]
-        return rest.min(0), rest.max(0)
+        remaining = flat.reshape(-1, 3)
+        if len(remaining) == 1:
+            return remaining[0], remaining[0]
+        return remaining.min(0), remaining.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
     run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
-    rest = flat[n * _BLOCK :].reshape(-1, 3)
+    remaining = flat[n * _BLOCK :].reshape(-1, 3)
     lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
-    return np.concatenate([lower, rest]).min(0), np.concatenate([upper, rest]).max(0)
+    return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
 
 
 def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
@@ -99,7 +99,7 @@ def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | N
     return 2.0 * sqrt(across.dot(across)) + _TINY
 
 
-# --- Lights in the frame of a scene, and the ratios of lengths for which the tracers' arithmetic holds ----------------
+# --- Placing lights ---------------------------------------------------------------------------------------------------
 
 
 MOST_RATIO = 2.0**120

@@ -34,12 +34,7 @@ from ..kernels.simd import (
 )
 from .raster_setup import TILE, RasterView, corner_from, pixel_vector
 
-# --- Bounds of triangles on the screen: the pixels that each triangle can cover ---------------------------------------
-#
-# Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
-# culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a
-# time are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in
-# float64.
+# --- Screen bounds of triangles ---------------------------------------------------------------------------------------
 
 
 BLOCK = 64  # triangles bounded together
@@ -73,14 +68,14 @@ def make_padding(view: RasterView) -> Padding:
         return Padding(*[0.0] * 9, False)
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
     place = [16.0 * _U64 * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
-    near, far = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
+    front, crossing = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
     quick = [m + 4.0 * _U32 * size for m, size in zip(moved, (view.width, view.height))]
     slope = [32.0 * _U32 * norm for norm in (view.norm_x, view.norm_y)]
-    usable = far[0] < view.width + 16.0 and far[1] < view.height + 16.0
-    return Padding(*near, *far, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
+    usable = crossing[0] < view.width + 16.0 and crossing[1] < view.height + 16.0
+    return Padding(*front, *crossing, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
 
 
-# --- float64 --------------------------------------------------------------------------------------------------------
+# --- Screen bounds in float64 -----------------------------------------------------------------------------------------
 
 
 @inlined
@@ -136,8 +131,8 @@ def careful_box(view, padding, corners, i):
     a, b, c = pixel_vector(view, va), pixel_vector(view, vb), pixel_vector(view, vc)
     z, x, y = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     r = (widest(va), widest(vb), widest(vc))
-    near, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
-    if z[0] >= near * r[0] and z[1] >= near * r[1] and z[2] >= near * r[2]:
+    front, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
+    if z[0] >= front * r[0] and z[1] >= front * r[1] and z[2] >= front * r[2]:
         x0, x1, x2 = x[0] / z[0], x[1] / z[1], x[2] / z[2]
         y0, y1, y2 = y[0] / z[0], y[1] / z[1], y[2] / z[2]
         return _pixels(
@@ -155,7 +150,7 @@ def careful_box(view, padding, corners, i):
     return _pixels(low_x - pad_x, high_x + pad_x, low_y - pad_y, high_y + pad_y, view)
 
 
-# --- float32 --------------------------------------------------------------------------------------------------------
+# --- Screen bounds in float32 -----------------------------------------------------------------------------------------
 
 
 @inlined
@@ -206,9 +201,9 @@ def quick_boxes(view, padding, lanes, k, boxes, nearest):
     zc, xc, yc, rc = _quick_corner(view, lanes, k + 6 * BLOCK)
     behind = _F(-16.0 * _U32 * view.norm_z)
     away = (za < ra * behind) & (zb < rb * behind) & (zc < rc * behind)
-    front = _F(_NEAR32 * view.norm_z)
-    near = (za >= ra * front) & (zb >= rb * front) & (zc >= rc * front)
-    near &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
+    least = _F(_NEAR32 * view.norm_z)
+    projectable = (za >= ra * least) & (zb >= rb * least) & (zc >= rc * least)
+    projectable &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
     ia, ib, ic = _F(1.0) / za, _F(1.0) / zb, _F(1.0) / zc
     q = maximum(ra * ia, maximum(rb * ib, rc * ic))
     pad_x = q * _F(padding.slope_x) + _F(padding.quick_x)
@@ -222,10 +217,10 @@ def quick_boxes(view, padding, lanes, k, boxes, nearest):
     store(nearest, k, maximum(ia, maximum(ib, ic)) * _F(padding.nearer))
     if not padding.usable:
         return 0, 255
-    return bits(near & any_x & any_y), bits(~(near | away))
+    return bits(projectable & any_x & any_y), bits(~(projectable | away))
 
 
-# --- Lists of triangles for each tile of the screen -------------------------------------------------------------------
+# --- Triangle lists of tiles ------------------------------------------------------------------------------------------
 
 
 _LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
@@ -247,7 +242,7 @@ class Survivors(NamedTuple):
 class TileBins(NamedTuple):
     """The candidate triangles of each tile. Tile k owns slot[first[k]:first[k + 1]], in ascending triangle order."""
 
-    seen: Survivors
+    survivors: Survivors
     first: np.ndarray  # (tiles + 1,) int64
     slot: np.ndarray  # (pairs,) int32: index into the arrays of `seen`
 
@@ -258,13 +253,13 @@ def tiles_across(pixels: int) -> int:
 
 
 @inlined
-def _keep(seen, slot, i, box, nearest, columns, counts):
+def _keep(survivors, slot, i, box, nearest, columns, counts):
     """Write a triangle to its slot and count it in its tiles, unless its box is empty; return the next slot."""
     x0, y0, x1, y1 = box
     if x0 > x1 or y0 > y1:
         return slot
-    seen.triangle[slot], seen.nearest[slot] = i, nearest
-    seen.box[slot, 0], seen.box[slot, 1], seen.box[slot, 2], seen.box[slot, 3] = x0, y0, x1, y1
+    survivors.triangle[slot], survivors.nearest[slot] = i, nearest
+    survivors.box[slot, 0], survivors.box[slot, 1], survivors.box[slot, 2], survivors.box[slot, 3] = x0, y0, x1, y1
     for row in range(y0 // TILE, y1 // TILE + 1):
         for column in range(x0 // TILE, x1 // TILE + 1):
             counts[row * columns + column] += 1
@@ -282,7 +277,7 @@ def _quick_box(boxes, k):
 
 
 @kernel
-def _cull(ticket, corners, view, padding, columns, seen, left, counts):
+def _cull(ticket, corners, view, padding, columns, survivors, lengths, counts):
     """Worker: bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
     p = ptr(corners)
     lanes, boxes, nearest = stack_f32(_LANES), stack_i32(_BOXES), stack_f32(BLOCK)
@@ -302,8 +297,8 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
                     i, box, key = block + k + lane, _quick_box(boxes, k + lane), get(nearest, k + lane)
                     if (careful >> lane) & 1 != 0:
                         box, key = careful_box(view, padding, p, i), np.float32(np.inf)
-                    slot = _keep(seen, slot, i, box, key, columns, row)
-        left[chunk] = slot - first
+                    slot = _keep(survivors, slot, i, box, key, columns, row)
+        lengths[chunk] = slot - first
 
 
 @kernel
@@ -326,10 +321,10 @@ def _prefix_sums(counts, first):
 
 
 @kernel
-def _fill(ticket, size, columns, left, cursors, box, slots):
+def _fill(ticket, size, columns, lengths, cursors, box, slots):
     """Worker: write the tiles' lists, chunk by chunk of `size` triangles."""
     for chunk in items(ticket):
-        for slot in range(chunk * size, chunk * size + left[chunk]):
+        for slot in range(chunk * size, chunk * size + lengths[chunk]):
             for row in range(box[slot, 1] // TILE, box[slot, 3] // TILE + 1):
                 for column in range(box[slot, 0] // TILE, box[slot, 2] // TILE + 1):
                     tile = row * columns + column
@@ -343,14 +338,14 @@ def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:
     tiles = columns * tiles_across(view.height)
     size = max(_LEAST_CHUNK, -(-n // max(1, min(_MOST_CHUNKS, _MOST_COUNTS // tiles))))
     chunks = -(-n // size)
-    seen = Survivors(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
-    left, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
-    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, seen, left, counts)
+    survivors = Survivors(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
+    lengths, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
+    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, survivors, lengths, counts)
     first = np.zeros(tiles + 1, np.int64)
     _prefix_sums(counts, first)
     slots = np.empty(first[-1], np.int32)
-    run(_fill, threads, new_ticket(chunks, 1), size, columns, left, counts, seen.box, slots)
-    return TileBins(seen, first, slots)
+    run(_fill, threads, new_ticket(chunks, 1), size, columns, lengths, counts, survivors.box, slots)
+    return TileBins(survivors, first, slots)
 
 
 @inlined
@@ -363,7 +358,7 @@ def _bucket(key, slot, highest, shift):
 def front_to_back(bins, tile, order):
     """Write a tile's slots to `order`, roughly by falling depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
-    key, slots, start = as_i32(ptr(bins.seen.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
+    key, slots, start = as_i32(ptr(bins.survivors.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), np.int64(0)
     for e in range(first, first + n):
         k = np.int64(get(key, np.int64(get(slots, e))))

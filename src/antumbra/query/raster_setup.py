@@ -36,30 +36,7 @@ from ..kernels.predicate.filters import plane, widest
 from ..kernels.predicate.hits import hit_t
 from ..kernels.simd import get
 
-# --- Edge functions of a triangle on the screen, with proven bounds of all rounding errors ----------------------------
-#
-# A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
-# centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
-# apart from the rounding of its direction to float32, and the contract's determinants (`predicate.exact`) become, up
-# to the common factor det(c, r, d),
-#
-#     e0 = det(g, h1, h2)   e1 = det(g, h2, h0)   e2 = det(g, h0, h1)   t = det(h0, h1, h2) / (e0 + e1 + e2)
-#
-# These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without
-# clipping for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of
-# det(h0, h1, h2). With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is
-# linear as well.
-#
-# Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by
-# at most |C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed
-# r. The components of its h then have errors of at most 8 u r (`norm_z`, `norm_x`, `norm_y`), from three inputs,
-# products and sums, and the move to a tile's origin. A 2 x 2 determinant of two such vectors has an error of at most
-# 36 u norm norm r r. All functions are computed from a = v0 - eye, p = v1 - v0, q = v2 - v0, so errors shrink with the
-# triangle:
-#
-#     |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s
-#
-# with r the largest component of a, s of p and q.
+# --- Edge functions and depth keys ------------------------------------------------------------------------------------
 
 
 TILE = 64  # pixels; tiles are square
@@ -245,14 +222,14 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
 
 
 @inlined
-def turned(f):
+def negated(f):
     """The edge functions multiplied by -1; the depth key is unchanged."""
     return EdgeFunctions(
         -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
     )
 
 
-# --- `hits.hit_t` of many rays from one eye: terms independent of the direction are computed once per triangle --------
+# --- `hits.hit_t` for many rays from one eye --------------------------------------------------------------------------
 
 
 _ACCURACY = 2.0**-31  # half the error that `hit_t` accepts: within it, `hit_t` returns its float64 expression

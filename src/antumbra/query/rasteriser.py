@@ -41,17 +41,9 @@ from ..kernels.simd import (
 from ..scene.camera import CameraRays
 from .gbuffer import pixel_ray
 from .raster_bins import bin_triangles, front_to_back, tiles_across
-from .raster_setup import NO_PLANE, STRIDE, TILE, edge_functions, eye_plane, make_view, plane_t, turned
+from .raster_setup import NO_PLANE, STRIDE, TILE, edge_functions, eye_plane, make_view, negated, plane_t
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate if they are
-# uncertain.
-#
-# A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle
-# wins a pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely
-# misses the pixel or its interval lies below. `filters.meets` and `hits.hit_t` decide the remaining pixels, as the
-# contract defines, so the drawing order does not matter. Triangles are drawn front to back, because most hidden ones
-# are then rejected early.
+# --- Drawing a tile ---------------------------------------------------------------------------------------------------
 
 
 RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
@@ -189,22 +181,22 @@ def _settle(tile, n, x0, y0, corners, rays, i):
 def _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts):
     """Draw a list of triangles into the tile that covers the window (x0, y0, x1, y1), inclusive."""
     p, (x0, y0, x1, y1) = ptr(corners), window
-    boxes, triangles, nearest = ptr(bins.seen.box), ptr(bins.seen.triangle), ptr(bins.seen.nearest)
+    boxes, triangles, nearest = ptr(bins.survivors.box), ptr(bins.survivors.triangle), ptr(bins.survivors.nearest)
     for entry in range(n):
         slot = np.int64(order[entry])
-        left, top = max(np.int64(get(boxes, 4 * slot)), x0), max(np.int64(get(boxes, 4 * slot + 1)), y0)
-        columns = min(np.int64(get(boxes, 4 * slot + 2)), x1) - left + 1
-        rows = min(np.int64(get(boxes, 4 * slot + 3)), y1) - top + 1
-        at = (top - y0) * STRIDE + left - x0
+        x, y = max(np.int64(get(boxes, 4 * slot)), x0), max(np.int64(get(boxes, 4 * slot + 1)), y0)
+        columns = min(np.int64(get(boxes, 4 * slot + 2)), x1) - x + 1
+        rows = min(np.int64(get(boxes, 4 * slot + 3)), y1) - y + 1
+        at = (y - y0) * STRIDE + x - x0
         if _hidden(tile, at, columns, rows, get(nearest, slot)):
             continue
         i = np.int64(get(triangles, slot))
         counts[_DRAWN] += 1
-        turn, f = edge_functions(view, p, i, left, top, columns + 7, rows)
+        turn, f = edge_functions(view, p, i, x, y, columns + 7, rows)
         if turn == 0:
             turn = -view.turn * plane_side(view.eye_x, view.eye_y, view.eye_z, p, i)
             if turn < 0:
-                f = turned(f)
+                f = negated(f)
         if turn != 0 and turn * view.turn != cull_faces:  # 0: no ray from the eye meets it
             counts[_PIXELS] += columns * rows
             unsure = _cover(tile, i, columns, rows, at, f)
@@ -248,7 +240,7 @@ def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters,
         atomic_add(counters, c, counts[c])
 
 
-# --- The rasteriser: primary visibility with the same bits as tracing each pixel's ray against every triangle ---------
+# --- `rasterise` ------------------------------------------------------------------------------------------------------
 
 
 __all__ = ["RASTER_COUNTERS", "new_raster_counters", "rasterise"]

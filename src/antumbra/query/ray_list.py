@@ -101,8 +101,8 @@ class RayArguments(NamedTuple):
 
     def copied(self) -> "RayArguments":
         """The same rays in arrays of their own, which nobody else changes."""
-        own = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
-        return RayArguments(*own, *self[5:])
+        arrays = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
+        return RayArguments(*arrays, *self[5:])
 
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`. It keeps the memory that it names."""
@@ -112,11 +112,11 @@ class RayArguments(NamedTuple):
         tmin, a = _number(self.tmin, shape)
         tmax, b = _number(self.tmax, shape)
         skip, c = _number(self.skip, shape, np.int32)
-        found = _RAYS.pack(
+        packed = _RAYS.pack(
             *origins, *directions, *tmin, *tmax, *skip, *self.frame, prod(shape), self.cull_faces, self.segments
         )
-        found.value = o, d, a, b, c
-        return found
+        packed.value = o, d, a, b, c
+        return packed
 
     def arrays(self) -> "RayArrays":
         """The rays as rows of arrays."""
@@ -249,10 +249,10 @@ class RayArrays(NamedTuple):
         """Raise an InputError that names the first problem of the rays, if there is one."""
         origins, directions = self.local()
         for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
-            _demand(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
-        _demand(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
-        _demand((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
-        _demand(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
+            _require(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
+        _require(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
+        _require((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
+        _require(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 
 
 def changed() -> InputError:
@@ -270,7 +270,7 @@ def _rows(array, shape, dtype=None) -> np.ndarray:
     return np.broadcast_to(native, shape).reshape(-1, shape[-1])
 
 
-def _demand(good: np.ndarray, message: str) -> None:
+def _require(good: np.ndarray, message: str) -> None:
     if not good.all():
         raise InputError(message.format(int(np.argmin(good))))
 

@@ -20,10 +20,7 @@ from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
 from .receivers import NOTHING, SHIFT
 
-# --- Diffuse rays: passes of one ray from each pixel's surface, into the hemisphere around its normal -----------------
-#
-# One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so the directions
-# of neighbouring pixels are similar. Directions are rounded once to float32, so all tracers get the same rays.
+# --- Passes of diffuse rays -------------------------------------------------------------------------------------------
 
 
 SEED = 1
@@ -78,10 +75,10 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
             raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
-    return Passes(np.ascontiguousarray(directions), [_of_passes(light, n, sampler) for light in lights])
+    return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler) for light in lights])
 
 
-def _of_passes(light, n: int, sampler: str) -> list[np.ndarray]:
+def _pass_samples(light, n: int, sampler: str) -> list[np.ndarray]:
     """The samples of a light in each pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler)
     if light.domain == "list":
@@ -119,7 +116,7 @@ def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None
     return RayPass(origins.reshape(-1, 3), directions.reshape(-1, 3), gbuffer.face.reshape(-1))
 
 
-# --- The camera's rays as a list, for selected pixels -----------------------------------------------------------------
+# --- Camera rays of selected pixels -----------------------------------------------------------------------------------
 
 
 @kernel
@@ -129,11 +126,11 @@ def _directions(ticket, pixels, rays, directions):
         directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
-def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:
+def rays_through(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) -> RayPass:
     """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
     if isinstance(rays, ListedRays):
-        return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
-    pixels = np.ascontiguousarray(np.argwhere(wanted))
+        return RayPass(*(part[mask.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
+    pixels = np.ascontiguousarray(np.argwhere(mask))
     m = len(pixels)
     directions = np.empty((m, 3), np.float32)
     run(_directions, thread_count(threads), new_ticket(m, 4096), pixels, rays, directions)
@@ -141,11 +138,11 @@ def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None
     return RayPass(origins, directions, np.full(m, -1, np.int32))
 
 
-# --- A level ground: the points where rays that meet no surface meet a plane below them, and their receivers ----------
+# --- The ground plane -------------------------------------------------------------------------------------------------
 
 
 _FAR = 40.0  # radii of the scene that the ground reaches
-_FADES = 0.5  # share of this distance from which shadows fade, so that the ground has no border
+_FADE_START = 0.5  # share of this distance from which shadows fade, so that the ground has no border
 
 
 class GroundPlane(NamedTuple):
@@ -176,7 +173,7 @@ def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
 
 
 @kernel
-def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, kept):
+def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origins, strength):
     """Worker: write what rays see of the plane to their pixels; arrays have a row for each pixel."""
     up = plane.axis
     a, b = (0, 3 - up) if up != 0 else (1, 2)
@@ -196,22 +193,22 @@ def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, k
         shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
         origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
         normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
-        x = max((away - _FADES) / (1.0 - _FADES), 0.0)
-        kept[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
+        x = max((away - _FADE_START) / (1.0 - _FADE_START), 0.0)
+        strength[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
 
 
-def ground_hits(plane: GroundPlane, rays: RayPass, wanted: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
+def ground_hits(plane: GroundPlane, rays: RayPass, mask: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
     """The ground that rays meet.
 
     rays : those of the pixels that are True in `wanted`, (H, W) bool; they meet no surface
     origin : (3,) float64, world position of the frame's origin
     """
-    shape = wanted.shape
+    shape = mask.shape
     position, normal, origins = (np.zeros((*shape, 3), np.float32) for _ in range(3))
     depth, side = np.full(shape, np.inf, np.float32), np.full(shape, NOTHING, np.int8)
-    kept = np.zeros(shape, np.float32)
-    ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(wanted)
+    strength = np.zeros(shape, np.float32)
+    ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(mask)
     rows = (each.reshape(-1, 3) for each in (position, normal))
-    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), kept.reshape(-1)
-    run(_meet, thread_count(threads), ticket, plane, rays, pixels, *args)
-    return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, kept)
+    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), strength.reshape(-1)
+    run(_hit_plane, thread_count(threads), ticket, plane, rays, pixels, *args)
+    return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, strength)

@@ -52,14 +52,16 @@ def _face_of(corners, face):
 
 
 @inlined
-def _moved_off(p, n, side, known, corners, face):
+def _offset_point(p, n, side, known, corners, face):
     """The float32 receiver of the surface point p with unit normal n, towards the seen side of `face`; float64.
 
     known : the `_Face` of `face`
     """
     f = np.float32
-    near, far = widest(p), known.size
-    shift = SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
+    widest_point, widest_corner = widest(p), known.size
+    shift = SHIFT * (
+        widest_point if widest_point > widest_corner else widest_corner
+    )  # Eq. (1) of docs/design/receivers.md
     x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
         if side_of(known.v0, known.normal, known.error, x, y, z, corners, face) == side:
@@ -87,7 +89,7 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
                     np.float64(get(normals, 3 * i + 1)),
                     np.float64(get(normals, 3 * i + 2)),
                 )
-                x, y, z = _moved_off(p, n, get(sides, i), known, corners, face)
+                x, y, z = _offset_point(p, n, get(sides, i), known, corners, face)
             put(origins, 3 * i, x)
             put(origins, 3 * i + 1, y)
             put(origins, 3 * i + 2, z)
@@ -199,8 +201,8 @@ class Receivers(NamedTuple):
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
-def _points(given) -> np.ndarray:
-    points = as_array(given, "points")
+def _points(values) -> np.ndarray:
+    points = as_array(values, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     return points

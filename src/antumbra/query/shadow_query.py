@@ -22,8 +22,7 @@ from .light_samples import patch_at, sample_point
 from .query_bounds import bounds, place, reach_of
 from .receivers import FREE, NOTHING, surface_receivers
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The shadow query: the segments between receivers and light samples. Every tracer's answer depends on it alone.
+# --- The shadow query -------------------------------------------------------------------------------------------------
 
 
 _FEW_WORDS = 16  # for fewer, a kernel costs more than it saves
@@ -177,15 +176,15 @@ def is_above(horizon, lx, ly, lz, corners):
 
 @kernel
 def _segments_kernel(query, ends, above):
-    asked = query_pointers(query)
-    for y in range(asked.h):
-        for x in range(asked.w):
-            i = y * asked.w + x
-            patch, horizon = patch_of(asked, i), horizon_of(asked, i)
-            for s in range(asked.spp):
-                lx, ly, lz = sample_of(asked, patch, i, s)
+    pointers = query_pointers(query)
+    for y in range(pointers.h):
+        for x in range(pointers.w):
+            i = y * pointers.w + x
+            patch, horizon = patch_of(pointers, i), horizon_of(pointers, i)
+            for s in range(pointers.spp):
+                lx, ly, lz = sample_of(pointers, patch, i, s)
                 ends[y, x, s, 0], ends[y, x, s, 1], ends[y, x, s, 2] = lx, ly, lz
-                above[y, x, s] = get(asked.sides, i) != NOTHING and is_above(horizon, lx, ly, lz, asked.corners)
+                above[y, x, s] = get(pointers.sides, i) != NOTHING and is_above(horizon, lx, ly, lz, pointers.corners)
 
 
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
@@ -224,18 +223,18 @@ def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
     return out
 
 
-# --- Light samples below the horizons of receivers, without any triangle ----------------------------------------------
+# --- Samples below the horizon ----------------------------------------------------------------------------------------
 
 
 @kernel
 def _below_kernel(ticket, query, bits):
-    asked, out = query_pointers(query), ptr(bits)
+    pointers, out = query_pointers(query), ptr(bits)
     for i in items(ticket):
-        patch, horizon = patch_of(asked, i), horizon_of(asked, i)
-        for s in range(asked.spp):
-            x, y, z = sample_of(asked, patch, i, s)
-            if not is_above(horizon, x, y, z, asked.corners):
-                set_bit(asked, out, i, s)
+        patch, horizon = patch_of(pointers, i), horizon_of(pointers, i)
+        for s in range(pointers.spp):
+            x, y, z = sample_of(pointers, patch, i, s)
+            if not is_above(horizon, x, y, z, pointers.corners):
+                set_bit(pointers, out, i, s)
 
 
 def below_horizon(query: ShadowQuery, threads: int | None = None) -> np.ndarray:
@@ -245,7 +244,7 @@ def below_horizon(query: ShadowQuery, threads: int | None = None) -> np.ndarray:
     return bits
 
 
-# --- The shadow queries of a picture, at the surfaces that its pixels see ---------------------------------------------
+# --- Shadow queries of a picture --------------------------------------------------------------------------------------
 
 
 class ShadingNormals(NamedTuple):
@@ -273,14 +272,14 @@ def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
 
 def stacked(bands: Sequence[Surfaces]) -> Surfaces:
     """The surfaces of bands of a picture, which follow one another from top to bottom. Each triangle is kept once."""
-    seen = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
-    ids, first = np.unique(np.concatenate([triangles.face_id for triangles in seen]), return_index=True)
-    vertices, colour = (np.concatenate([getattr(t, name) for t in seen])[first] for name in ("vertices", "colour"))
+    meshes = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
+    ids, first = np.unique(np.concatenate([triangles.face_id for triangles in meshes]), return_index=True)
+    vertices, colour = (np.concatenate([getattr(t, name) for t in meshes])[first] for name in ("vertices", "colour"))
     faces = [np.where(b.ids >= 0, np.searchsorted(ids, b.ids), -1).astype(np.int32) for b in bands]
     names = "position", "normal", "depth", "side"
     of_all = {name: np.concatenate([getattr(b.gbuffer, name) for b in bands]) for name in names}
     gbuffer = bands[0].gbuffer._replace(**of_all, face=np.concatenate(faces))
-    triangles = Triangles(vertices, seen[0].origin, ids, colour)
+    triangles = Triangles(vertices, meshes[0].origin, ids, colour)
     return Surfaces(gbuffer, triangles, np.concatenate([band.ids for band in bands]), bands[0].box)
 
 

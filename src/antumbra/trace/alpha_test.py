@@ -32,9 +32,9 @@ from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangles import Triangles
 from .frusta.multi_frusta import trace_shadow
 from .rays.ray_hits import intersections
-from .rays.ray_traversal import CLOSEST, LEFT_FIRST, passed, triangle_hit, walk
+from .rays.ray_traversal import CLOSEST, LEFT_FIRST, ignores_hit, triangle_hit, walk
 
-# --- Texels of cut-outs in kernels: does a ray that meets a face pass through a hole of its texture? ------------------
+# --- Texels of cut-outs -----------------------------------------------------------------------------------------------
 
 
 class AlphaTexels(NamedTuple):
@@ -102,19 +102,14 @@ def is_hole(texels, ray, corners, slot):
     return np.int64(byte) >> (x & 7) & 1 == 0
 
 
-@overload(passed)
-def _passed(listener, ray, corners, slot, prim):
-    if getattr(listener, "instance_class", None) is TexelPointers:
-        return lambda listener, ray, corners, slot, prim: is_hole(listener, ray, corners, slot)
+@overload(ignores_hit)
+def _ignores_hit(hit_filter, ray, corners, slot, prim):
+    if getattr(hit_filter, "instance_class", None) is TexelPointers:
+        return lambda hit_filter, ray, corners, slot, prim: is_hole(hit_filter, ray, corners, slot)
     return None
 
 
-# --- Cut-outs after everything else: rays that no solid triangle stops are tested against faces with holes ------------
-#
-# The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree
-# of their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts
-# what they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-
-# out's triangle, and if nothing solid blocks it.
+# --- Tracing cut-outs after the solid triangles -----------------------------------------------------------------------
 
 
 class CutoutTree(NamedTuple):
@@ -127,15 +122,15 @@ class CutoutTree(NamedTuple):
 
 def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree | None:
     """The `CutoutTree` of a scene's triangles; None if it has no cut-outs."""
-    own = triangles.cutouts
-    if own is None or not len(own.faces):
+    cutouts = triangles.cutouts
+    if cutouts is None or not len(cutouts.faces):
         return None
-    vertices = triangles.vertices[own.faces]
+    vertices = triangles.vertices[cutouts.faces]
     areas = with_area(vertices, thread_count(threads))
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
-    bvh = bvh._replace(prim_ids=own.faces[at])
-    texels = AlphaTexels(own.uv[at].reshape(-1, 6), own.mask[at], own.shapes, own.first, own.texels)
+    bvh = bvh._replace(prim_ids=cutouts.faces[at])
+    texels = AlphaTexels(cutouts.uv[at].reshape(-1, 6), cutouts.mask[at], cutouts.shapes, cutouts.first, cutouts.texels)
     return CutoutTree(bvh, block_tree(bvh, threads), texels)
 
 
@@ -146,7 +141,7 @@ def _ray_to(query, patch, i, s):
 
 
 @inlined
-def _stopper(tree, holes, ray, skip, cull_faces, last):
+def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
     """The slot of a cut-out that stops the ray, or -1. `last`, which stopped the ray before, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
@@ -161,22 +156,22 @@ def _stopper(tree, holes, ray, skip, cull_faces, last):
 @kernel
 def _shadows(ticket, bvh, texels, query, met, bits):
     """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
-    tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
-    found, out, last = ptr(met), ptr(bits), np.int64(-1)
+    tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
+    candidates, out, last = ptr(met), ptr(bits), np.int64(-1)
     for i in items(ticket):
-        skip = np.int64(get(asked.ids, i))
-        for k in range(asked.words):
-            left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
-            if left == 0:
+        skip = np.int64(get(pointers.ids, i))
+        for k in range(pointers.words):
+            words = get(candidates, i * pointers.words + k) & ~get(out, i * pointers.words + k)
+            if words == 0:
                 continue
-            patch = patch_of(asked, i)
-            while left != 0:
-                s = 64 * k + lowest_bit(left)
-                left &= left - np.uint64(1)
-                slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
+            patch = patch_of(pointers, i)
+            while words != 0:
+                s = 64 * k + lowest_bit(words)
+                words &= words - np.uint64(1)
+                slot = _blocking_cutout(tree, holes, _ray_to(pointers, patch, i, s), skip, pointers.facing, last)
                 if slot >= 0:
                     last = slot
-                    set_bit(asked, out, i, s)
+                    set_bit(pointers, out, i, s)
 
 
 def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
@@ -268,7 +263,7 @@ def add_hits(
 
 
 @kernel
-def _stops(ticket, bvh, texels, origins, ends, rays, slots, stops):
+def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
     """Worker: whether segments that meet cut-outs meet solid texels."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
@@ -283,5 +278,5 @@ def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None)
     order = np.argsort(tree.bvh.prim_ids)
     slots, stops = order[np.searchsorted(tree.bvh.prim_ids[order], met.prims)], np.empty(len(rays), np.bool_)
     ticket = new_ticket(len(rays), 1024)
-    run(_stops, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
+    run(_find_blocking, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
     return rays[stops], met.prims[stops]

@@ -57,32 +57,7 @@ from ..kernels.simd import (
 from .counters import BOX_TESTS, NODES, count
 from .triangle_tests import fetch
 
-# --- Slab tests of 16 shafts at once: one box against 16 lanes --------------------------------------------------------
-#
-# A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high bound
-# the origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does the
-# same for the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So
-# the shaft meets the slab [low, high] of a node's box at t if
-#
-#     o_high + t d_high >= low     and     o_low + t d_low <= high
-#
-# Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
-# they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds
-# one. Its two conditions both bound t from below.
-#
-# If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
-# [Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
-#
-# The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r; u is the unit roundoff.
-#
-# - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
-# - Rounding k adds 4u |k|, and the fma adds u |t|.
-# - `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
-# - *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t|
-#   of
-#   an entry and 9u |t| of an exit.
-#
-# A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
+# --- Slab tests of 16 shafts ------------------------------------------------------------------------------------------
 
 
 GROW = np.float32(1.0 + 2.0**-19)  # 32u
@@ -161,7 +136,7 @@ def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
 
 
 @inlined
-def way_of(d_low, d_high, limit, lanes):
+def direction_sign(d_low, d_high, limit, lanes):
     """1 if all `lanes` (bits) go up along an axis, -1 if all go down, else 0."""
     if bits(d_low >= limit) & lanes == lanes:
         return 1
@@ -169,16 +144,16 @@ def way_of(d_low, d_high, limit, lanes):
 
 
 @inlined
-def uniform_axis(o_low, o_high, d_low, d_high, limit, way, endless):
-    """`Uniform` of one axis whose `way_of` is 1 or -1."""
+def uniform_axis(o_low, o_high, d_low, d_high, limit, sign, endless):
+    """`Uniform` of one axis whose `direction_sign` is 1 or -1."""
     # Eq. (1) of docs/design/multifrusta.md
-    up = way > 0
+    up = sign > 0
     # dead lanes may hold anything: keep their reciprocals finite
     high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
     first, last = (o_high, o_low) if up else (o_low, o_high)
     enters, leaves = (high, low) if up else (-low, -high)
-    near, far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
-    return Uniform(near, far, 0 if up else 2, 2 if up else 0)
+    t_near, t_far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
+    return Uniform(t_near, t_far, 0 if up else 2, 2 if up else 0)
 
 
 @inlined
@@ -198,46 +173,46 @@ def _at(bound, plane):
 @inlined
 def span_uniform(nodes, at, x, y, z, end):
     """(entry t, exit t) f32x16 of the shafts in a box, between 0 and `end`; at: index in `nodes` of its lower x."""
-    near = maximum(
+    t_near = maximum(
         maximum(
             _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
         ),
         maximum(_at(z.near, broadcast16(nodes, at + 8 + z.near_plane)), splat16(_ZERO)),
     )
-    far = minimum(
+    t_far = minimum(
         minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
         minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), end),
     )
-    return near, far
+    return t_near, t_far
 
 
 @inlined
-def _narrow(axis, low, high, near, far):
+def _narrow(axis, low, high, t_near, t_far):
     """The interval (near, far) of t, narrowed by one axis."""
-    near = maximum(near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
-    return near, minimum(far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
+    t_near = maximum(t_near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
+    return t_near, minimum(t_far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
 
 
 @inlined
 def span_mixed(nodes, at, x, y, z, end):
     """`span_uniform` for lanes of any direction."""
-    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
-    near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
-    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+    t_near, t_far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
+    t_near, t_far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), t_near, t_far)
+    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), t_near, t_far)
 
 
 @inlined
 def meets_uniform(nodes, at, x, y, z):
     """mask16 of the lanes whose shaft meets a box; at: index in `nodes` of its lower x."""
-    near, far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
-    return near <= far
+    t_near, t_far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
+    return t_near <= t_far
 
 
 @inlined
 def meets_mixed(nodes, at, x, y, z):
     """`meets_uniform` for lanes of any direction."""
-    near, far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
-    return near <= far
+    t_near, t_far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
+    return t_near <= t_far
 
 
 @inlined
@@ -252,13 +227,10 @@ def children_mixed(nodes, node, x, y, z):
     return bits(meets_mixed(nodes, box_at(node, 0), x, y, z)), bits(meets_mixed(nodes, box_at(node, 1), x, y, z))
 
 
-# --- Descent from leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks ----------------
-#
-# Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer child first
-# (`next_block`).
+# --- Traversal from leaf to leaf --------------------------------------------------------------------------------------
 
 
-NOWHERE = -2  # place of a walk that has not begun
+NOT_STARTED = -2  # place of a walk that has not begun
 WAITING_INTS, WAITING_FLOATS = 2 * MAX_DEPTH, 16 * MAX_DEPTH
 
 
@@ -274,7 +246,7 @@ class Slabs(NamedTuple):
     mz: Mixed
 
 
-class At(NamedTuple):
+class Traversal(NamedTuple):
     """The state of a walk. The lanes in `mask` are about to visit `link`; mask 0: the walk is over."""
 
     link: int
@@ -304,9 +276,9 @@ def endless_slabs_of(s, alive):
 @inlined
 def _slabs(s, alive, endless):
     limit = least_direction(s)
-    wx = way_of(s.dx_low, s.dx_high, limit, alive)
-    wy = way_of(s.dy_low, s.dy_high, limit, alive)
-    wz = way_of(s.dz_low, s.dz_high, limit, alive)
+    wx = direction_sign(s.dx_low, s.dx_high, limit, alive)
+    wy = direction_sign(s.dy_low, s.dy_high, limit, alive)
+    wz = direction_sign(s.dz_low, s.dz_high, limit, alive)
     return Slabs(
         wx != 0 and wy != 0 and wz != 0,
         uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx, endless),
@@ -333,28 +305,28 @@ def entry(nodes, at, slabs, far):
     at : index in `nodes` of the box's lower x
     """
     if slabs.uniform:
-        near, end = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
+        t_near, t_far = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
     else:
-        near, end = span_mixed(nodes, at, slabs.mx, slabs.my, slabs.mz, far)
-    return bits(near <= end), near
+        t_near, t_far = span_mixed(nodes, at, slabs.mx, slabs.my, slabs.mz, far)
+    return bits(t_near <= t_far), t_near
 
 
 @inlined
 def root(alive):
     """The start of a walk of the lanes in `alive`."""
-    return At(np.int64(0), np.int64(-1), alive, np.int64(0))
+    return Traversal(np.int64(0), np.int64(-1), alive, np.int64(0))
 
 
 @inlined
-def nowhere():
+def not_started():
     """The state of a walk that has not begun."""
-    return At(np.int64(0), np.int64(NOWHERE), np.int64(0), np.int64(0))
+    return Traversal(np.int64(0), np.int64(NOT_STARTED), np.int64(0), np.int64(0))
 
 
 @inlined
 def left(at):
     """The state of a walk after a leaf."""
-    return At(at.link, at.place, np.int64(0), at.height)
+    return Traversal(at.link, at.place, np.int64(0), at.height)
 
 
 @inlined
@@ -369,7 +341,7 @@ def save(memory, at):
 @inlined
 def saved(memory, alive):
     """The saved state of a walk, without the lanes that have died since."""
-    return At(
+    return Traversal(
         np.int64(get(memory, 0)), np.int64(get(memory, 1)), np.int64(get(memory, 2)) & alive, np.int64(get(memory, 3))
     )
 
@@ -382,13 +354,13 @@ def popped(links, at, stack, alive):
         height -= 2
         place, mask = np.int64(get(stack, height)), np.int64(get(stack, height + 1)) & alive
         link = np.int64(get(links, place))
-    return At(link, place, mask, height)
+    return Traversal(link, place, mask, height)
 
 
 @inlined
-def entered(links, at, left, right, stack):
+def entered(links, at, left_lanes, right_lanes, stack):
     """Go to the left child first, and push the right one. left, right: bits of the lanes that meet each."""
-    return entered_first(links, at, link_at(at.link, 0), left, right, stack)
+    return entered_first(links, at, link_at(at.link, 0), left_lanes, right_lanes, stack)
 
 
 @inlined
@@ -400,7 +372,7 @@ def entered_first(links, at, first, one, other, stack):
         put(stack, height + 1, other)
         height += 2
     place = first if one != 0 else sibling_at(first)
-    return At(np.int64(get(links, place)), place, one if one != 0 else other, height)
+    return Traversal(np.int64(get(links, place)), place, one if one != 0 else other, height)
 
 
 @inlined
@@ -412,8 +384,10 @@ def next_leaf(tree, slabs, at, stack, alive, counters):
         count(counters, BOX_TESTS, 2)
         for child in range(2):  # before it is known which of them are met; the links of leaves are no addresses
             prefetch(tree.nodes, line_at(np.int64(get(tree.links, link_at(at.link, child)))))
-        left, right = children(tree.nodes, at.link, slabs)
-        at = popped(tree.links, entered(tree.links, at, left & at.mask, right & at.mask, stack), stack, alive)
+        left_lanes, right_lanes = children(tree.nodes, at.link, slabs)
+        at = popped(
+            tree.links, entered(tree.links, at, left_lanes & at.mask, right_lanes & at.mask, stack), stack, alive
+        )
     return at
 
 
@@ -455,27 +429,27 @@ def _nearer_child(tree, slabs, at, waiting, far, counters):
     """Go to the child whose box most lanes enter first. Push the other child if some lane enters it before `far`."""
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, 2)
-    left, a = entry(tree.nodes, box_at(at.link, 0), slabs, far)
-    right, b = entry(tree.nodes, box_at(at.link, 1), slabs, far)
-    left &= at.mask
-    right &= at.mask
-    if left | right == 0:
+    left_lanes, a = entry(tree.nodes, box_at(at.link, 0), slabs, far)
+    right_lanes, b = entry(tree.nodes, box_at(at.link, 1), slabs, far)
+    left_lanes &= at.mask
+    right_lanes &= at.mask
+    if left_lanes | right_lanes == 0:
         return visited(at)
     first = np.int64(get(tree.links, link_at(at.link, 0)))
     second = np.int64(get(tree.links, link_at(at.link, 1)))
-    if left != 0:
+    if left_lanes != 0:
         fetch(tree, first)
-    if right == 0:
-        return Near(first, left, at.height)
+    if right_lanes == 0:
+        return Near(first, left_lanes, at.height)
     fetch(tree, second)
-    if left == 0:
-        return Near(second, right, at.height)
-    both = left & right
+    if left_lanes == 0:
+        return Near(second, right_lanes, at.height)
+    both = left_lanes & right_lanes
     swap = 2 * popcount(bits(b < a) & both) > popcount(both)
     put(waiting.links, 2 * at.height, first if swap else second)
-    put(waiting.links, 2 * at.height + 1, left if swap else right)
+    put(waiting.links, 2 * at.height + 1, left_lanes if swap else right_lanes)
     store(waiting.entries, 16 * at.height, a if swap else b)
-    return Near(second if swap else first, right if swap else left, at.height + 1)
+    return Near(second if swap else first, right_lanes if swap else left_lanes, at.height + 1)
 
 
 @inlined

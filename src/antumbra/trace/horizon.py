@@ -134,8 +134,8 @@ def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
     count(counters, RAYS, chunk.count * popcount(valid))
     _gather_planes(chunk, y0, x0, valid, tile, planes)
     under, crossing = _by_whole_light(tile, planes, bits(load16(planes, 96) != _F(0.0)) & valid)
-    asked = iota16() < splat16(np.int32(chunk.count))
-    store(tile.dead, 0, select(asked, splat16(np.int32(under)), splat16(np.int32(-1))))
+    has_sample = iota16() < splat16(np.int32(chunk.count))
+    store(tile.dead, 0, select(has_sample, splat16(np.int32(under)), splat16(np.int32(-1))))
     count(counters, BELOW_HORIZON, chunk.count * popcount(under))
     if crossing == 0:
         return

@@ -45,11 +45,11 @@ class LightTable(NamedTuple):
     targets: np.ndarray  # (chunks, 6, 16) float32: boxes of each lane's samples
     by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` transposed: lane, axis, stratum
     samples: np.ndarray  # (chunks, 16, 3, 16) float64: stratum, (a, b, c), lane
-    turned: np.ndarray  # (chunks, 16, 3, 16) float64: `samples` transposed: lane, (a, b, c), stratum
+    samples_by_lane: np.ndarray  # (chunks, 16, 3, 16) float64: `samples` transposed: lane, (a, b, c), stratum
 
 
 @inlined
-def stays(light):
+def is_fixed(light):
     """Are a LightPatch's samples the same for all receivers? Then one table serves them all."""
     return light.kind == FIXED or light.kind == LIST
 
@@ -113,7 +113,7 @@ def bound_targets(points, targets, count):
 
 
 @kernel
-def turn_points(points, by_lane, count):
+def transpose_points(points, by_lane, count):
     """Write the points of a chunk lane by lane; strata from `count` on repeat the last one."""
     for lane in range(16):
         for k in range(3):
@@ -139,7 +139,7 @@ def _fixed_table(light, samples, sets, table):
             count,
         )
         bound_targets(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.targets), chunk * TARGETS), count)
-        turn_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
+        transpose_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
 
 
 def light_table(query, sets) -> LightTable:
@@ -148,7 +148,7 @@ def light_table(query, sets) -> LightTable:
     f32 = [
         np.zeros((chunks, *shape), np.float32) for shape in ((STRATA, 3, 16), (6, ALL_GROUPS), (6, 16), (16, 3, STRATA))
     ]
-    if query.light.kind in (FIXED, LIST):  # `stays`
+    if query.light.kind in (FIXED, LIST):  # `is_fixed`
         unused = np.zeros((chunks, 1, 1, 1))
         table = LightTable(*f32, unused, unused)
         _fixed_table(query.light, query.samples, sets, table)

@@ -71,18 +71,7 @@ from ..kernels.vec import (
 )
 from .light_table import ALL_GROUPS, POINTS
 
-# --- The shafts of a tile: from the box of its receivers to the box of each group of strata ---------------------------
-#
-# Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative to
-# c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
-# hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
-# support of the two boxes
-#
-#     b = max(|w| . rx, w . D + |w| . ry)
-#
-# so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes,
-# up to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four
-# planes. Planes at its two ends cull few more, because the block's box has been tested.
+# --- Shafts -----------------------------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -139,13 +128,13 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
 
 
 @inlined
-def forget_shafts(tile):
+def invalidate_shafts(tile):
     """Note that the tile's receivers or samples are new."""
     put(tile.info, _MADE, _F(0.0))
 
 
 @inlined
-def have_shafts(tile):
+def ensure_shafts(tile):
     """Write the shafts of a tile, unless that has been done. Many tiles meet no block, and need none."""
     if get(tile.info, _MADE) == _F(0.0):
         make_shafts(tile.info, tile.groups, tile.shafts)
@@ -185,13 +174,7 @@ def make_shafts(info, groups, shafts):
             at += PLANE
 
 
-# --- The beams of a tile: from each of its 16 receivers to the box of all of its samples ------------------------------
-#
-# These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
-# they are narrower than `shafts`, which start from the box of all receivers. Next to the light they are wider. Lanes
-# are receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box.
-# Take the edge functions of `multifrusta.shaftcull` along D. At a sample D + y they differ by y . N, so by at most h .
-# |N|.
+# --- Beams ------------------------------------------------------------------------------------------------------------
 
 
 _D, _H = 0, 48
@@ -238,20 +221,7 @@ def is_near(s, i, c):
     return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Slab tests of a tile's segments against the box of a block, with reciprocals that are kept from block to block.
-#
-# Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
-# ``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes
-# of
-# o, o + d and c -+ e, and u the unit roundoff.
-#
-# - d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point
-#   is
-#   as far off.
-# - (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
-#
-# e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+# --- Slab tests of segments -------------------------------------------------------------------------------------------
 
 
 _PAD = _F(32 * 2.0**-24)
@@ -278,13 +248,13 @@ def box_at(bounds):
 
 
 @inlined
-def forget_inverses(tile):
+def invalidate_inverses(tile):
     """Note that the tile's receivers or samples are new."""
     put(as_i32(tile.inverses), _READY, 0)
 
 
 @inlined
-def keep_inverses(memory, at, o, l):
+def store_inverses(memory, at, o, l):
     """Write the reciprocals of 16 segments from o to l to three rows of `memory`. Return R."""
     reach = reduce_max(maximum(largest(o), largest(l)))
     low, d = splat16(reach * _LOW + _SEGMENT_TINY), minus(l, o)
@@ -297,7 +267,7 @@ def keep_inverses(memory, at, o, l):
 @kernel
 def _fill_inverses(tile, s):
     """Write the reciprocals of the segments to stratum s."""
-    reach = keep_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
+    reach = store_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
     put(tile.inverses, _REACH + s, reach)
     ready = as_i32(tile.inverses)
     put(ready, _READY, np.int64(get(ready, _READY)) | np.int64(1) << s)
@@ -321,21 +291,19 @@ def rays_in_box(tile, s, box):
 
 @inlined
 def segments_in_box(o, inverse, reach, box):
-    """Bits of the segments from o that meet a `Box`; inverse, reach: as `keep_inverses` gives them."""
+    """Bits of the segments from o that meet a `Box`; inverse, reach: as `store_inverses` gives them."""
     c, pad = box.middle, fma(maximum(reach, box.reach), splat16(_PAD), splat16(_SEGMENT_TINY))
     x0, x1 = _span(c.x, o.x, inverse.x, box.half.x + pad)
     y0, y1 = _span(c.y, o.y, inverse.y, box.half.y + pad)
     z0, z1 = _span(c.z, o.z, inverse.z, box.half.z + pad)
-    near, far = maximum(maximum(x0, y0), maximum(z0, splat16(_F(0.0)))), minimum(minimum(x1, y1), minimum(z1, _F(1.0)))
-    return bits(near > far) ^ 0xFFFF
+    t_near, t_far = (
+        maximum(maximum(x0, y0), maximum(z0, splat16(_F(0.0)))),
+        minimum(minimum(x1, y1), minimum(z1, _F(1.0))),
+    )
+    return bits(t_near > t_far) ^ 0xFFFF
 
 
-# --- Separating-axis tests of a tile's shafts and beams against the box of a block ------------------------------------
-#
-# The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
-# axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
-# coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers
-# that underflow.
+# --- Separating-axis tests --------------------------------------------------------------------------------------------
 
 
 _SURE = _F(1e-35)
@@ -357,7 +325,7 @@ def _in_box(m, v, e):
 
 
 @inlined
-def shafts_in_box(o, v, near, far, c, e):
+def shafts_in_box(o, v, start_half, end_half, c, e):
     """Bits of the shafts from o along v that may meet the box with middle c and half extents e.
 
     A point of the box has a parameter along the shaft of at most
@@ -370,11 +338,11 @@ def shafts_in_box(o, v, near, far, c, e):
     """
     m, size = minus(c, o), magnitudes(v)
     pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
-    start, square = dot(size, near), dot(v, v)
-    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, far))
+    start, square = dot(size, start_half), dot(v, v)
+    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, end_half))
     t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
-    width = plus(near, Vec(t * far.x, t * far.y, t * far.z))
+    width = plus(start_half, Vec(t * end_half.x, t * end_half.y, t * end_half.z))
     return _in_box(m, v, Vec(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
 
 

@@ -35,10 +35,10 @@ from ..kernels.simd import (
 )
 from ..query.receivers import NOTHING
 from ..query.shadow_query import QueryPointers, patch_of, query_pointers
-from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, stays
+from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, is_fixed
 from .shafts import BEAM_FLOATS, INVERSE_FLOATS, SHAFT_FLOATS
 
-# --- A query in the form of the hot kernels: cut into tiles of 16 receivers and chunks of 16 samples ------------------
+# --- Queries as tiles and chunks --------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -76,7 +76,7 @@ class QueryChunk(NamedTuple):
     targets: F32Ptr  # float32 *
     by_lane: F32Ptr  # float32 *
     samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light stays
-    turned: F64Ptr  # float64 *
+    samples_by_lane: F64Ptr  # float64 *
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample
@@ -87,7 +87,7 @@ class QueryChunk(NamedTuple):
 @inlined
 def query_chunk_of(query, table, shape, chunk, n_samples):
     """The `QueryChunk` of a chunk of a query."""
-    groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), stays(query.light)
+    groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), is_fixed(query.light)
     moving = 0 if fixed else POINTS
     if fixed:
         for k in range(3):
@@ -95,7 +95,7 @@ def query_chunk_of(query, table, shape, chunk, n_samples):
     return QueryChunk(
         query_pointers(query), ptr_at(ptr(table.points), chunk * POINTS), groups,
         ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS),
-        ptr_at(ptr(table.samples), chunk * moving), ptr_at(ptr(table.turned), chunk * moving), fixed, shape,
+        ptr_at(ptr(table.samples), chunk * moving), ptr_at(ptr(table.samples_by_lane), chunk * moving), fixed, shape,
         chunk * STRATA, n_samples, light * _LIGHT,
     )  # fmt: skip
 
@@ -108,16 +108,13 @@ def place_of(chunk, y0, x0, lane):
     return (y0 + (lane >> 2)) * chunk.query.w + x0 + (lane & 3)  # a division by the width would take longer
 
 
-# --- A tile: 16 receivers and a chunk of light samples, prepared for tracing ------------------------------------------
-#
-# Lane i of a tile is a receiver. Its segments are traced stratum by stratum. The 16 segments to one stratum start and
-# end near each other, so they lie in one shaft.
+# --- The tile ---------------------------------------------------------------------------------------------------------
 
 
 _INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
 _BEAMS = _SHAFTS + SHAFT_FLOATS
-_OWN = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
-_INVERSES = _OWN + 2 * POINTS + GROUPS + TARGETS
+_SAMPLES = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
+_INVERSES = _SAMPLES + 2 * POINTS + GROUPS + TARGETS
 TILE_FLOATS = _INVERSES + INVERSE_FLOATS
 SPLIT = _F(0.75)
 
@@ -142,9 +139,13 @@ class Tile(NamedTuple):
 @inlined
 def tile_at(scratch, g, chunk):
     """`Tile` number g of a bundle."""
-    own = ptr_at(scratch, g * TILE_FLOATS)
-    points, groups, targets = ptr_at(own, _OWN), ptr_at(own, _OWN + POINTS), ptr_at(own, _OWN + POINTS + GROUPS)
-    by_lane = ptr_at(own, _OWN + POINTS + GROUPS + TARGETS)
+    memory = ptr_at(scratch, g * TILE_FLOATS)
+    points, groups, targets = (
+        ptr_at(memory, _SAMPLES),
+        ptr_at(memory, _SAMPLES + POINTS),
+        ptr_at(memory, _SAMPLES + POINTS + GROUPS),
+    )
+    by_lane = ptr_at(memory, _SAMPLES + POINTS + GROUPS + TARGETS)
     if chunk.fixed:
         points, groups, targets, by_lane = (
             chunk.points,
@@ -153,8 +154,8 @@ def tile_at(scratch, g, chunk):
             chunk.by_lane,
         )
     return Tile(
-        np.int64(g), own, ptr_at(own, _INFO), as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD)),
-        ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane, ptr_at(own, _INVERSES),
+        np.int64(g), memory, ptr_at(memory, _INFO), as_i32(ptr_at(memory, _FACES)), as_i32(ptr_at(memory, _DEAD)),
+        ptr_at(memory, _SHAFTS), ptr_at(memory, _BEAMS), points, groups, targets, by_lane, ptr_at(memory, _INVERSES),
     )  # fmt: skip
 
 
@@ -284,7 +285,7 @@ def move_light(chunk, y0, x0, valid, tile):
         for k in range(3):
             p, u = broadcast16(patches, 16 * k + lane), broadcast16(patches, 16 * (3 + k) + lane)
             v, w = broadcast16(patches, 16 * (6 + k) + lane), broadcast16(patches, 16 * (9 + k) + lane)
-            store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.turned, 48 * lane, p, u, v, w))
+            store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.samples_by_lane, 48 * lane, p, u, v, w))
     bound_strata(tile.by_lane, tile.groups)
     bound_targets(tile.points, tile.targets, chunk.count)
 
@@ -306,7 +307,7 @@ def finished_strata(tile, valid):
 
 
 @inlined
-def turn_bits(source, target):
+def transpose_bits(source, target):
     """Transpose 16 x 16 bits, kept as 16 int32."""
     words = splat16(np.int32(0))
     for r in range(16):
@@ -332,7 +333,7 @@ def read_bits(chunk, y0, x0, valid, tile, known):
         valid &= valid - 1
         at = place_of(chunk, y0, x0, lane) * chunk.query.words + word
         put(tile.dead, lane, np.int64(get(known, at) >> shift) & 0xFFFF | absent)
-    turn_bits(tile.dead, tile.dead)
+    transpose_bits(tile.dead, tile.dead)
 
 
 @kernel
@@ -348,7 +349,7 @@ def write_bits(chunk, y0, x0, valid, tile, out):
     )
     if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
         return
-    turn_bits(tile.dead, tile.dead)
+    transpose_bits(tile.dead, tile.dead)
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1

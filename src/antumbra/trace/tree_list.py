@@ -13,7 +13,7 @@ from ..bvh.blocks import BlockPointers, BlockTree
 from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
 from ..kernels.jit import inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
-from .descent import NOWHERE, At, children, save, saved
+from .descent import NOT_STARTED, Traversal, children, save, saved
 
 ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays except links, then the link to its root
 CORNERS, ROOT = 5, 6  # places in a row of the table
@@ -22,7 +22,7 @@ _NO_BOX = np.float32(3.0e38)
 
 
 class TreeList(NamedTuple):
-    """Trees, and lists of them. The owner of the memory behind the addresses must outlive the forest."""
+    """Trees, and lists of them. The owner of the memory behind the addresses must outlive the tree_list."""
 
     trees: np.ndarray  # (k, ADDRESSES) int64
     heads: np.ndarray  # (k, 16) float32: for each tree, the line of a node whose left child is the tree's root
@@ -35,7 +35,7 @@ class TreeList(NamedTuple):
 
 
 class TreeListPointers(NamedTuple):
-    """Pointers to the arrays of a `Forest`."""
+    """Pointers to the arrays of a `TreeList`."""
 
     trees: I64Ptr  # int64 *
     heads: F32Ptr  # float32 *
@@ -52,7 +52,7 @@ class Hits(NamedTuple):
 
     face: np.ndarray  # int32: index of the triangle, -1 on a miss
     t: np.ndarray  # float64: in lengths of the direction; inf on a miss
-    part: np.ndarray  # int32: number of the tree in the forest, -1 on a miss
+    part: np.ndarray  # int32: number of the tree in the tree_list, -1 on a miss
     slot: np.ndarray  # int32: in that tree
 
 
@@ -63,80 +63,91 @@ def no_hits(shape: tuple[int, int]) -> Hits:
 
 
 @inlined
-def tree_list_pointers(forest):
-    """`ForestPointers` of a `Forest`, which must outlive them."""
+def tree_list_pointers(tree_list):
+    """`TreeListPointers` of a `TreeList`, which must outlive them."""
     return TreeListPointers(
-        ptr(forest.trees), ptr(forest.heads), np.int64(forest.tile), np.int64(forest.across), np.int64(forest.sets),
-        ptr(forest.starts), ptr(forest.items), forest.fresh,
-    )  # fmt: skip
+        ptr(tree_list.trees),
+        ptr(tree_list.heads),
+        np.int64(tree_list.tile),
+        np.int64(tree_list.across),
+        np.int64(tree_list.sets),
+        ptr(tree_list.starts),
+        ptr(tree_list.items),
+        tree_list.fresh,
+    )
 
 
 @inlined
-def _tile_of(forest, y, x):
+def _tile_of(tree_list, y, x):
     """The screen tile that pixel (y, x) is in."""
-    return y // forest.tile * forest.across + x // forest.tile if forest.tile > 0 else np.int64(0)
+    return y // tree_list.tile * tree_list.across + x // tree_list.tile if tree_list.tile > 0 else np.int64(0)
 
 
 @inlined
-def list_of(forest, y, x, stratum):
+def list_of(tree_list, y, x, stratum):
     """(begin, end) in `items` of the trees for a stratum of the receivers near pixel (y, x)."""
-    number = _tile_of(forest, y, x) * forest.sets + (stratum if forest.sets > 1 else np.int64(0))
-    return np.int64(get(forest.starts, number)), np.int64(get(forest.starts, number + 1))
+    number = _tile_of(tree_list, y, x) * tree_list.sets + (stratum if tree_list.sets > 1 else np.int64(0))
+    return np.int64(get(tree_list.starts, number)), np.int64(get(tree_list.starts, number + 1))
 
 
 @inlined
-def tree_in(forest, k):
+def tree_in(tree_list, k):
     """The `BlockPointers` of tree k."""
     at = k * ADDRESSES
-    nodes = np.int64(get(forest.trees, at))
+    nodes = np.int64(get(tree_list.trees, at))
     return BlockPointers(
-        f32_at(nodes), i32_at(nodes), f32_at(get(forest.trees, at + 1)), f32_at(get(forest.trees, at + 2)),
-        i32_at(get(forest.trees, at + 3)), i32_at(get(forest.trees, at + 4)), f32_at(get(forest.trees, at + 5)),
-    )  # fmt: skip
+        f32_at(nodes),
+        i32_at(nodes),
+        f32_at(get(tree_list.trees, at + 1)),
+        f32_at(get(tree_list.trees, at + 2)),
+        i32_at(get(tree_list.trees, at + 3)),
+        i32_at(get(tree_list.trees, at + 4)),
+        f32_at(get(tree_list.trees, at + 5)),
+    )
 
 
 @inlined
-def is_idle(forest, y, x):
+def is_idle(tree_list, y, x):
     """Is the list of the receivers near pixel (y, x) empty, and are their own surfaces already applied?"""
-    first = _tile_of(forest, y, x) * forest.sets
-    return not forest.fresh and get(forest.starts, first) == get(forest.starts, first + forest.sets)
+    first = _tile_of(tree_list, y, x) * tree_list.sets
+    return not tree_list.fresh and get(tree_list.starts, first) == get(tree_list.starts, first + tree_list.sets)
 
 
 @inlined
-def root_in(forest, k):
+def root_in(tree_list, k):
     """The link to the root of tree k."""
-    return np.int64(get(forest.trees, k * ADDRESSES + ROOT))
+    return np.int64(get(tree_list.trees, k * ADDRESSES + ROOT))
 
 
 @inlined
-def item(forest, i):
+def item(tree_list, i):
     """The number of the tree at place i of the lists."""
-    return np.int64(get(forest.items, i))
+    return np.int64(get(tree_list.items, i))
 
 
 @inlined
-def start_in(forest, k, slabs, alive):
+def start_in(tree_list, k, slabs, alive):
     """The start of a walk through tree k, with the lanes in `alive` that meet its box; mask 0: no lane does."""
-    return At(root_in(forest, k), np.int64(-1), children(forest.heads, k, slabs)[0] & alive, np.int64(0))
+    return Traversal(root_in(tree_list, k), np.int64(-1), children(tree_list.heads, k, slabs)[0] & alive, np.int64(0))
 
 
 @inlined
-def are_separate(forest, j, k):
+def are_separate(tree_list, j, k):
     """Have trees j and k separate arrays? Then slots of one mean nothing in the other."""
-    return get(forest.trees, j * ADDRESSES + CORNERS) != get(forest.trees, k * ADDRESSES + CORNERS)
+    return get(tree_list.trees, j * ADDRESSES + CORNERS) != get(tree_list.trees, k * ADDRESSES + CORNERS)
 
 
 # Overloads give the bodies of this stub: `_walk_tree` in multifrusta/walk.py and `_walk_tree` in packets/packet16.py.
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
     """In kernels: trace the lanes in `alive` through a tree, as the type of `job` says.
 
-    Return (the `At` of the walk, bits of the lanes left). The place is NOWHERE if the walk is over. A walk stops early
-    when the memory for deferred tests runs low.
+    Return (the `Traversal`, bits of the lanes left). The place is NOT_STARTED once the traversal is complete. It stops
+    early when the memory for deferred tests runs low.
     """
 
 
 @inlined
-def walk_tree_list(forest, i, end, slabs, alive, job, scratch, counters):
+def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
     """Trace the lanes in `alive` through the trees i .. end of the lists.
 
     Return (the place in the lists to go on with, bits of the lanes left). If the walk is not over, the caller settles
@@ -144,14 +155,14 @@ def walk_tree_list(forest, i, end, slabs, alive, job, scratch, counters):
     """
     at = saved(scratch.at, alive)
     while i < end and alive != 0:
-        k = item(forest, i)
-        if np.int64(get(scratch.deferred, 0)) != 0 and are_separate(forest, np.int64(get(scratch.at, TREE)), k):
+        k = item(tree_list, i)
+        if np.int64(get(scratch.deferred, 0)) != 0 and are_separate(tree_list, np.int64(get(scratch.at, TREE)), k):
             break
         put(scratch.at, TREE, k)
-        if at.place == NOWHERE:
-            at = start_in(forest, k, slabs, alive)
-        at, alive = walk_tree(tree_in(forest, k), slabs, at, alive, job, scratch, counters)
-        if at.place != NOWHERE:
+        if at.place == NOT_STARTED:
+            at = start_in(tree_list, k, slabs, alive)
+        at, alive = walk_tree(tree_in(tree_list, k), slabs, at, alive, job, scratch, counters)
+        if at.place != NOT_STARTED:
             break
         i += 1
     save(scratch.at, at)
@@ -174,9 +185,15 @@ def head(low, high) -> np.ndarray:
 
 
 def whole(tree: BlockTree) -> TreeList:
-    """A `Forest` of one whole tree, for the whole screen."""
+    """A `TreeList` of one whole tree, for the whole screen."""
     everything = np.full(3, _NO_BOX)
     return TreeList(
-        np.array([addresses(tree)], np.int64), head([-everything], [everything]), 0, 1, 1,
-        np.array([0, 1], np.int32), np.zeros(1, np.int32), True,
-    )  # fmt: skip
+        np.array([addresses(tree)], np.int64),
+        head([-everything], [everything]),
+        0,
+        1,
+        1,
+        np.array([0, 1], np.int32),
+        np.zeros(1, np.int32),
+        True,
+    )

@@ -38,10 +38,7 @@ from .counters import TRIANGLE_TESTS, UNCERTAIN, count
 from .rays.ray_traversal import settle
 from .tile import first_pixel, place_of, tile_at
 
-# --- One triangle against 16 rays in float32. It decides only beyond the error bounds of `predicate.filters` ----------
-#
-# Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite bound
-# decides nothing. docs/design/exactness.md derives the bounds.
+# --- One triangle against 16 rays -------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -143,11 +140,11 @@ def decide_signs(e1, e2, dn, t, e, te, facing):
     # Eq. (15) of docs/design/exactness.md
     e1, e2, t, size = flip_sign(e1, dn), flip_sign(e2, dn), flip_sign(t, dn), absolute(dn)
     low, inside = minimum(minimum(e1, e2), size - e1 - e2), minimum(t, size - t)
-    hit, left = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
+    hit, undecided = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
     if facing != 0:
         wrong = bits((low > e) & (flip_sign(splat16(_F(facing)), dn) > _F(0.0)))
-        return hit & ~wrong, left & ~hit & ~wrong
-    return hit, left & ~hit
+        return hit & ~wrong, undecided & ~hit & ~wrong
+    return hit, undecided & ~hit
 
 
 @inlined
@@ -200,10 +197,7 @@ def ray_meets(o, d, numbers, facing, limit):
     return hit & ~beyond, unsure & ~beyond
 
 
-# --- Deferred tests: rays that float32 cannot decide, noted while tracing and settled later ---------------------------
-#
-# They are settled when their tile is done or their memory runs low. So the exact code stays out of the hot kernels. A
-# ray that another triangle blocks in the meantime needs no exact test.
+# --- Deferred tests ---------------------------------------------------------------------------------------------------
 
 
 DEFERRED = 16 * 16 * 16  # most tests that one block and one tile defer: triangles * strata * receivers
@@ -234,12 +228,12 @@ def defer(deferred, slot, place, step, unsure):
 
 
 @inlined
-def defer_triangles(deferred, tree, block, own, place, unsure):
+def defer_triangles(deferred, tree, block, face, place, unsure):
     """Note the triangles of a block (bits) that may block the ray at `place`, except its receiver's `own` triangle."""
     while unsure != 0:
         slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
         unsure &= unsure - 1
-        if get(tree.prim_ids, slot) != own:
+        if get(tree.prim_ids, slot) != face:
             defer(deferred, slot, place, 0, np.int64(1))
 
 
@@ -274,7 +268,7 @@ def resolve_deferred(corners, chunk, tiles, pixels, deferred, counters):
     put(deferred, 0, 0)
 
 
-# --- A block of triangles: the block as tests see it, its prefetch, and the test of one ray against it ----------------
+# --- Blocks of triangles ----------------------------------------------------------------------------------------------
 
 
 class Block(NamedTuple):
@@ -313,7 +307,7 @@ def slot_of(b, i):
 
 
 @inlined
-def blocks_ray(b, o, d, own, place, counters):
+def blocks_ray(b, o, d, face, place, counters):
     """Does a triangle of a block surely block the ray from o along d, given in all lanes?
 
     If not, tests that float32 cannot decide are deferred for the ray's `place`, except the receiver's `own` triangle.
@@ -323,5 +317,5 @@ def blocks_ray(b, o, d, own, place, counters):
     if hit & b.present != 0:
         return True
     if unsure & b.present != 0:
-        defer_triangles(b.deferred, b.tree, b.number, own, place, unsure & b.present)
+        defer_triangles(b.deferred, b.tree, b.number, face, place, unsure & b.present)
     return False

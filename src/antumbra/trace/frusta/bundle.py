@@ -12,27 +12,27 @@ from ...bvh.nodes import MAX_DEPTH
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
-from ..descent import Shafts, left, next_leaf, nowhere, save, slabs_of
+from ..descent import Shafts, left, next_leaf, not_started, save, slabs_of
 from ..light_table import ALL_GROUPS, STRATA
-from ..shafts import have_shafts
+from ..shafts import ensure_shafts
 from ..tile import TILE_FLOATS, QueryChunk, finished_strata, tile_at
 from ..tree_list import TREE, list_of, tree_in, walk_tree, walk_tree_list
 from ..triangle_tests import DEFERRED, deferred_ints, fetch, resolve_deferred
 from .shaft_culling import trace_block
 from .tile_clusters import MAX_TILES
 from .tile_group import (
-    be_filled,
+    copy_from_tiles,
+    copy_to_tile,
+    copy_to_tiles,
+    ensure_filled,
     finished,
-    give_to_tile,
-    give_to_tiles,
-    take_from_tiles,
     tile_group_at,
     tile_in,
     tiles_by_beams,
     trace_tile_group,
 )
 
-# --- A bundle, up to 16 tiles whose shafts go through the tree together, and a thread's scratch memory for it ---------
+# --- A bundle and its scratch memory ----------------------------------------------------------------------------------
 
 
 TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile group
@@ -99,8 +99,8 @@ def bundle_of(tiles, count):
 @inlined
 def tile_group_of(scratch, chunk):
     """The `TileGroup` of a bundle. Its first tile is in the first slot."""
-    whole = tile_at(scratch.tiles, MAX_TILES, chunk)
-    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
+    union = tile_at(scratch.tiles, MAX_TILES, chunk)
+    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, union, np.int64(get(scratch.slots, 0)))
 
 
 @inlined
@@ -148,7 +148,7 @@ def shafts_of(p):
     )  # fmt: skip
 
 
-# --- The walk of a bundle through the trees of a forest, and its tests of the blocks that it finds --------------------
+# --- Traversal of a bundle --------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -167,7 +167,7 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
     Return bits of the strata to which the group has no segment left.
     """
     tile_group, (block, triangles) = tile_group_of(scratch, chunk), block_leaf(link)
-    be_filled(tile_group, chunk)
+    ensure_filled(tile_group, chunk)
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
     if live < 0:
         trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
@@ -177,13 +177,13 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
         g = lowest_bit(live)
         live &= live - 1
         tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
-        give_to_tile(tile_group, g, tile.dead)
+        copy_to_tile(tile_group, g, tile.dead)
         before = load16(tile.dead, 0)
         _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
         if bits(load16(tile.dead, 0) != before) != 0:
             changed |= np.int64(1) << g
     if changed != 0:
-        take_from_tiles(tile_group, changed, chunk)
+        copy_from_tiles(tile_group, changed, chunk)
     return finished(tile_group)
 
 
@@ -198,7 +198,7 @@ def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
         if groups != 0:
             g = np.int64(get(scratch.slots, slot))
             tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
-            have_shafts(tile)
+            ensure_shafts(tile)
             _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
@@ -220,7 +220,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
 
 
 @inlined
-def forget_blockers(scratch, tree):
+def reset_blockers(scratch, tree):
     """Note that no block of a tree is known to block all segments of a lane."""
     put(scratch.at, BLOCKERS, tree)
     for k in range(N_BLOCKERS):
@@ -228,7 +228,7 @@ def forget_blockers(scratch, tree):
 
 
 @inlined
-def _remember_blocker(scratch, link):
+def _record_blocker(scratch, link):
     """Put a block that blocks all segments of a lane in front of those known."""
     moved = np.int32(link)
     for k in range(N_BLOCKERS):
@@ -250,7 +250,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
     if at.place == -1:
         known = np.int64(0)
         if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
-            forget_blockers(scratch, np.int64(get(scratch.at, TREE)))
+            reset_blockers(scratch, np.int64(get(scratch.at, TREE)))
     while True:
         if known >= N_BLOCKERS:
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -264,11 +264,11 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
                 return at, alive
             done = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
             if done != 0:
-                _remember_blocker(scratch, link)
+                _record_blocker(scratch, link)
                 alive &= ~done
         if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
-            return nowhere(), alive
+            return not_started(), alive
         if known < N_BLOCKERS:
             link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
             mask = alive if is_leaf(link) else np.int64(0)
@@ -279,30 +279,30 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
 
 @kernel
-def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
+def _walk(tree_list, i, end, alive, chunk, bundle, scratch, counters):
     """`walk_forest` of a bundle."""
     slabs = slabs_of(shafts_of(scratch.lanes), alive)
-    return walk_tree_list(forest, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
+    return walk_tree_list(tree_list, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
 
 
 @inlined
-def trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
+def trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
     Deferred tests are settled in three cases: when their memory runs low, before a tree with other arrays, and at the
     end.
     """
-    i, end = list_of(forest, y, x, np.int64(0))
-    save(scratch.at, nowhere())
+    i, end = list_of(tree_list, y, x, np.int64(0))
+    save(scratch.at, not_started())
     put(scratch.at, WAITING + 1, 0)
     put(scratch.at, TREE, 0)
     while True:
         if i < end and alive != 0:
-            i, alive = _walk(forest, i, end, alive, chunk, bundle, scratch, counters)
+            i, alive = _walk(tree_list, i, end, alive, chunk, bundle, scratch, counters)
         if bundle.is_tile_group:
-            give_to_tiles(tile_group_of(scratch, chunk), chunk)
+            copy_to_tiles(tile_group_of(scratch, chunk), chunk)
         if np.int64(get(scratch.deferred, 0)) != 0:
-            corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
+            corners = tree_in(tree_list, np.int64(get(scratch.at, TREE))).corners
             resolve_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
         if i >= end or alive == 0:
             return

@@ -16,7 +16,7 @@ from ..horizon import PLANES, apply_horizon
 from ..light_table import STRATA, light_table
 from ..packets.packet16 import over_pixels, over_samples
 from ..packets.ray_tile import extents_of, is_far, is_huge, is_incoherent
-from ..shafts import forget_inverses, forget_shafts, make_beams
+from ..shafts import invalidate_inverses, invalidate_shafts, make_beams
 from ..tile import (
     bound_receivers,
     finished_strata,
@@ -42,7 +42,7 @@ from .bundle import (
     bundle_of,
     fill_lanes,
     finished_groups,
-    forget_blockers,
+    reset_blockers,
     tile_group_of,
     tiles_to_fill,
     trace_lanes,
@@ -56,14 +56,14 @@ from .tile_clusters import (
     TRIAL_FLOATS,
     choose_group,
     corner_of,
-    expect,
-    forget_trials,
     layout_of,
-    learn,
     list_parts,
     load_cluster,
+    mark_unlisted,
     order_parts,
     parts_at,
+    record_costs,
+    reset_trials,
     runs,
     work_of,
 )
@@ -91,8 +91,8 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
     if finished_strata(tile, valid) == 0xFFFF:
         return False
     make_beams(tile)
-    forget_inverses(tile)
-    forget_shafts(tile)
+    invalidate_inverses(tile)
+    invalidate_shafts(tile)
     return True
 
 
@@ -132,11 +132,11 @@ def _bundle_together(members, chunk, scratch, counters):
 
 
 @inlined
-def _trace_parts(forest, n, chunk, scratch, known, counters):
+def _trace_parts(tree_list, n, chunk, scratch, known, counters):
     """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
     (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
     for g in range(n):
-        if _start_tile(chunk, g, scratch, forest.fresh, known, counters):
+        if _start_tile(chunk, g, scratch, tree_list.fresh, known, counters):
             live |= np.int64(1) << g
     grouping, before = choose_group(chunk, scratch.tiles, live, scratch.trials), work_of(counters)
     members, separate = grouping.members, live & ~grouping.members
@@ -145,9 +145,9 @@ def _trace_parts(forest, n, chunk, scratch, known, counters):
             bundle, alive = _bundle_together(members, chunk, scratch, counters)
         else:
             bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
-        trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
+        trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters)
         members = np.int64(0)
-    learn(scratch.trials, grouping, work_of(counters) - before, live)
+    record_costs(scratch.trials, grouping, work_of(counters) - before, live)
 
 
 @kernel
@@ -166,23 +166,23 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PARTS_INTS), stack_i32(PLACES), stack_f32(PLANES),
         stack_i32(AT), stack_i32(DEFERRED_INTS), stack_f32(TRIAL_FLOATS),
     )  # fmt: skip
-    forest, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     chunk, places = query_chunk_of(query, table, shape, k, n_samples), ptr(out)
     parts, n_tiles, room = parts_at(scratch.parts), regions * MAX_TILES, tile_at(scratch.tiles, 0, chunk)
     put(scratch.deferred, 0, 0)
-    forget_trials(scratch.trials)
+    reset_trials(scratch.trials)
     for at in items(ticket):
         y, x = corner_of(layout, at * regions)
-        idle = is_idle(forest, y * shape.height, x * shape.width)
-        expect(parts, n_tiles, 0 if idle else 0xFFFF)
-        forget_blockers(scratch, np.int64(-1))
+        idle = is_idle(tree_list, y * shape.height, x * shape.width)
+        mark_unlisted(parts, n_tiles, 0 if idle else 0xFFFF)
+        reset_blockers(scratch, np.int64(-1))
         n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
         while n > 0:
             order_parts(parts, n)
             for first in range(0, n, MAX_TILES):
                 m = min(n - first, MAX_TILES)
                 load_cluster(chunk, layout, y, x, first, m, scratch)
-                _trace_parts(forest, m, chunk, scratch, places, mine)
+                _trace_parts(tree_list, m, chunk, scratch, places, mine)
                 for g in range(m):
                     y0, x0 = first_pixel(scratch.places, g)
                     write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
@@ -207,10 +207,10 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     trace_tree_list(whole(tree), query, bits, threads, counters, progress)
 
 
-def trace_tree_list(forest: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
-    """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
+def trace_tree_list(tree_list: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
+    """Trace shafts through the trees of a `TreeList`; arguments as for `trace_shadow`.
 
-    bits : zeros; if the forest is not fresh, the blocked segments found so far
+    bits : zeros; if the tree_list is not fresh, the blocked segments found so far
     chunks : range of the chunks of 16 samples to trace; None: all
     """
     counters = new_counters() if counters is None else counters
@@ -220,5 +220,5 @@ def trace_tree_list(forest: TreeList, query, bits, threads=None, counters=None, 
     for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
         count = min(STRATA, spp - chunk * STRATA)
         ticket = new_ticket(runs(layout) * RUN // regions, 1)
-        arrays = forest, query, table, shape, layout, regions, chunk, count, bits, counters
+        arrays = tree_list, query, table, shape, layout, regions, chunk, count, bits, counters
         run(_trace_areas, n_threads, ticket, *arrays, progress=progress)

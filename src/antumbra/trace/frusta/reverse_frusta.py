@@ -36,7 +36,7 @@ from ...kernels.simd import (
 from ...kernels.vec import Vec, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..light_table import POINTS, STRATA
-from ..shafts import HALF, SPAN, D, N, keep_inverses, segments_in_box, shafts_in_box, widened
+from ..shafts import HALF, SPAN, D, N, segments_in_box, shafts_in_box, store_inverses, widened
 from ..tile import with_blocked
 from ..triangle_tests import Lanes, decide, defer, error_bounds, keep_lanes, kept_lane, numbers_of, slot_of
 from .shaft_culling import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
@@ -105,7 +105,7 @@ def reverse_frusta_in_box(fans, points, box):
 
 
 @inlined
-def reverse_frusta_are_narrower(whole, one, s, c):
+def reverse_frusta_are_narrower(union, one, s, c):
     """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
 
     whole, one : the tile group as a `Tile`, and one of its tiles
@@ -113,16 +113,16 @@ def reverse_frusta_are_narrower(whole, one, s, c):
     """
     along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
     for k in range(3):
-        d = get(whole.shafts, D + k * N + 16 + s)
-        along += (get(c, k) - get(whole.info, k)) * d
+        d = get(union.shafts, D + k * N + 16 + s)
+        along += (get(c, k) - get(union.info, k)) * d
         square += d * d
-        light += get(whole.shafts, HALF + k * N + 16 + s)
-        more += get(whole.info, 3 + k) - get(one.info, 3 + k)
+        light += get(union.shafts, HALF + k * N + 16 + s)
+        more += get(union.info, 3 + k) - get(one.info, 3 + k)
     return along * light > (square - along) * more
 
 
 @inlined
-def rays_left(dead, r):
+def unblocked_rays(dead, r):
     """Bits of the tiles whose ray of fan r is not blocked; dead: pointer to the stratum's row of `tilegroup`."""
     return bits((load16(dead, 0) & splat16(np.int32(1 << r))) == np.int32(0))
 
@@ -145,7 +145,7 @@ def _rays_in_box(fans, points, s, r, box):
     o, fan = rows(fans.receivers, 48 * r, 16), 16 * s + r
     ready = np.int64(get(fans.ready, s))
     if ready >> r & 1 == 0:
-        put(fans.reach, fan, keep_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
+        put(fans.reach, fan, store_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
         put(fans.ready, s, ready | np.int64(1) << r)
     return segments_in_box(o, rows(fans.inverses, 48 * fan, 16), broadcast16(fans.reach, fan), box)
 
@@ -158,7 +158,7 @@ def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
     others = _others(fans, b, slot, r)
     if unsure != 0:
-        defer(b.deferred, slot, s << 4 | r, 256, unsure & others & rays_left(dead, r))
+        defer(b.deferred, slot, s << 4 | r, 256, unsure & others & unblocked_rays(dead, r))
     _block(dead, r, hit & others)
 
 
@@ -168,47 +168,47 @@ def _test_ray(fans, b, points, s, r, g, lanes, counters):
     d = minus(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, lanes, -b.facing)
-    hit, unsure, own = hit & b.present, unsure & b.present, get(fans.faces, 16 * r + g)
+    hit, unsure, face = hit & b.present, unsure & b.present, get(fans.faces, 16 * r + g)
     while hit != 0:
-        if get(b.tree.prim_ids, slot_of(b, lowest_bit(hit))) != own:
+        if get(b.tree.prim_ids, slot_of(b, lowest_bit(hit))) != face:
             return True
         hit &= hit - 1
     while unsure != 0:
         slot = slot_of(b, lowest_bit(unsure))
         unsure &= unsure - 1
-        if get(b.tree.prim_ids, slot) != own:
+        if get(b.tree.prim_ids, slot) != face:
             defer(b.deferred, slot, g << 8 | s << 4 | r, 0, np.int64(1))
     return False
 
 
 @kernel
-def _trace_fan(fans, whole, b, points, s, r, dead, box, counters):
+def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
     """Test the rays of fan r against the triangles of a block."""
-    rays = rays_left(dead, r) & _rays_in_box(fans, points, s, r, box)
+    rays = unblocked_rays(dead, r) & _rays_in_box(fans, points, s, r, box)
     if rays == 0:
         return
     point = broadcasts(points, r, 16)
-    lanes = block_lanes(point, numbers_of(b), broadcast16(whole.shafts, SPAN + 1))
+    lanes = block_lanes(point, numbers_of(b), broadcast16(union.shafts, SPAN + 1))
     d = minus(broadcasts(fans.boxes, r, 16), point)
     v = cull_beams(d, widened(d, broadcasts(fans.boxes, 48 + r, 16)), lanes, -b.facing)
-    left = b.present & ~v.miss
-    count(counters, CANDIDATES, popcount(left))
-    cover = v.cover & left
+    triangles = b.present & ~v.miss
+    count(counters, CANDIDATES, popcount(triangles))
+    cover = v.cover & triangles
     while cover != 0:
         slot = slot_of(b, lowest_bit(cover))
         cover &= cover - 1
         count(counters, COVERED, 1)
         _block(dead, r, _others(fans, b, slot, r))
-        rays &= rays_left(dead, r)
-    if popcount(left) <= popcount(rays):
+        rays &= unblocked_rays(dead, r)
+    if popcount(triangles) <= popcount(rays):
         keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
-        while left != 0:
-            i = lowest_bit(left)
-            left &= left - 1
+        while triangles != 0:
+            i = lowest_bit(triangles)
+            triangles &= triangles - 1
             _test_triangle(fans, b, points, s, r, dead, i, slot_of(b, i), counters)
         return
     blocked = np.int64(0)
-    while rays != 0 and left != 0:
+    while rays != 0 and triangles != 0:
         g = lowest_bit(rays)
         rays &= rays - 1
         if _test_ray(fans, b, points, s, r, g, lanes, counters):
@@ -217,11 +217,11 @@ def _trace_fan(fans, whole, b, points, s, r, dead, box, counters):
 
 
 @inlined
-def _by_fans(fans, whole, b, points, s, live, dead, i, counters):
+def _by_fans(fans, union, b, points, s, live, dead, i, counters):
     """Test triangle i, which `cull_block` has kept, against the fans in `live` (bits)."""
     point, numbers, slot = rows(points, 0, 16), numbers_of(b), slot_of(b, i)
     a, p, q = minus(broadcasts(numbers, i, 16), point), broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
-    e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(whole.shafts, SPAN + 1))
+    e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(union.shafts, SPAN + 1))
     n = cross(p, q)
     lanes = Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
     d, half = _axes(fans, point)
@@ -241,7 +241,7 @@ def _by_fans(fans, whole, b, points, s, live, dead, i, counters):
 
 
 @kernel
-def trace_reverse_frusta(fans, whole, b, points, s, live, dead, box, counters):
+def trace_reverse_frusta(fans, union, b, points, s, live, dead, box, counters):
     """Test the rays of some fans (bits) of stratum s against a block. Blocked ones are noted in `dead`.
 
     whole : `Tile` of the tile group
@@ -254,12 +254,12 @@ def trace_reverse_frusta(fans, whole, b, points, s, live, dead, box, counters):
         while live != 0:
             r = lowest_bit(live)
             live &= live - 1
-            _trace_fan(fans, whole, b, points, s, r, dead, box, counters)
+            _trace_fan(fans, union, b, points, s, r, dead, box, counters)
         return
-    left = cull_block(whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    while left != 0 and live != 0:
-        i = lowest_bit(left)
-        left &= left - 1
-        _by_fans(fans, whole, b, points, s, live, dead, i, counters)
+    triangles = cull_block(union, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(triangles))
+    while triangles != 0 and live != 0:
+        i = lowest_bit(triangles)
+        triangles &= triangles - 1
+        _by_fans(fans, union, b, points, s, live, dead, i, counters)
         live &= ~np.int64(reduce_and(load16(dead, 0)))

@@ -98,38 +98,7 @@ from ..triangle_tests import (
     splats,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Cull and cover: find triangles that shafts or beams surely miss, and triangles that surely block all segments.
-#
-# Let c be the centre of the receivers' box, C the centre of a box of light samples, and D = C - c. Let p and q be the
-# edges at v0, and a = v0 - c. Along the axis of the shaft, the edge functions of `predicate.filters` are
-#
-#     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
-#
-# Let N be the vector that D is multiplied by, and g the edge. For a receiver c + x and a sample C + y, an edge
-# function changes by
-#
-#     y . N  -  x . (N + g x D)  -  y . (x x g)
-#
-# This is at most ry . |N| + rx . |N + g x D| + w |g|, the *slack*. Here rx and ry are the half extents of the two
-# boxes, and w is the sum of ry_i (rx_j + rx_k). The distances from the triangle's plane are T = a . n for the
-# receivers and F = T - D . n for the samples. They change by at most rx . |n| and ry . |n|.
-#
-# So signs that are sure along the axis hold for all segments of the shaft:
-#
-# - The shaft misses the triangle if two edge functions have opposite signs, or if T and F have the same sign.
-# - The triangle blocks all segments if all edge functions have one sign, and T and F have opposite signs.
-#
-# This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam x
-# is zero, and the slack is exactly ry . |N|. The shafts belong to a tile's groups or strata, or to 16 tiles.
-#
-# Rounding: let E = 64 u s (span wide + |rx| |D|). E bounds the errors of e0, e1 and e2, along the axis and along any
-# ray
-# of the shaft. It also bounds the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e
-# in
-# `predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way 64 u s^2 (|a| + span) bounds
-# the
-# errors of T and F, and of their slack.
+# --- Culling and covering ---------------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -200,17 +169,17 @@ def cull_block(tile, numbers, group, facing, work):
     same_side = (minimum(t - kt, f - gf) > _ZERO) | (maximum(t + kt, f + gf) < _ZERO)
     away = dn * _F(facing) > kt + gf
     culled = same_side | away | _outside(shafts, group, a, p, q, wide)
-    left = bits(culled) ^ 0xFFFF
-    if left == 0:
-        return left
+    remaining = bits(culled) ^ 0xFFFF
+    if remaining == 0:
+        return remaining
     cp, cq = cross(a, p), cross(a, q)
     e = fma(size * _U, fma(wide, splat16(span), splat16(axis.lever)), floor)
     twist = size * (_F(2.0) * axis.twist)
     on, k, g = _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e)
     some_up = maximum(maximum(on.x - g.x, on.y - g.y), on.z - g.z) > _ZERO
     some_down = minimum(minimum(on.x + g.x, on.y + g.y), on.z + g.z) < _ZERO
-    left &= bits(some_up & some_down) ^ 0xFFFF
-    if left != 0:
+    remaining &= bits(some_up & some_down) ^ 0xFFFF
+    if remaining != 0:
         keep(work, _CP, 16, cp)
         keep(work, _CQ, 16, cq)
         keep(work, _N, 16, n)
@@ -222,7 +191,7 @@ def cull_block(tile, numbers, group, facing, work):
         store(work, _TE, te)
         store(work, _WIDE, wide)
         store(work, _SIZE, size)
-    return left
+    return remaining
 
 
 @inlined
@@ -363,19 +332,7 @@ def block_lanes(origin, numbers, span):
     return Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
 
 
-# --- A block of triangles against a tile: cull and cover by shafts or beams, test rays only where neither decides -----
-#
-# Beams are narrower next to the receivers, and shafts of strata are narrower next to the light. `beams.is_near`
-# chooses between them for each block. The chosen 16 are first tested against the block's box.
-#
-# - If few of them meet the box, each is tested against the 16 triangles side by side.
-# - Otherwise the triangles are culled side by side against one shaft. It leads to the smallest group that holds all
-#   live
-#   strata. Each triangle left is then tested against the 16 beams or strata side by side.
-#
-# A pair that neither misses nor covers is tested ray by ray. One vector holds 16 samples of a receiver, or 16
-# receivers and one stratum. If few rays of a stratum meet the block's box, each of them is tested against the 16
-# triangles.
+# --- A block against a tile -------------------------------------------------------------------------------------------
 
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
@@ -391,7 +348,7 @@ def _block_receivers(tile, receivers):
 
 
 @kernel
-def on_the_lights_side(tile, tree, slot, above, below, lanes):
+def on_light_side(tile, tree, slot, above, below, lanes):
     """Bits of the receivers in `lanes` that are surely on the light's side of a triangle's plane, in float64.
 
     Float32 cannot decide this for the surface that the tile lies on, or for triangles that continue this surface.
@@ -462,7 +419,7 @@ def _by_beams(tile, b, i, live, strata, counters):
     receivers = live & ~v.miss & _others(tile, b, slot)
     on_plane = receivers & bits(absolute(lanes.t) <= lanes.te)
     if on_plane != 0:
-        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, on_plane)
+        receivers &= ~on_light_side(tile, b.tree, slot, v.above, v.below, on_plane)
     covered = v.cover & receivers
     count(counters, COVERED, popcount(covered))
     _block_receivers(tile, covered)
@@ -488,7 +445,7 @@ def _by_strata(tile, b, i, strata, counters):
     tests, receivers = strata & ~v.miss, _others(tile, b, slot)
     t, slack = plane_of(b.work, i)
     if tests != 0 and abs(t) <= slack and (v.above == 0xFFFF or v.below == 0xFFFF):
-        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, receivers)
+        receivers &= ~on_light_side(tile, b.tree, slot, v.above, v.below, receivers)
     if tests != 0 and receivers != 0:
         _test_strata(tile, b, slot, i, receivers, tests, counters)
         strata &= ~finished_strata(tile, b.valid)
@@ -498,28 +455,28 @@ def _by_strata(tile, b, i, strata, counters):
 @kernel
 def _trace_receiver(tile, b, r, strata, counters):
     """Test the beam of receiver r against the triangles of a block. Where the beam does not decide, test its rays."""
-    own, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
+    face, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
     d, half = beam_of(tile, r)
     v = cull_beams(d, half, lanes, b.facing)
-    left = b.present & ~v.miss
-    count(counters, CANDIDATES, popcount(left))
-    if left == 0:
+    triangles = b.present & ~v.miss
+    count(counters, CANDIDATES, popcount(triangles))
+    if triangles == 0:
         return
-    cover, on_plane = v.cover & left, bits(absolute(lanes.t) <= lanes.te)
+    cover, on_plane = v.cover & triangles, bits(absolute(lanes.t) <= lanes.te)
     while cover != 0:
-        if get(b.tree.prim_ids, slot_of(b, lowest_bit(cover))) != own:
+        if get(b.tree.prim_ids, slot_of(b, lowest_bit(cover))) != face:
             count(counters, COVERED, 1)
             _block_receivers(tile, one)
             return
         cover &= cover - 1
     keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
-    while left != 0:
-        i = lowest_bit(left)
+    while triangles != 0:
+        i = lowest_bit(triangles)
         slot = slot_of(b, i)
-        left &= left - 1
-        if get(b.tree.prim_ids, slot) != own:
+        triangles &= triangles - 1
+        if get(b.tree.prim_ids, slot) != face:
             above, below = (v.above >> i & 1) << r, (v.below >> i & 1) << r
-            if on_plane >> i & 1 == 0 or on_the_lights_side(tile, b.tree, slot, above, below, one) == 0:
+            if on_plane >> i & 1 == 0 or on_light_side(tile, b.tree, slot, above, below, one) == 0:
                 _test_samples(tile, b, slot, r, i, strata, counters)
 
 
@@ -541,18 +498,18 @@ def _trace_rays(tile, b, s, rays, counters):
 def _trace_row(tile, b, s, rays, triangles, counters):
     """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has kept. Return the blocked rays."""
     d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
-    left = rays
-    while triangles != 0 and left != 0:
+    open_rays = rays
+    while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
         slot = slot_of(b, i)
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), b.facing)
-        others = left & _others(tile, b, slot)
+        others = open_rays & _others(tile, b, slot)
         if unsure & others != 0:
             defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure & others)
-        left &= ~(hit & others)
-    return rays & ~left
+        open_rays &= ~(hit & others)
+    return rays & ~open_rays
 
 
 @kernel
@@ -563,9 +520,9 @@ def _trace_stratum(tile, b, s, box, counters):
     """
     rays = rays_in_box(tile, s, box) & b.valid & ~np.int64(get(tile.dead, s))
     if popcount(rays) > _FEW_RAYS:
-        left = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-        count(counters, CANDIDATES, popcount(left))
-        rays = _trace_row(tile, b, s, rays, left, counters)
+        triangles = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+        count(counters, CANDIDATES, popcount(triangles))
+        rays = _trace_row(tile, b, s, rays, triangles, counters)
     else:
         rays = _trace_rays(tile, b, s, rays, counters)
     if rays != 0:
@@ -583,9 +540,9 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
     bounds = ptr_at(tree.bounds, bounds_at(b.number))
-    box, near = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
+    box, use_beams = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
     c, e = box.middle, box.half
-    if near:
+    if use_beams:
         live, few = valid & ~np.int64(reduce_and(load16(tile.dead, 0))) & beams_in_box(tile, c, e), _FEW_BEAMS
     else:
         live, few = strata & strata_in_box(tile, c, e), _FEW_STRATA
@@ -593,17 +550,17 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
         while live != 0:
             k = lowest_bit(live)
             live &= live - 1
-            if near:
+            if use_beams:
                 _trace_receiver(tile, b, k, strata, counters)
             else:
                 _trace_stratum(tile, b, k, box, counters)
         return
-    left = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    while left != 0 and live != 0:
-        i = lowest_bit(left)
-        left &= left - 1
-        if near:
+    remaining = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
+    count(counters, CANDIDATES, popcount(remaining))
+    while remaining != 0 and live != 0:
+        i = lowest_bit(remaining)
+        remaining &= remaining - 1
+        if use_beams:
             live = _by_beams(tile, b, i, live, strata, counters)
         else:
             live = _by_strata(tile, b, i, live, counters)

@@ -43,7 +43,7 @@ from ..counters import COVERED, GROUP_STRATA, NODES, TILE_GROUP_TILES, TRIANGLE_
 from ..light_table import ALL_GROUPS
 from ..tile import Tile, TileShape, coherent_part, fetch_receivers, load_receivers, tile_at
 
-# --- A picture cut into regions of 16 tiles ---------------------------------------------------------------------------
+# --- Regions of 16 tiles ----------------------------------------------------------------------------------------------
 
 
 MAX_TILES = 16  # in a region
@@ -97,10 +97,7 @@ def tile_in(layout, g):
     return _even_bits(g >> 1), _even_bits(g)
 
 
-# --- An area's tiles, cut into coherent parts, in an order in which neighbours lie near each other --------------------
-#
-# Neighbours in a picture may lie far apart: at silhouettes, and on surfaces seen at a small angle. Sixteen parts that
-# follow one another in the order are a *cluster*. A cluster is traced together.
+# --- Coherent parts of an area's tiles --------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -109,7 +106,7 @@ _MOST = 2 * REGIONS * MAX_TILES  # parts in the list; if an area has more, they 
 _ROW = _MOST + 16  # room for a vector that reaches beyond the last part
 _AHEAD = 8  # tiles by which receivers are prefetched
 _FEW = 4  # parts whose order does not matter
-_LEFT, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
+_UNLISTED, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
 PARTS_INTS = _RECEIVERS + 64 * REGIONS * MAX_TILES
 _PLACE_BITS = 255  # at least _MOST - 1
 
@@ -117,7 +114,7 @@ _PLACE_BITS = 255  # at least _MOST - 1
 class TileParts(NamedTuple):
     """Pointers to an area's parts in PARTS_INTS int32."""
 
-    left: I32Ptr  # int32, one a tile: bits of the receivers that are in no list yet
+    unlisted: I32Ptr  # int32, one a tile: bits of the receivers that are in no list yet
     tiles: I32Ptr  # int32, one a part: its tile
     lanes: I32Ptr  # int32, one a part: bits of its receivers
     order: I32Ptr  # int32: the parts in the order to trace them
@@ -132,17 +129,17 @@ class TileParts(NamedTuple):
 def parts_at(memory):
     """The `Parts` in PARTS_INTS int32."""
     return TileParts(
-        ptr_at(memory, _LEFT), ptr_at(memory, _TILES), ptr_at(memory, _LANES), ptr_at(memory, _ORDER),
+        ptr_at(memory, _UNLISTED), ptr_at(memory, _TILES), ptr_at(memory, _LANES), ptr_at(memory, _ORDER),
         ptr_at(memory, _SORTED), ptr_at(memory, _KEYS), ptr_at(memory, _RANKS), as_f32(ptr_at(memory, _PLACES)),
         as_f32(ptr_at(memory, _RECEIVERS)),
     )  # fmt: skip
 
 
 @inlined
-def expect(parts, n_tiles, receivers):
+def mark_unlisted(parts, n_tiles, receivers):
     """Note that some receivers (bits) of each tile are to be listed."""
     for g in range(n_tiles):
-        put(parts.left, g, np.int32(receivers))
+        put(parts.unlisted, g, np.int32(receivers))
 
 
 @inlined
@@ -155,9 +152,9 @@ def _place_in(chunk, layout, y, x, g):
 @inlined
 def _tile_of(parts, g, t):
     """`Tile` t with the receivers of tile g of the area."""
-    own = ptr_at(parts.receivers, 64 * g)
+    memory = ptr_at(parts.receivers, 64 * g)
     return Tile(
-        t.number, own, t.info, as_i32(ptr_at(own, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
+        t.number, memory, t.info, as_i32(ptr_at(memory, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
         t.by_lane, t.inverses,
     )  # fmt: skip
 
@@ -171,20 +168,20 @@ def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
     n = np.int64(0)
     for g in range(n_tiles):
         fetch_receivers(chunk, *_place_in(chunk, layout, y, x, g + _AHEAD))
-        rest = np.int64(get(parts.left, g))
-        if rest != 0 and n < _MOST:
+        remaining = np.int64(get(parts.unlisted, g))
+        if remaining != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
             receivers = _tile_of(parts, g, tile)
-            rest &= load_receivers(chunk, y0, x0, receivers)
-            while rest != 0 and n < _MOST:
-                part = coherent_part(receivers, rest, chunk.light)
+            remaining &= load_receivers(chunk, y0, x0, receivers)
+            while remaining != 0 and n < _MOST:
+                part = coherent_part(receivers, remaining, chunk.light)
                 put(parts.tiles, n, g)
                 put(parts.lanes, n, part)
                 for k in range(3):
                     put(parts.places, k * _ROW + n, get(receivers.origins, 16 * k + lowest_bit(part)))
-                rest &= ~part
+                remaining &= ~part
                 n += 1
-            put(parts.left, g, rest)
+            put(parts.unlisted, g, remaining)
     return n
 
 
@@ -193,14 +190,14 @@ def _extent(parts, k, first, count):
     """(the least coordinate k of a piece of `order`, its extent)."""
     low = high = gather(parts.places, splat16(np.int32(k * _ROW)) + broadcast16(parts.order, first))
     for at in range(0, count, 16):
-        x = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(k * _ROW)))
+        x = gather(parts.places, _load_parts(parts, first, at, count) + splat16(np.int32(k * _ROW)))
         low, high = minimum(low, x), maximum(high, x)
     low = reduce_min(low)
     return low, reduce_max(high) - low
 
 
 @inlined
-def _chosen(parts, first, at, count):
+def _load_parts(parts, first, at, count):
     """16 parts of a piece of `order`, from place `at` on. Lanes beyond its end repeat the first part."""
     there = iota16() + splat16(np.int32(at)) < splat16(np.int32(count))
     return select(there, load16(parts.order, first + at), broadcast16(parts.order, first))
@@ -218,7 +215,7 @@ def _sort_piece(parts, first, count):
     z, dz = _extent(parts, 2, first, count)
     low, row = (x, 0) if dx >= dy and dx >= dz else ((y, _ROW) if dy >= dz else (z, 2 * _ROW))
     for at in range(0, count, 16):
-        place = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(row)))
+        place = gather(parts.places, _load_parts(parts, first, at, count) + splat16(np.int32(row)))
         store(as_f32(parts.keys), at, place - splat16(low))
         key = load16(parts.keys, at) & splat16(np.int32(~_PLACE_BITS))
         store(parts.keys, at, key | (iota16() + splat16(np.int32(at))))
@@ -267,22 +264,15 @@ def load_cluster(chunk, layout, y, x, first, n, scratch):
     for g in range(n):
         k = np.int64(get(parts.order, first + g))
         number, tile = np.int64(get(parts.tiles, k)), tile_at(scratch.tiles, g, chunk)
-        own, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
-        keep(tile.origins, 0, 16, rows(own, 0, 16))
-        store(tile.faces, 0, load16(as_i32(own), 48))
+        memory, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
+        keep(tile.origins, 0, 16, rows(memory, 0, 16))
+        store(tile.faces, 0, load16(as_i32(memory), 48))
         put(scratch.valid, g, get(parts.lanes, k))
         put(scratch.places, 2 * g, y0)
         put(scratch.places, 2 * g + 1, x0)
 
 
-# --- Which tiles of a cluster form a tile group: those near each other, if such groups have paid so far ---------------
-#
-# Tiles are near each other if the light is large beside the box around their receivers. How large it must be depends
-# on the scene: a wide box meets more triangles, most of all next to receivers in foliage. So each thread learns it.
-# Groups come in classes by the size of the light in sizes of their box: 4 to 8, 8 to 16, 16 to 32, or more. For each
-# class two averages are kept: the cost of a tile in clusters with such a group, and in clusters that could have had
-# one. The cheaper way is taken, and once in a while the other one. The cost is counted in tests, so that nothing
-# depends on time.
+# --- Choice of tile groups --------------------------------------------------------------------------------------------
 
 
 _CLASSES = 4
@@ -295,7 +285,7 @@ _FIRST = 8  # clusters of a class that are all trials
 _OFTEN, _SELDOM = 16, 64  # then two in so many are trials; seldom if one way costs _CLEAR times the other
 _CLEAR = _F(1.5)
 _NEW = _F(0.0625)  # share of a trial in the average
-_TOGETHER, _APART, _SEEN = 0, _CLASSES, 2 * _CLASSES  # average costs of a tile, and the number of clusters
+_TOGETHER, _APART, _CLUSTERS = 0, _CLASSES, 2 * _CLASSES  # average costs of a tile, and the number of clusters
 TRIAL_FLOATS = 3 * _CLASSES
 
 
@@ -303,7 +293,7 @@ class Grouping(NamedTuple):
     """How a cluster is traced."""
 
     members: int  # bits of the tiles in its tile group; 0: there is none
-    taken: int  # the group's class if it is a trial, else -1
+    trial_class: int  # the group's class if it is a trial, else -1
     declined: int  # bits of the classes of groups that it could have had, and has not, as a trial
 
 
@@ -357,19 +347,19 @@ def _enough_near(chunk, tiles, numbers, most):
 @inlined
 def _pays(trials, c):
     """(whether to form a group of class c, whether that is a trial)"""
-    seen = np.int64(get(trials, _SEEN + c))
-    put(trials, _SEEN + c, _F(seen + 1))
+    clusters = np.int64(get(trials, _CLUSTERS + c))
+    put(trials, _CLUSTERS + c, _F(clusters + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
     clear = together > _CLEAR * apart or apart > _CLEAR * together
-    if seen < _WAIT:
+    if clusters < _WAIT:
         return c >= _USUAL, False
-    if seen < _WAIT + _FIRST or seen % (_SELDOM if clear else _OFTEN) < 2:
-        return seen % 2 == 0, True
+    if clusters < _WAIT + _FIRST or clusters % (_SELDOM if clear else _OFTEN) < 2:
+        return clusters % 2 == 0, True
     return together < apart, False
 
 
 @inlined
-def forget_trials(trials):
+def reset_trials(trials):
     """Begin without experience."""
     for i in range(TRIAL_FLOATS):
         put(trials, i, _F(0.0))
@@ -418,11 +408,11 @@ def _average(trials, at, cost):
 
 
 @kernel
-def learn(trials, grouping, work, live):
+def record_costs(trials, grouping, work, live):
     """Note the work that a cluster took, whose tiles in `live` (bits) had a segment to trace."""
     cost = _F(work + 1) / _F(max(popcount(live), 1))
-    if grouping.taken >= 0:
-        _average(trials, _TOGETHER + grouping.taken, cost)
+    if grouping.trial_class >= 0:
+        _average(trials, _TOGETHER + grouping.trial_class, cost)
     declined = grouping.declined
     while declined != 0:
         _average(trials, _APART + lowest_bit(declined), cost)

@@ -83,13 +83,13 @@ class TileGroup(NamedTuple):
 
 
 @inlined
-def tile_group_at(memory, tiles, valid, whole, first):
+def tile_group_at(memory, tiles, valid, union, first):
     """The `TileGroup` in TILE_GROUP_FLOATS float32."""
     still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
     state, met = as_i32(ptr_at(memory, _STATE)), as_i32(ptr_at(memory, _MET))
     fans, rays = reverse_frusta_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
     return TileGroup(
-        tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
+        tiles, valid, union, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
     )
 
 
@@ -136,7 +136,7 @@ def _add_tile(tile_group, tile, chunk):
 
 
 @inlined
-def _aim_at_fixed(tile_group, chunk):
+def _set_fixed_targets(tile_group, chunk):
     """Fill the targets for a light that is the same for all tiles."""
     for s in range(STRATA):
         for k in range(3):
@@ -153,22 +153,22 @@ def _dead_row(tile_group, s):
 
 
 @inlined
-def _note_open(tile_group, s):
+def _update_open(tile_group, s):
     """Find out which tiles have segments to stratum s left."""
     put(tile_group.open, s, bits(load16(_dead_row(tile_group, s), 0) != np.int32(-1)))
 
 
 @inlined
-def _note_blocked(tile_group, s, before):
+def _record_blocked(tile_group, s, before):
     """If the row of stratum s is not as `before`: note what follows from it."""
     tiles = bits(load16(_dead_row(tile_group, s), 0) != before)
     if tiles != 0:
         put(tile_group.state, _STALE, np.int64(get(tile_group.state, _STALE)) | tiles)
-        _note_open(tile_group, s)
+        _update_open(tile_group, s)
 
 
 @inlined
-def give_to_tile(tile_group, g, dead):
+def copy_to_tile(tile_group, g, dead):
     """Note in tile g what the group knows of its segments; dead: the tile's own."""
     stale = np.int64(get(tile_group.state, _STALE))
     if stale >> g & 1 == 0:
@@ -179,13 +179,13 @@ def give_to_tile(tile_group, g, dead):
 
 
 @kernel
-def give_to_tiles(tile_group, chunk):
+def copy_to_tiles(tile_group, chunk):
     """Note in the tiles what the group knows of their segments."""
     stale = np.int64(get(tile_group.state, _STALE))
     while stale != 0:
         g = lowest_bit(stale)
         stale &= stale - 1
-        give_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
+        copy_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
 
 
 @inlined
@@ -203,14 +203,14 @@ def _fill_fans(tile_group, members, chunk):
 
 
 @inlined
-def _close(tile_group, g, strata):
+def _close_strata(tile_group, g, strata):
     """Note that tile g has no segment left to some strata (bits)."""
     closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
     store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
 
 
 @kernel
-def take_from_tiles(tile_group, tiles, chunk):
+def copy_from_tiles(tile_group, tiles, chunk):
     """Note in the group what some tiles (bits) know of their segments."""
     while tiles != 0:
         g = lowest_bit(tiles)
@@ -219,7 +219,7 @@ def take_from_tiles(tile_group, tiles, chunk):
         for s in range(STRATA):
             put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
     for s in range(STRATA):
-        _note_open(tile_group, s)
+        _update_open(tile_group, s)
 
 
 @kernel
@@ -242,7 +242,7 @@ def make_tile_group(tile_group, members, chunk):
         members &= members - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         _add_tile(tile_group, tile, chunk)
-        _close(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
+        _close_strata(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
@@ -256,15 +256,15 @@ def _fill(tile_group, chunk):
     members = np.int64(get(tile_group.state, _MEMBERS))
     put(tile_group.state, _FILLED, np.int32(1))
     if chunk.fixed:
-        _aim_at_fixed(tile_group, chunk)
+        _set_fixed_targets(tile_group, chunk)
         _fill_fans(tile_group, members, chunk)
     for s in range(STRATA):
         store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
-    take_from_tiles(tile_group, members, chunk)
+    copy_from_tiles(tile_group, members, chunk)
 
 
 @inlined
-def be_filled(tile_group, chunk):
+def ensure_filled(tile_group, chunk):
     """Before a block is tested: fill the group if it has not met a block yet."""
     if get(tile_group.state, _FILLED) == 0:
         _fill(tile_group, chunk)
@@ -294,8 +294,8 @@ def tiles_by_beams(tile_group, bounds, strata, chunk):
     """
     if not is_near(tile_group.whole.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
         return np.int64(-1)
-    near = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
-    return near & _open_tiles(tile_group, strata)
+    tiles = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
+    return tiles & _open_tiles(tile_group, strata)
 
 
 @inlined
@@ -320,17 +320,17 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)
     by_fans = chunk.fixed and reverse_frusta_are_narrower(tile_group.whole, one, lowest_bit(strata), bounds)
-    lanes, found = stack_i32(STRATA), np.int64(0)
+    lanes, remaining = stack_i32(STRATA), np.int64(0)
     count(counters, GROUP_STRATA, popcount(strata))
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
         live = _lanes_in_box(tile_group, s, by_fans, chunk, box)
         put(lanes, s, live)
-        found |= np.int64(live != 0) << s
-    while found != 0:
-        s = lowest_bit(found)
-        found &= found - 1
+        remaining |= np.int64(live != 0) << s
+    while remaining != 0:
+        s = lowest_bit(remaining)
+        remaining &= remaining - 1
         live, dead = np.int64(get(lanes, s)), _dead_row(tile_group, s)
         before = load16(dead, 0)
         if by_fans:
@@ -338,4 +338,4 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
             trace_reverse_frusta(tile_group.fans, tile_group.whole, b, points, s, live, dead, box, counters)
         else:
             trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
-        _note_blocked(tile_group, s, before)
+        _record_blocked(tile_group, s, before)

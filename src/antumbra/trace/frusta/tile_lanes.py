@@ -36,10 +36,7 @@ from ..tile import tile_at, with_blocked
 from ..triangle_tests import blocks_ray, decide, defer, numbers_of, slot_of
 from .shaft_culling import cull_block, cull_tiles, triangle_lanes
 
-# --- Compaction: rays of a tile group to one stratum, gathered into full vectors --------------------------------------
-#
-# Only rays that meet the box of a block are gathered. If the light is large, a single tile has few such rays. A vector
-# of its 16 receivers would be mostly empty.
+# --- Compaction of rays -----------------------------------------------------------------------------------------------
 
 
 _ROW = 17 * 16  # room for the rays of 16 tiles, and for one vector beyond them
@@ -93,30 +90,26 @@ def test_together(rays, first, n, b, triangles, counters):
 
     first, n : the first ray, and the number of rays
     """
-    left = (np.int64(1) << n) - 1
-    o, everyone = rows(rays.origins, first, _ROW), left
+    open_rays = (np.int64(1) << n) - 1
+    o, everyone = rows(rays.origins, first, _ROW), open_rays
     d, faces = minus(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
-    while triangles != 0 and left != 0:
+    while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
         slot = slot_of(b, i)
         lanes = triangle_lanes(o, numbers_of(b), b.work, i)
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, lanes, b.facing)
-        others = left & ~bits(faces == get(b.tree.prim_ids, slot))
+        others = open_rays & ~bits(faces == get(b.tree.prim_ids, slot))
         unsure &= others
         while unsure != 0:
             defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
             unsure &= unsure - 1
-        left &= ~(hit & others)
-    return everyone & ~left
+        open_rays &= ~(hit & others)
+    return everyone & ~open_rays
 
 
-# --- A block against one stratum of a tile group, with the tiles as lanes ---------------------------------------------
-#
-# The rays that meet the block's box are gathered from the tiles into full vectors. Few rays are each tested against
-# all triangles of the block. More rays are tested against the triangles that the tile group's shaft may meet. If there
-# are many rays, the tiles that one triangle covers whole are removed first.
+# --- A block against a stratum of a tile group ------------------------------------------------------------------------
 
 
 BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
@@ -156,15 +149,15 @@ def _tiles_with_rays(tile_group, s, live, chunk, box):
 
     No branch waits for a test, so that the tests overlap.
     """
-    found = np.int64(0)
+    tiles = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         rays = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
         put(tile_group.met, g, rays)
-        found |= np.int64(rays != 0) << g
-    return found
+        tiles |= np.int64(rays != 0) << g
+    return tiles
 
 
 @inlined
@@ -179,15 +172,15 @@ def _gather_rays(tile_group, s, tiles, chunk):
 
 
 @inlined
-def _cover(tile_group, b, s, live, left, counters):
+def _cover(tile_group, b, s, live, triangles, counters):
     """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
 
     Return bits of the tiles that a triangle covers whole.
     """
     all_covered, numbers, targets = np.int64(0), numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
-    while left != 0 and live != 0:
-        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
-        left &= left - 1
+    while triangles != 0 and live != 0:
+        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(triangles), b.facing).cover
+        triangles &= triangles - 1
         live &= ~covered
         all_covered |= covered
         count(counters, COVERED, popcount(covered))
@@ -200,21 +193,21 @@ def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
 
     dead : pointer to the stratum's row of `tilegroup`; blocked segments are noted there
     """
-    found = _tiles_with_rays(tile_group, s, live, chunk, box)
-    n = _gather_rays(tile_group, s, found, chunk)
+    tiles = _tiles_with_rays(tile_group, s, live, chunk, box)
+    n = _gather_rays(tile_group, s, tiles, chunk)
     if n <= _FEW_RAYS:
         blocked = test_one_by_one(tile_group.rays, n, b, counters)
         store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), np.int64(0), blocked))
         return
     row = load16(dead, 0)
-    left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
+    triangles = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(triangles))
     if n >= _MANY_RAYS:
-        covered = _cover(tile_group, b, s, found, left, counters)
+        covered = _cover(tile_group, b, s, tiles, triangles, counters)
         if covered != 0:
             row = with_blocked(row, covered, splat16(np.int32(0xFFFF)))
-            n = _gather_rays(tile_group, s, found & ~covered, chunk)
+            n = _gather_rays(tile_group, s, tiles & ~covered, chunk)
     for first in range(0, n, 16):
-        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
+        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, triangles, counters)
         row = _blocked_rays(tile_group, row, first, blocked)
     store(dead, 0, row)

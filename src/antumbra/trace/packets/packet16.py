@@ -20,7 +20,7 @@ from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
-from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
+from ..descent import NOT_STARTED, left, next_leaf, not_started, rays_as_shafts, root, save, saved, slabs_of
 from ..tree_list import TREE, TreeList, is_idle, list_of, tree_in, tree_list_pointers, walk_tree, walk_tree_list, whole
 from ..triangle_tests import DEFERRED, decide, defer, length1, seen_from, triangle_in
 from .ray_tile import (
@@ -50,7 +50,7 @@ class Row(NamedTuple):
 
 
 def pointers(prepared):
-    """In kernels: the `Tree` of a `Bvh`, the `ForestPointers` of a `Forest`."""
+    """In kernels: the `Tree` of a `Bvh`, the `TreeListPointers` of a `TreeList`."""
 
 
 def trees_for(trees, y, x, stratum):
@@ -75,23 +75,23 @@ def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
 
 @overload(pointers)
 def _pointers(prepared):
-    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: tree_list_pointers(prepared))
+    return _by_type(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: tree_list_pointers(prepared))
 
 
 @overload(trees_for)
 def _trees_for(trees, y, x, stratum):
     one = lambda trees, y, x, stratum: (np.int64(0), np.int64(1))
-    return _chosen(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
+    return _by_type(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
 
 
 @overload(nothing_for)
 def _nothing_for(trees, y, x):
-    return _chosen(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
+    return _by_type(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
 
 
 @overload(tree_number)
 def _tree_number(trees, k):
-    return _chosen(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
+    return _by_type(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
 
 
 @overload(walk_trees)
@@ -113,7 +113,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
         )
 
 
-def _chosen(argument, kind, one, other):
+def _by_type(argument, kind, one, other):
     """The implementation of an overload: `one` if the argument is of type `kind`, otherwise `other`."""
     return one if argument.instance_class is kind else other
 
@@ -130,7 +130,7 @@ def _trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
 
 
 @inlined
-def _own(tree, rays, r, slot):
+def _on_triangle(tree, rays, r, slot):
     """Bits of the rays of row r that start on the triangle in `slot`."""
     if rows_are_receivers(rays):
         return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else np.int64(0)
@@ -147,7 +147,7 @@ def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
     span, leaf = length1(d), bvh_leaf(link)
     for slot in range(leaf.first, leaf.first + leaf.count):
         count(counters, TRIANGLES, 1)
-        tested = mask & ~hits & ~_own(tree, rays, r, slot)
+        tested = mask & ~hits & ~_on_triangle(tree, rays, r, slot)
         if tested == 0:
             continue
         lanes = seen_from(o, span, triangle_in(tree.corners, slot))
@@ -174,16 +174,16 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
         alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
-    return at if at.mask != 0 else nowhere(), alive
+    return at if at.mask != 0 else not_started(), alive
 
 
 @inlined
 def _walk_one(tree, slabs, alive, row, scratch, counters):
     """`walk_trees` for a single tree."""
     at = saved(scratch.at, alive)
-    at, alive = _walk_tree(tree, slabs, at if at.place != NOWHERE else root(alive), alive, row, scratch, counters)
+    at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
-    return np.int64(0) if at.place != NOWHERE else np.int64(1), alive
+    return np.int64(0) if at.place != NOT_STARTED else np.int64(1), alive
 
 
 @kernel
@@ -213,7 +213,7 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
             r = lowest_bit(left_rows)
             left_rows &= left_rows - 1
             i, end = trees_for(trees, y, x, r)
-            save(scratch.at, nowhere())
+            save(scratch.at, not_started())
             while i < end:
                 i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
                 if i < end:
@@ -229,8 +229,8 @@ def trace_shadow(
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
-    prepared : Bvh, BlockTree or Forest
-    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; if a forest is not fresh, the blocked samples found so far.
+    prepared : Bvh, BlockTree or TreeList
+    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; for a tree list that is not fresh, the samples blocked so far.
     counters : from `new_counters`, or None
     chunks : range of the chunks of 16 samples to trace; None: all
     """

@@ -39,16 +39,13 @@ from ..tile import (
     sets_of,
     tile_at,
     tile_shape,
-    turn_bits,
+    transpose_bits,
     write_bits,
 )
 from ..tree_list import TREE
 from ..triangle_tests import Block, blocks_ray, deferred_ints, resolve_deferred
 
-# --- A tile's rays as 16 rows of 16, for all tracers whose lanes are rays ---------------------------------------------
-#
-# In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common
-# origin, a row is a receiver, and its lanes are the receiver's samples.
+# --- The rays of a tile -----------------------------------------------------------------------------------------------
 
 
 STACK = 4 * MAX_DEPTH
@@ -124,7 +121,7 @@ def _by_receiver(tile, scratch):
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
-    turn_bits(tile.dead, scratch.dead)
+    transpose_bits(tile.dead, scratch.dead)
     return tile.by_lane
 
 
@@ -187,17 +184,17 @@ def settle(tree, chunk, rays, scratch, counters):
     if get(scratch.deferred, 0) == 0:
         return
     if rows_are_receivers(rays):
-        turn_bits(rays.dead, rays.tile.dead)
+        transpose_bits(rays.dead, rays.tile.dead)
     resolve_deferred(tree.corners, chunk, scratch.tile, scratch.pixel, scratch.deferred, counters)
     if rows_are_receivers(rays):
-        turn_bits(rays.tile.dead, rays.dead)
+        transpose_bits(rays.tile.dead, rays.dead)
 
 
 @kernel
 def finish_tile(chunk, rays, out):
     """Set the bits of the tile's blocked rays; `out`: pointer to all bits."""
     if rows_are_receivers(rays):
-        turn_bits(rays.dead, rays.tile.dead)
+        transpose_bits(rays.dead, rays.tile.dead)
     valid = rays.rows if rows_are_receivers(rays) else rays.lanes
     if rays.rows != 0:
         y0, x0 = first_pixel(rays.pixel, 0)
@@ -232,15 +229,7 @@ def trace_tiles(
         run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Incoherent samples, as of interleaved point lights and the hemisphere: packets of rays through a tree of blocks.
-#
-# If the samples of a stratum are as far apart as the whole light, or all around, neither shafts nor beams cull
-# anything. Then multi-frusta tracing falls back to rays. The 16 lanes are the rays of a receiver to the points of a
-# list, or the rays of 16 receivers in one direction of the hemisphere. At a block, each ray in turn is tested against
-# the triangles side by side.
-#
-# Packets also trace far scenes. Shafts multiply three lengths, and float32 overflows for large coordinates.
+# --- Incoherent samples -----------------------------------------------------------------------------------------------
 
 
 _WIDE = 0.1  # beyond this share of a chunk's extents, a stratum is too wide for a shaft
@@ -255,16 +244,16 @@ def sample_extents(query):
     points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
     low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
     chunks = np.arange(0, len(low), STRATA)
-    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
-    return (high - low).sum(1).mean(), whole.sum(1).mean()
+    extents = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
+    return (high - low).sum(1).mean(), extents.sum(1).mean()
 
 
 def is_incoherent(query) -> bool:
     """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
     if not is_list(query.light):
         return query.light.kind == AMBIENT
-    stratum, whole = sample_extents(query)
-    return bool(stratum > _WIDE * whole)
+    stratum, chunk = sample_extents(query)
+    return bool(stratum > _WIDE * chunk)
 
 
 def extents_of(tree) -> np.ndarray:

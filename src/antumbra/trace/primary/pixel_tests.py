@@ -63,34 +63,7 @@ from ...kernels.simd import (
 from ...kernels.vec import Vec, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
 from ..counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 
-# --- A block of triangles set up for a tile of primary rays: edge functions and depth keys in pixel coordinates -------
-#
-# As in the rasteriser (`query.raster_setup`), a vector from the eye has pixel coordinates (x, y, z) relative to the
-# tile's first pixel. The ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its direction.
-# With a = v0 - eye and the edges p and q, the edge functions and the depth key 1 / t are linear over the tile:
-#
-#     e1 = g . (q x a)    e2 = g . (a x p)    e0 = D - e1 - e2    D = g . (p x q)    1 / t = D / (a . (p x q))
-#
-# So they are set up once for a block and a tile, with 16 triangles as lanes. `pixelblock` tests them.
-#
-# Errors. Let u = 2**-24. Let n and m be the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel
-# coordinates.
-#
-# - The entries of the matrix, a, p and q are rounded once, and products are summed by fma. Let no component of a
-#   vector
-#   exceed r. Then its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
-# - Let A be the largest |x| or |y| of a plus 32 times its |z|, and dA the error of A. Let P and dP be the same for p
-#   and
-#   q. The errors of the coefficients change e1 and e2 by at most 2 (A dP + P dA). The later roundings, up to the value
-#   at
-#   a pixel, add 12 u A P.
-# - For D, replace A by P. The error of e0 is the error of D, plus the errors of e1 and e2, plus two roundings.
-# - Rounding a direction moves g by at most (sx, sy, sz), and so changes c . g by at most |c| . (sx, sy, sz).
-#
-# Edge functions are divided by these bounds. Above 1 a pixel is surely inside, below -1 it is surely outside.
-#
-# Lengths are scaled by a power of two, so that no product overflows or underflows. If no such scale exists, nothing is
-# sure.
+# --- Setup of a block for a tile --------------------------------------------------------------------------------------
 
 
 _F, _F64 = np.float32, np.float64
@@ -287,34 +260,28 @@ def set_up_block(frame, tree, block, triangles, work):
     a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
     xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
     p_size = _sizes(frame, xy, maximum(absolute(p.z), absolute(q.z)), maximum(largest(p3), largest(q3)))
-    left = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
-    if left == 0:
-        return left
+    remaining = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
+    if remaining == 0:
+        return remaining
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
     e0 = minus(d, Vec(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
     volume, volume_error = dot(a, d), _volume_error(frame, d, a_size, p_size)
     store(work, SIGN, select(volume > _ZERO, splat16(_F(1.0)), splat16(_F(-1.0))))
-    flat = bits(absolute(volume) <= volume_error) & left
+    flat = bits(absolute(volume) <= volume_error) & remaining
     if flat != 0:
-        left &= ~_settle_turns(frame, tree, block, flat, work)
+        remaining &= ~_settle_turns(frame, tree, block, flat, work)
     sign = load16(work, SIGN)
     (wide, slip), (long, slip_p) = _reach(a_size), _reach(p_size)
     mixed = (wide * slip_p + long * slip) * _F(2.02) + wide * long * _F(20 * _U)
     pure = long * (slip_p * _F(4.04) + long * _F(20 * _U))
-    left &= ~_keep_edge(frame, 1, e1, sign, mixed, work)
-    left &= ~_keep_edge(frame, 2, e2, sign, mixed, work)
-    left &= ~_keep_edge(frame, 0, e0, sign, pure + mixed * _F(2.0), work)
+    remaining &= ~_keep_edge(frame, 1, e1, sign, mixed, work)
+    remaining &= ~_keep_edge(frame, 2, e2, sign, mixed, work)
+    remaining &= ~_keep_edge(frame, 0, e0, sign, pure + mixed * _F(2.0), work)
     _keep_key(frame, d, pure, volume, volume_error, work)
-    return left
+    return remaining
 
 
-# --- A block of triangles against the frusta and pixels of a tile of primary rays -------------------------------------
-#
-# `pixelsetup` writes the block's edge functions and depth keys. They are linear over the tile, and lanes are the 16
-# triangles. With the same lanes the block is culled against cells, halves of frusta. A linear function over a frustum
-# is
-# largest at a corner [Benthin and Wald 2009, Sec. 4.2]. The triangles left are tested one by one, and lanes are then a
-# cell's 16 pixels.
+# --- Tests of a block against cells and pixels ------------------------------------------------------------------------
 
 
 CELLS = 32  # cells of 4 x 4 pixels in a tile: cell f is the left half of frustum f, cell 16 + f the right half
@@ -331,7 +298,7 @@ class Pixels(NamedTuple):
     least: F32Ptr  # (CELLS,) float32: the least `low` of each cell
     far: F32Ptr  # (16,) float32: t beyond which nothing is visible in each frustum
     part: I32Ptr  # int32: for KNOWN, the number of the triangle's tree; -1: see the picture
-    kept: I32Ptr  # int32: for KNOWN, the triangle's slot in that tree
+    known_slot: I32Ptr  # int32: for KNOWN, the triangle's slot in that tree
     deferred: I32Ptr  # int32: number of deferred pixels, an unused word; then slot, 2 * pixel + (1 if surely covered)
 
 
@@ -348,7 +315,7 @@ def _over(work, edge, top, x, y):
 
 
 @inlined
-def cull_cell(work, left, fx, fy, least):
+def cull_cell(work, candidates, fx, fy, least):
     """Bits of the triangles of `left` that some pixel of the cell with first pixel (fx, fy) may see."""
     x, y, end_x, end_y = splat16(fx), splat16(fy), splat16(fx + _F(3.0)), splat16(fy + _F(3.0))
     inside = (load16(work, BOX) <= end_x) & (load16(work, BOX + 16) >= x)
@@ -356,7 +323,7 @@ def cull_cell(work, left, fx, fy, least):
     edges = minimum(_over(work, EDGES, TOPS, x, y), _over(work, EDGES + 48, TOPS + 16, x, y))
     edges = minimum(edges, _over(work, EDGES + 96, TOPS + 32, x, y))
     inside &= (edges >= _F(-2.0)) & (_over(work, KEY, TOPS + 48, x, y) >= least)
-    return bits(inside) & left
+    return bits(inside) & candidates
 
 
 @inlined
@@ -411,9 +378,9 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 def trace_block(frame, tree, link, frusta, pixels, work, counters):
     """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles."""
     (block, triangles), winners, tested = block_leaf(link), np.int64(0), np.int64(0)
-    left = set_up_block(frame, tree, block, triangles, work)
+    candidates = set_up_block(frame, tree, block, triangles, work)
     count(counters, TRIANGLES, triangles)
-    if left == 0:
+    if candidates == 0:
         return False
     across, down = to_f32(iota16() & 3), to_f32(iota16() >> 2)
     while frusta != 0:
@@ -422,17 +389,17 @@ def trace_block(frame, tree, link, frusta, pixels, work, counters):
         for cell in (f, f + 16):
             x, y = first_pixel(cell)
             x, y = _F(x), _F(y)
-            tests = cull_cell(work, left, x, y, get(pixels.least, cell))
+            tests = cull_cell(work, candidates, x, y, get(pixels.least, cell))
             if tests != 0:
                 tested |= tests
                 count(counters, TRIANGLE_TESTS, popcount(tests))
                 winners |= _test_cell(work, tree, block, tests, across + x, down + y, pixels, cell)
     count(counters, CANDIDATES, popcount(tested))
-    seen = winners != 0
+    changed = winners != 0
     while winners != 0:  # prefetch the corners for the float64 t
         slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(winners))))
         winners &= winners - 1
         prefetch(tree.corners, 9 * slot)
         prefetch(tree.corners, 9 * slot + 8)
         prefetch(tree.prim_ids, slot)
-    return seen
+    return changed

@@ -40,21 +40,21 @@ from ...kernels.simd import (
 from ...query.ray_list import HitArrays, RayArguments
 from ...scene.recentre import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
-from .ray_packet import runs_along, walk_packet
+from .ray_packet import is_coherent_with, walk_packet
 from .single_rays import walk_interleaved
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
     DEFERRED_WORDS,
+    DIRECTION,
     DX,
     ENDS,
     LANES,
     NONE,
     OX,
     PRECISE_WORDS,
-    REST,
+    REMAINDER,
     TMIN,
-    WAY,
     Query,
     RayBlock,
     WideHit,
@@ -70,7 +70,7 @@ from .wide_traversal import (
     start,
 )
 
-# --- What sixteen rays report of their nearest hits: t and weights. LLVM computes them side by side -------------------
+# --- Reports: t and weights of nearest hits ---------------------------------------------------------------------------
 
 
 CORNER_WORDS = 9 * LANES
@@ -111,9 +111,9 @@ def _fill_report(rows, report):
 
 
 @inlined
-def _write(tree, rays, found, i, report, out, at):
+def _write(tree, rays, hits, i, report, out, at):
     """Write the nearest hit of ray i of a block to element `at` of the arrays."""
-    slot, numbers = slot_of(tree, found, i), report.numbers
+    slot, numbers = slot_of(tree, hits, i), report.numbers
     if slot < 0:
         out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
         return
@@ -122,24 +122,23 @@ def _write(tree, rays, found, i, report, out, at):
         t = rounded_t(ray_of(rays, i), tree.corners, slot)
     if get(numbers, _U + i) == UNKNOWN:
         u, v = single_weights(ray_of(rays, i), tree.corners, slot)
-    out.face[at], out.t[at], out.u[at], out.v[at] = get(found.prim, i), t, u, v
+    out.face[at], out.t[at], out.u[at], out.v[at] = get(hits.prim, i), t, u, v
 
 
 @inlined
-def write_nearest(tree, rays, found, n, report, out, first):
+def write_nearest(tree, rays, hits, n, report, out, first):
     """Write the nearest hits of the first n rays of a block from element `first` of the arrays on."""
     for i in range(n):
-        slot = slot_of(tree, found, i)
+        slot = slot_of(tree, hits, i)
         at = 9 * (slot if slot >= 0 else np.int64(0))
         for k in range(9):
             put(report.corners, LANES * k + i, get(tree.corners, at + k))
     _fill_report(rays.rows, report)
     for i in range(n):
-        _write(tree, rays, found, i, report, out, first + i)
+        _write(tree, rays, hits, i, report, out, first + i)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets.
+# --- Reading, tracing and writing batches -----------------------------------------------------------------------------
 
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
@@ -209,10 +208,10 @@ def _point_at_targets(block):
     """Make directions of the targets in the rows of directions."""
     for k in range(3):
         to, start = to_f64(load16(block.rows, DX + LANES * k)), to_f64(load16(block.rows, OX + LANES * k))
-        way, rest = two_diff(to, start)
-        store(block.precise, WAY + LANES * k, way)
-        store(block.precise, REST + LANES * k, rest)
-        store(block.rows, DX + LANES * k, to_f32(way))
+        direction, remainder = two_diff(to, start)
+        store(block.precise, DIRECTION + LANES * k, direction)
+        store(block.precise, REMAINDER + LANES * k, remainder)
+        store(block.rows, DX + LANES * k, to_f32(direction))
 
 
 @inlined
@@ -252,16 +251,16 @@ def _load(args, first, last, block):
 
 
 @inlined
-def _together(rows, first, left, tree_reach, any_hit):
+def _packet_rays(rows, first, candidates, tree_reach, any_hit):
     """Rays (bits) of the blocks of `left` that run along block `first`; 0 if not even its own rays do."""
-    found = np.int64(0)
-    if runs_along(rows, first, first, tree_reach, any_hit):
-        while left:
-            j = first_block(left)
-            left &= ~rays_of_block(j)
-            if runs_along(rows, first, j, tree_reach, any_hit):
-                found |= rays_of_block(j)
-    return found
+    members = np.int64(0)
+    if is_coherent_with(rows, first, first, tree_reach, any_hit):
+        while candidates:
+            j = first_block(candidates)
+            candidates &= ~rays_of_block(j)
+            if is_coherent_with(rows, first, j, tree_reach, any_hit):
+                members |= rays_of_block(j)
+    return members
 
 
 @inlined
@@ -277,17 +276,17 @@ def _write_blocked(blocked, n, out, first):
 
 
 @inlined
-def _trace(tree, rays, alive, query, found, counters):
+def _trace(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks; return bits of blocked rays that `found` does not tell."""
     blocked = np.int64(0)
     while alive:
         j = first_block(alive)
-        packet = alive & _together(rays.rows, j, alive, tree.reach, query.any_hit)
+        packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, query.any_hit)
         if packet:
-            blocked |= walk_packet(tree, rays, packet, query, found, counters)
+            blocked |= walk_packet(tree, rays, packet, query, hits, counters)
             alive &= ~packet
         else:
-            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(found, j), counters)
+            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(hits, j), counters)
             alive &= ~rays_of_block(j)
     return blocked
 
@@ -295,9 +294,9 @@ def _trace(tree, rays, alive, query, found, counters):
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
-    found = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
+    hits = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
     report = Report(stack_f32(CORNER_WORDS), stack_f64(REPORT_WORDS))
-    block, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
+    batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     for b in items(ticket):
         first = b * _RAYS
@@ -306,28 +305,28 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
         n_blocks = (n + LANES - 1) // LANES
         alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
         for j in range(n_blocks):
-            own = block_of(block, j)
-            good, moving = _load(rays, first + j * LANES, rays.n - 1, own)
+            block = block_of(batch, j)
+            good, moving = _load(rays, first + j * LANES, rays.n - 1, block)
             if not good:
                 faults[0], ticket[STOP] = True, 1
                 break
             alive &= moving << (j * LANES) | ~rays_of_block(j)
-            prepare(own.rows, tree.reach)
-            start(hits_of(found, j), own)
+            prepare(block.rows, tree.reach)
+            start(hits_of(hits, j), block)
         if faults[0]:
             break
-        blocked = _trace(tree, block, alive, query, found, mine)
+        blocked = _trace(tree, batch, alive, query, hits, mine)
         for j in range(n_blocks):
-            hits = hits_of(found, j)
-            if get(hits.deferred, 0) > 0:
-                settle_block(tree, block_of(block, j), query, hits, mine)
-            blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
+            block_hits = hits_of(hits, j)
+            if get(block_hits.deferred, 0) > 0:
+                settle_block(tree, block_of(batch, j), query, block_hits, mine)
+            blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
         if any_hit:
             _write_blocked(blocked, n, out.blocked, first)
         else:
             for j in range(n_blocks):
-                at, left = j * LANES, min(LANES, n - j * LANES)
-                write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
+                at, n_rays = j * LANES, min(LANES, n - j * LANES)
+                write_nearest(tree, block_of(batch, j), hits_of(hits, j), n_rays, report, out, first + at)
     add_counters(counters, mine)
 
 
@@ -358,12 +357,19 @@ class RayTracer:
         scratch = self._spare.pop() if self._spare else _BatchScratch()
         blocks = -(-rays.n // _RAYS)
         scratch.begin(blocks)
-        ticket, (faults, own) = scratch.packed
-        rest = self._tree, rays.packed(), any_hit, out.packed(), faults, own if counters is None else counters
+        ticket, (faults, thread_counters) = scratch.packed
+        arguments = (
+            self._tree,
+            rays.packed(),
+            any_hit,
+            out.packed(),
+            faults,
+            thread_counters if counters is None else counters,
+        )
         if blocks <= _CHUNK:  # no second thread would get any
-            _blocks(ticket, *rest)
+            _blocks(ticket, *arguments)
         else:
-            run(_blocks, thread_count(threads), scratch.ticket, *rest)
+            run(_blocks, thread_count(threads), scratch.ticket, *arguments)
         legal = not scratch.faults[0]
         self._spare.append(scratch)
         return legal

@@ -20,7 +20,7 @@ from ...query.receivers import NOTHING, surface_receivers
 from ...query.shadow_query import Surfaces, surfaces_of
 from .ray_traversal import CLOSEST, LEFT_FIRST, HitList, walk
 
-# --- All triangles that segments meet. The builder `srdh` needs them for its rays [Feltman et al. 2012, Sec. 3.4] -----
+# --- All triangles that segments meet ---------------------------------------------------------------------------------
 
 
 MOST_HITS = 1 << 14
@@ -34,8 +34,8 @@ _A_RAY = 16  # hits for each segment that the first allocation has room for
 def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans):
     """Worker: write the triangles that each segment meets to `prims`, as far as there is room, and their `spans`."""
     # In: bvh, origins, ends, skip, cull_faces. Out: next_free, prims, spans.
-    tree, found, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
-    hits = HitList(found, n, np.int64(MOST_HITS))
+    tree, slots, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
+    hits = HitList(slots, n, np.int64(MOST_HITS))
     for i in items(ticket):
         put(n, 0, 0)
         o, e = origins[i], ends[i]
@@ -46,7 +46,7 @@ def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spa
         if count > 0:
             start = atomic_add(next_free, 0, count)
         for k in range(min(count, len(prims) - start)):
-            prims[start + k] = get(found, k)
+            prims[start + k] = get(slots, k)
         spans[i, 0], spans[i, 1] = start, count
 
 
@@ -73,7 +73,7 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
     return Intersections(origins, ends, first, prims[order])
 
 
-# --- One diffuse bounce: the surfaces that diffuse rays meet, starting from the surfaces that a camera sees -----------
+# --- One diffuse bounce -----------------------------------------------------------------------------------------------
 
 
 Nearest = Callable[[Sequence[RayPass], tuple[int, int]], Iterator[Surfaces]]
@@ -146,10 +146,10 @@ def nearest_surfaces(
     show : called with each pass, and the face and t of its hits, to replace some of them
     """
     for rays in passes:
-        found = nearest_hits(bvh, *rays, threads)
+        hits = nearest_hits(bvh, *rays, threads)
         if show is not None:
-            show(rays, *found)
-        yield surfaces_of(surfaces_met(rays, *found, shape, triangles, threads), triangles)
+            show(rays, *hits)
+        yield surfaces_of(surfaces_met(rays, *hits, shape, triangles, threads), triangles)
 
 
 def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:

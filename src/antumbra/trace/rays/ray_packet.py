@@ -79,12 +79,7 @@ from .wide_traversal import (
     visit_leaf,
 )
 
-# --- A packet of coherent rays against boxes: all rays at once by interval arithmetic, or each of sixteen rays --------
-#
-# Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and (x0 -
-# o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight boxes
-# [Boulos et al. 2006]. The second interval is short where all rays are close to x0. So x0 is the first ray's origin or
-# end.
+# --- Box tests of a packet --------------------------------------------------------------------------------------------
 
 
 _PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does, for the roundings of intervals
@@ -175,10 +170,10 @@ def _axis(rows, alive, k, origin, reach):
 @inlined
 def packet_of(tree, rows, alive):
     """(`Packet`, greatest limit) of the blocks that hold the rays in `alive` (bits), of several prepared blocks."""
-    tmins, limits, left = splat16(_INF), splat16(-_INF), alive
-    while left:
-        j = first_block(left)
-        left &= ~rays_of_block(j)
+    tmins, limits, remaining = splat16(_INF), splat16(-_INF), alive
+    while remaining:
+        j = first_block(remaining)
+        remaining &= ~rays_of_block(j)
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
     f = _focus_of(rows, alive)
@@ -210,11 +205,11 @@ def enter_any(nodes, at, packet, limit):
     x_out, far_x = _times(nodes, at + (x.word ^ WIDTH), x.origin, x)
     y_out, far_y = _times(nodes, at + (y.word ^ WIDTH), y.origin, y)
     z_out, far_z = _times(nodes, at + (z.word ^ WIDTH), z.origin, z)
-    near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
-    far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
+    t_near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
+    t_far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
     last_in = maximum(maximum(x_in, y_in), maximum(z_in, splat8(tmin)))
     first_out = minimum(minimum(x_out, y_out), minimum(z_out, splat8(limit)))
-    return near <= far, last_in <= first_out, near
+    return t_near <= t_far, last_in <= first_out, t_near
 
 
 @inlined
@@ -223,14 +218,14 @@ def enter_each(nodes, box, rows):
 
     All rays enter a missing child, which is a leaf without triangles.
     """
-    near, far = load16(rows, TMIN), load16(rows, LIMIT)
+    t_near, t_far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):
         inverse = load16(rows, INVERSE + LANES * k)
         a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
         b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
-        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
-        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
-    return bits(near <= far)
+        t_near = maximum(t_near, minimum(a, b) + load16(rows, NEAR + LANES * k))
+        t_far = minimum(t_far, maximum(a, b) + load16(rows, FAR + LANES * k))
+    return bits(t_near <= t_far)
 
 
 @inlined
@@ -246,18 +241,12 @@ def enter_alike(nodes, box, rows, packet):
     far_x = fma(broadcast16(nodes, x ^ WIDTH), ix, load16(r, FAR))
     far_y = fma(broadcast16(nodes, y ^ WIDTH), iy, load16(r, FAR + LANES))
     far_z = fma(broadcast16(nodes, z ^ WIDTH), iz, load16(r, FAR + 2 * LANES))
-    near = maximum(maximum(near_x, near_y), maximum(near_z, load16(r, TMIN)))
-    far = minimum(minimum(far_x, far_y), minimum(far_z, load16(r, LIMIT)))
-    return bits(near <= far)
+    t_near = maximum(maximum(near_x, near_y), maximum(near_z, load16(r, TMIN)))
+    t_far = minimum(minimum(far_x, far_y), minimum(far_z, load16(r, LIMIT)))
+    return bits(t_near <= t_far)
 
 
-# --- Rays that run close together, through a wide BVH as one: up to 64 for any-hit, sixteen for closest-hit -----------
-#
-# The packet visits inner nodes as a whole. `packetbox` bounds the t at which any of its rays may enter each of eight
-# boxes. It also tells boxes that all rays enter. For each other box left, any-hit queries test which rays enter it,
-# sixteen at a time. They push these rays with the box. Closest-hit queries make this test at leaves. At a leaf, the
-# loop is over the triangles or over the rays of a block, whichever are fewer. Each triangle is tested against all rays
-# at once, or each ray against all triangles. So a packet that falls apart ends as single rays.
+# --- Traversal of a packet --------------------------------------------------------------------------------------------
 
 
 _NEAR_ENDS = np.float32(1 / 32)  # largest extent of a packet's origins, or of its ends, as a share of the tree's reach
@@ -272,7 +261,7 @@ class _Stack(NamedTuple):
 
 
 @inlined
-def runs_along(rows, first, j, tree_reach, any_hit):
+def is_coherent_with(rows, first, j, tree_reach, any_hit):
     """Is it faster to trace the sixteen rays of prepared block j in a packet that begins with block `first`?
 
     Rays of a packet start close together and run in about one direction. They start within a 32nd of the tree's reach
@@ -280,7 +269,7 @@ def runs_along(rows, first, j, tree_reach, any_hit):
     one. Any-hit segments only need to end close together.
     """
     a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
-    near, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
+    distance, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
     widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
     for k in range(3):
         size = abs(get(rows, DX + LANES * k + a))
@@ -291,8 +280,8 @@ def runs_along(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= near) & (absolute(d - d0) <= turn)
-        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= near
+        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= turn)
+        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
     return all_lanes(start) or all_lanes(stop)
 
 
@@ -306,10 +295,10 @@ def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters
         box = at + k
         hits &= hits - 1
         inside = active & -((sure >> k) & 1)
-        left = active & ~inside
-        while left:
-            j = first_block(left)
-            left &= ~rays_of_block(j)
+        remaining = active & ~inside
+        while remaining:
+            j = first_block(remaining)
+            remaining &= ~rays_of_block(j)
             count(counters, BOX_TESTS, 1)
             inside |= enter_alike(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS), packet) << (j * LANES)
         inside &= active
@@ -348,78 +337,78 @@ def _triangle(groups, at):
 
 
 @inlined
-def _keep_each(tree, rays, hits, at, query, found):
+def _keep_each(tree, rays, lanes, at, query, hits):
     """Keep the triangle in lane `at` for the rays that meet it (bits)."""
-    while hits:
-        i = lowest_bit(hits)
-        hits &= hits - 1
-        keep(tree, rays, i, at, query, found)
+    while lanes:
+        i = lowest_bit(lanes)
+        lanes &= lanes - 1
+        keep(tree, rays, i, at, query, hits)
 
 
 @inlined
-def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
+def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
     """Test each triangle of a leaf against all active rays. Return bits of the rays whose any-hit query is answered."""
     (group, n), done = wide_leaf(link), np.int64(0)
     for k in range(n):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
-        hits, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
-        hits = facing(hits, positive, query.cull_faces) & todo
+        lanes, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        lanes = facing(lanes, positive, query.cull_faces) & todo
         unsure &= todo
-        if query.any_hit and hits:
+        if query.any_hit and lanes:
             prim = get(tree.prim_ids, get(tree.slots, at))
-            done |= hits & bits(load16(rays.skip, 0) != prim)
-        elif hits:
-            _keep_each(tree, rays, hits, at, query, found)
+            done |= lanes & bits(load16(rays.skip, 0) != prim)
+        elif lanes:
+            _keep_each(tree, rays, lanes, at, query, hits)
         if unsure:
-            defer(found, unsure, at)
+            defer(hits, unsure, at)
         if done == active:
             break
     return done
 
 
 @inlined
-def _leaf_by_ray(tree, rays, active, link, query, found, counters):
+def _leaf_by_ray(tree, rays, active, link, query, hits, counters):
     """Test each active ray against all triangles of a leaf. Return the same as `_leaf_by_triangle`."""
     done = np.int64(0)
     while active:
         i = lowest_bit(active)
         active &= active - 1
-        if visit_leaf(tree, rays, i, link, query, found, counters):
+        if visit_leaf(tree, rays, i, link, query, hits, counters):
             done |= 1 << i
     return done
 
 
 @inlined
-def _leaf(tree, rays, active, link, query, found, counters):
+def _leaf(tree, rays, active, link, query, hits, counters):
     """Test a leaf against the active rays. Return bits of the rays whose any-hit query is answered."""
     if popcount(active) < wide_leaf(link).count:
-        return _leaf_by_ray(tree, rays, active, link, query, found, counters)
-    return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
+        return _leaf_by_ray(tree, rays, active, link, query, hits, counters)
+    return _leaf_by_triangle(tree, rays, active, link, query, hits, counters)
 
 
 @inlined
-def _leaf_of_blocks(tree, rays, active, link, query, found, counters):
+def _leaf_of_blocks(tree, rays, active, link, query, hits, counters):
     """`_leaf` for the active rays of several blocks."""
     done = np.int64(0)
     while active:
         j = first_block(active)
         mine, block = rays_in(active, j), block_of(rays, j)
         active &= ~rays_of_block(j)
-        done |= _leaf(tree, block, mine, link, query, hits_of(found, j), counters) << (j * LANES)
+        done |= _leaf(tree, block, mine, link, query, hits_of(hits, j), counters) << (j * LANES)
     return done
 
 
 @inlined
-def _walk_any(tree, rays, alive, query, found, counters):
+def _walk_any(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK)), rays.rows
     packet, limit = packet_of(tree, rows, alive)
     height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
-            blocked |= _leaf_of_blocks(tree, rays, active, link, query, found, counters)
+            blocked |= _leaf_of_blocks(tree, rays, active, link, query, hits, counters)
             if blocked == alive:
                 return blocked
         else:
@@ -439,7 +428,7 @@ def _walk_any(tree, rays, alive, query, found, counters):
 
 
 @inlined
-def _walk_nearest(tree, rays, alive, query, found, counters):
+def _walk_nearest(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive`, and write their nearest hits to `found`."""
     stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
     rows = rays.rows
@@ -450,13 +439,13 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
             count(counters, BOX_TESTS, 1)
             active = alive & enter_alike(tree.nodes, box, rows, packet)
             if active:
-                _leaf(tree, rays, active, link, query, found, counters)
+                _leaf(tree, rays, active, link, query, hits, counters)
                 limit = reduce_max(load16(rows, LIMIT))
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            entered, _, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
-            store(nears, 0, near)
+            entered, _, t_near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            store(nears, 0, t_near)
             store(children, 0, iota8() + np.int32(link * NODE_WORDS))
             height = push_sorted(stack, entry, height, children, nears, bits(entered))
         while height > 0 and get(entry, height - 1) > limit:
@@ -469,17 +458,17 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, found, counters):
+def walk_packet(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks, a coherent packet of up to 64.
 
     For any-hit queries, return bits of the blocked rays. For closest-hit queries, write `found` as `walk_interleaved`
     does, one block after the other.
     """
     if query.any_hit:
-        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
+        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), hits, counters)
     nearest = Query(query.cull_faces, False)
     while alive:
         j = first_block(alive)
-        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(found, j), counters)
+        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(hits, j), counters)
         alive &= ~rays_of_block(j)
     return np.int64(0)

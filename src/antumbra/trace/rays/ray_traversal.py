@@ -39,12 +39,7 @@ from ...kernels.simd import (
 )
 from ..counters import BOX_TESTS, EXACT, NODES, TRIANGLE_TESTS, UNCERTAIN, count
 
-# --- Traversal orders: the child that an any-hit ray visits first [Feltman et al. 2012, Sec. 3.1] ---------------------
-#
-# An any-hit ray ends at its first hit, so the order of children decides how many nodes it visits. An order is a
-# number. The any-hit walk (`traverse.walk`) passes it to `left_comes_first` at each node whose two boxes the ray
-# enters. An order that is the same for all rays at a node costs nothing: the builder stores the first child as the
-# left one. `rtsah` does so, and the builder `srdh` where it chooses a fixed order.
+# --- Traversal orders [Feltman et al. 2012, Sec. 3.1] -----------------------------------------------------------------
 
 
 CLOSEST = -1  # not an any-hit order: the walk looks for the nearest hit
@@ -120,11 +115,7 @@ class Ordered(NamedTuple):
     order: int
 
 
-# --- One ray through a binary BVH: one function for any-hit and closest-hit -------------------------------------------
-#
-# Boxes are tested conservatively in float32. One instruction tests both children of a node, one 4-wide register an
-# axis. Triangles are tested by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the
-# answer is the contract's, and does not depend on the tree.
+# --- One ray through a binary BVH -------------------------------------------------------------------------------------
 
 
 _STACK = 2 * MAX_DEPTH
@@ -229,9 +220,9 @@ def _enter(nodes, node, box, limit):
         (load4(nodes, b + 8) - box.z) * box.iz,
     )
     sx, sy, sz = swap_halves(tx), swap_halves(ty), swap_halves(tz)
-    near = maximum(maximum(minimum(tx, sx), minimum(ty, sy)), maximum(minimum(tz, sz), box.tmin))
-    far = minimum(minimum(maximum(tx, sx), maximum(ty, sy)), minimum(maximum(tz, sz), limit))
-    return bits(near <= far * _GROW) & 3, near
+    t_near = maximum(maximum(minimum(tx, sx), minimum(ty, sy)), maximum(minimum(tz, sz), box.tmin))
+    t_far = minimum(minimum(maximum(tx, sx), maximum(ty, sy)), minimum(maximum(tz, sz), limit))
+    return bits(t_near <= t_far * _GROW) & 3, t_near
 
 
 class HitList(NamedTuple):
@@ -242,15 +233,15 @@ class HitList(NamedTuple):
     room: int  # most triangles; others are left out
 
 
-def passed(listener, ray, corners, slot, prim):
+def ignores_hit(hit_filter, ray, corners, slot, prim):
     """In kernels: True if the walk is to go on as if the ray did not meet the triangle in `slot`.
 
-    The type of the listener decides. None: no triangle is passed. A `HitList` passes all, and notes them.
+    The type of the hit_filter decides. None: no triangle is passed. A `HitList` passes all, and notes them.
     """
 
 
 @kernel
-def _noted(hits, prim):
+def _record_hit(hits, prim):
     n = np.int64(get(hits.count, 0))
     if n < hits.room:
         put(hits.prims, n, prim)
@@ -258,24 +249,24 @@ def _noted(hits, prim):
     return True
 
 
-@overload(passed)
-def _passed(listener, ray, corners, slot, prim):
-    if str(listener) == "none":
-        return lambda listener, ray, corners, slot, prim: False
-    if getattr(listener, "instance_class", None) is HitList:
-        return lambda listener, ray, corners, slot, prim: _noted(listener, prim)
+@overload(ignores_hit)
+def _ignores_hit(hit_filter, ray, corners, slot, prim):
+    if str(hit_filter) == "none":
+        return lambda hit_filter, ray, corners, slot, prim: False
+    if getattr(hit_filter, "instance_class", None) is HitList:
+        return lambda hit_filter, ray, corners, slot, prim: _record_hit(hit_filter, prim)
     return None
 
 
 @kernel
-def walk(tree, ray, skip, cull_faces, order, listener, counters):
+def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
     slot is -1 on a miss. t is computed only for the nearest, by `rounded_t`.
 
     skip : index of a triangle that does not count, or -1
     order : CLOSEST for the nearest hit; otherwise any hit, with the children visited in an order of `orders`
-    listener : None, or what hears of all triangles that the ray meets and may pass them: see `passed`
+    hit_filter : None, or what hears of all triangles that the ray meets and may pass them: see `ignores_hit`
 
     One instruction tests both boxes of a node. For any-hit, box tests are counted one by one, when the walk comes to a
     box. The second box counts only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
@@ -294,27 +285,30 @@ def walk(tree, ray, skip, cull_faces, order, listener, counters):
         if link >= 0:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
-            mask, near = _enter(nodes, link, box, splat4(limit))
+            mask, t_near = _enter(nodes, link, box, splat4(limit))
             if mask or one_by_one:
-                left, right = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+                left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
                 if one_by_one:
-                    left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
+                    left_link, right_link = (
+                        left_link if mask & 1 else np.int64(EMPTY),
+                        right_link if mask & 2 else np.int64(EMPTY),
+                    )
                 if mask == 3 or one_by_one:
-                    a, b = extract(near, 0), extract(near, 1)
+                    a, b = extract(t_near, 0), extract(t_near, 1)
                     left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
-                    put(stack, height, right if left_first else left)
+                    put(stack, height, right_link if left_first else left_link)
                     put(entry, height, b if left_first else a)
                     height += 1
-                    link = left if left_first else right
+                    link = left_link if left_first else right_link
                 else:
-                    link = left if mask == 1 else right
+                    link = left_link if mask == 1 else right_link
                 continue
         elif link != EMPTY:  # EMPTY: the child does not exist, or tests are counted and the ray misses it
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
                 prim = np.int64(get(tree.prim_ids, slot))
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
-                    if passed(listener, ray, tree.corners, slot, prim):
+                    if ignores_hit(hit_filter, ray, tree.corners, slot, prim):
                         continue
                     if order != CLOSEST:
                         return slot, best_t

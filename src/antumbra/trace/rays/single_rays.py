@@ -72,17 +72,17 @@ from .ray_traversal import BUILT, Ordered, triangle_hit, walk
 from .wide_traversal import (
     BLOCK_WORDS,
     DEFERRED_WORDS,
+    DIRECTION,
     DX,
     ENDS,
     LANES,
     LIMIT,
     OX,
     PRECISE_WORDS,
-    REST,
+    REMAINDER,
     STACK,
     TMAX,
     TMIN,
-    WAY,
     Query,
     RayBlock,
     WideHit,
@@ -97,11 +97,7 @@ from .wide_traversal import (
     visit_leaf,
 )
 
-# --- Interleaved rays: incoherent rays take turns, and each takes one step down the wide BVH, a node or a leaf --------
-#
-# A single ray waits for memory at nearly every step, because each step decides which node comes next. So a step
-# prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
-# share only the first step. Any-hit queries take it together, one ray to a lane.
+# --- Interleaved rays -------------------------------------------------------------------------------------------------
 
 
 _STACKS = LANES * STACK
@@ -113,13 +109,13 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, WIDTH)
     at = link * NODE_WORDS
-    entered, near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
-    hits = bits(entered)
+    entered, t_near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
+    boxes = bits(entered)
     if query.any_hit:
-        store_compressed(stack, height, mask_from_bits8(hits), load8(tree.links, at + LINKS))
-        return height + popcount(hits)
-    store(nears, 0, near)
-    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, hits)
+        store_compressed(stack, height, mask_from_bits8(boxes), load8(tree.links, at + LINKS))
+        return height + popcount(boxes)
+    store(nears, 0, t_near)
+    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, boxes)
 
 
 @inlined
@@ -148,7 +144,7 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
 
 
 @inlined
-def walk_interleaved(tree, rays, alive, query, found, counters):
+def walk_interleaved(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive` (bits) of a prepared block, and write their hits, any or nearest, to `found`."""
     stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
     nears = stack_f32(WIDTH)
@@ -169,7 +165,7 @@ def walk_interleaved(tree, rays, alive, query, found, counters):
             link = np.int64(get(stack, height))
             if link >= 0:
                 height = _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters)
-            elif visit_leaf(tree, rays, i, link, query, found, counters):
+            elif visit_leaf(tree, rays, i, link, query, hits, counters):
                 height = np.int64(0)
             while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
                 height -= 1
@@ -195,27 +191,24 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     store(rows, TMAX, splat16(f(ray.tmax)))
     put(precise, ENDS, ray.tmin)
     put(precise, ENDS + LANES, ray.tmax)
-    put(precise, WAY, ray.dx)
-    put(precise, WAY + LANES, ray.dy)
-    put(precise, WAY + 2 * LANES, ray.dz)
-    put(precise, REST, ray.rx)
-    put(precise, REST + LANES, ray.ry)
-    put(precise, REST + 2 * LANES, ray.rz)
+    put(precise, DIRECTION, ray.dx)
+    put(precise, DIRECTION + LANES, ray.dy)
+    put(precise, DIRECTION + 2 * LANES, ray.dz)
+    put(precise, REMAINDER, ray.rx)
+    put(precise, REMAINDER + LANES, ray.ry)
+    put(precise, REMAINDER + 2 * LANES, ray.rz)
     put(skips, 0, skip)
-    found = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    hits = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
     block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
-    start(found, block)
-    walk_interleaved(tree, block, np.int64(1), query, found, counters)
-    if get(found.deferred, 0) > 0:
-        settle_block(tree, block, query, found, counters)
-    return slot_of(tree, found, 0)
+    start(hits, block)
+    walk_interleaved(tree, block, np.int64(1), query, hits, counters)
+    if get(hits.deferred, 0) > 0:
+        settle_block(tree, block, query, hits, counters)
+    return slot_of(tree, hits, 0)
 
 
-# --- `single` and `wide`: one shadow ray at a time, over the binary BVH or a wide one, by the same loop ---------------
-#
-# `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random` differ
-# only in the order of children (`orders`).
+# --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
 
 
 TILE = 16  # side of a tile in pixels; one thread traces a tile's pixels one after the other
@@ -337,16 +330,7 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     )
 
 
-# --- Exact step counts of any-hit rays, by class and receiver [Feltman et al. 2012, Sec. 4.1] -------------------------
-#
-# A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There are
-# three classes of steps:
-#
-# - path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
-# - false hits (faux hits): for a blocked ray, all other steps
-# - unoccluded: the steps of rays that nothing blocks
-#
-# Rays are walked one by one, and the last blocker is not tested first.
+# --- Step counts of any-hit rays [Feltman et al. 2012, Sec. 4.1] ------------------------------------------------------
 
 
 CLASSES = ("path to the hit", "false hits", "unoccluded")

@@ -39,13 +39,7 @@ from ...kernels.simd import (
 from ..counters import TRIANGLE_TESTS, count
 from .ray_traversal import BUILT, CLOSEST, settle, walk
 
-# --- Sixteen rays side by side, with the numbers that box and triangle tests need, computed once for all sixteen ------
-#
-# A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
-# directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c *
-# inverse + offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the
-# offsets move the planes outwards by more than this error, both where a ray enters and where it leaves.
-# docs/design/wide.md has the proof.
+# --- Ray blocks -------------------------------------------------------------------------------------------------------
 
 
 LANES = 16
@@ -54,7 +48,11 @@ OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by 
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
 BLOCK_WORDS = 20 * LANES
-ENDS, WAY, REST = 0, 2 * LANES, 5 * LANES  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
+ENDS, DIRECTION, REMAINDER = (
+    0,
+    2 * LANES,
+    5 * LANES,
+)  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
 PRECISE_WORDS = 8 * LANES
 
 _SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
@@ -105,8 +103,8 @@ def ray_of(rays, i):
     if not rays.segments:
         return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
     return Ray(
-        f(ox), f(oy), f(oz), get(p, WAY + i), get(p, WAY + LANES + i), get(p, WAY + 2 * LANES + i),
-        get(p, REST + i), get(p, REST + LANES + i), get(p, REST + 2 * LANES + i), tmin, tmax, 1.0,
+        f(ox), f(oy), f(oz), get(p, DIRECTION + i), get(p, DIRECTION + LANES + i), get(p, DIRECTION + 2 * LANES + i),
+        get(p, REMAINDER + i), get(p, REMAINDER + LANES + i), get(p, REMAINDER + 2 * LANES + i), tmin, tmax, 1.0,
     )  # fmt: skip
 
 
@@ -154,7 +152,7 @@ def filter_rays16(block):
     )  # fmt: skip
 
 
-# --- One ray and a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries ------------
+# --- Tests of boxes and triangles -------------------------------------------------------------------------------------
 
 
 STACK = (MAX_DEPTH + 2) * WIDTH
@@ -181,48 +179,48 @@ class WideHit(NamedTuple):
 
 
 @inlined
-def hits_of(found, j):
+def hits_of(hits, j):
     """The `WideHit` of block j, where `found` has memory for several blocks, one after the other."""
     at = j * LANES
-    lane, prim, t = ptr_at(found.lane, at), ptr_at(found.prim, at), ptr_at(found.t, at)
-    return WideHit(lane, prim, t, ptr_at(found.deferred, j * DEFERRED_WORDS))
+    lane, prim, t = ptr_at(hits.lane, at), ptr_at(hits.prim, at), ptr_at(hits.t, at)
+    return WideHit(lane, prim, t, ptr_at(hits.deferred, j * DEFERRED_WORDS))
 
 
 @inlined
-def slot_of(tree, found, i):
+def slot_of(tree, hits, i):
     """Slot of the triangle found for ray i, or -1."""
-    lane = np.int64(get(found.lane, i))
+    lane = np.int64(get(hits.lane, i))
     return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
 
 
 @inlined
-def start(found, rays):
+def start(hits, rays):
     """Reset `found`: no ray of a block has a hit."""
-    put(found.deferred, 0, 0)
-    put(found.deferred, 1, 0)
+    put(hits.deferred, 0, 0)
+    put(hits.deferred, 1, 0)
     for i in range(LANES):
-        put(found.lane, i, NONE)
-        put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
+        put(hits.lane, i, NONE)
+        put(hits.t, i, np.float64(get(rays.rows, TMAX + i)))
 
 
 @inlined
-def _defer_lanes(found, i, first, lanes):
+def _defer_lanes(hits, i, first, lanes):
     """Note that ray i may meet the triangles in some lanes (bits) of a group; `first`: the group's first lane."""
-    n = np.int64(get(found.deferred, 0))
+    n = np.int64(get(hits.deferred, 0))
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
         if n == DEFERRED:
-            put(found.deferred, 1, np.int64(get(found.deferred, 1)) | np.int64(1) << i)
+            put(hits.deferred, 1, np.int64(get(hits.deferred, 1)) | np.int64(1) << i)
             break
-        put(found.deferred, 2 + 2 * n, i)
-        put(found.deferred, 3 + 2 * n, first + k)
+        put(hits.deferred, 2 + 2 * n, i)
+        put(hits.deferred, 3 + 2 * n, first + k)
         n += 1
-    put(found.deferred, 0, n)
+    put(hits.deferred, 0, n)
 
 
 @inlined
-def keep(tree, rays, i, at, query, found):
+def keep(tree, rays, i, at, query, hits):
     """Keep the triangle in lane `at`, which ray i meets: for the nearest, only if it is nearer than the best so far.
 
     Return whether an any-hit query is answered.
@@ -232,15 +230,15 @@ def keep(tree, rays, i, at, query, found):
     if prim == get(rays.skip, i):
         return False
     if query.any_hit:
-        put(found.lane, i, at)
+        put(hits.lane, i, at)
         return True
     ray = ray_of(rays, i)
-    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, found, i)
-    best_prim, best_t = get(found.prim, i), get(found.t, i)
+    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, hits, i)
+    best_prim, best_t = get(hits.prim, i), get(hits.t, i)
     if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
-        put(found.lane, i, at)
-        put(found.prim, i, prim)
-        put(found.t, i, t)
+        put(hits.lane, i, at)
+        put(hits.prim, i, prim)
+        put(hits.t, i, t)
         limit = np.float32(t * BEYOND)
         if limit < get(rays.rows, LIMIT + i):
             put(rays.rows, LIMIT + i, limit)
@@ -248,25 +246,25 @@ def keep(tree, rays, i, at, query, found):
 
 
 @kernel
-def settle_block(tree, rays, query, found, counters):
+def settle_block(tree, rays, query, hits, counters):
     """Settle the deferred tests. Rays that lost tests are traced again, by the exact walk over the binary BVH."""
-    lost, order = np.int64(get(found.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
-    for k in range(get(found.deferred, 0)):
-        i, at = np.int64(get(found.deferred, 2 + 2 * k)), np.int64(get(found.deferred, 3 + 2 * k))
-        if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
+    lost, order = np.int64(get(hits.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    for k in range(get(hits.deferred, 0)):
+        i, at = np.int64(get(hits.deferred, 2 + 2 * k)), np.int64(get(hits.deferred, 3 + 2 * k))
+        if lost >> i & 1 or (query.any_hit and get(hits.lane, i) != NONE):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
         if side != 0 and side != query.cull_faces:
-            keep(tree, rays, i, at, query, found)
+            keep(tree, rays, i, at, query, hits)
     while lost:
         i = lowest_bit(lost)
         lost &= lost - 1
         skip = np.int64(get(rays.skip, i))
         slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
-        put(found.lane, i, -2 - slot)
-        put(found.t, i, t)
+        put(hits.lane, i, -2 - slot)
+        put(hits.t, i, t)
         if slot >= 0:
-            put(found.prim, i, np.int64(get(tree.prim_ids, slot)))
+            put(hits.prim, i, np.int64(get(tree.prim_ids, slot)))
 
 
 @inlined
@@ -288,34 +286,34 @@ def facing(hits, positive, cull_faces):
 
 
 @inlined
-def visit_leaf(tree, rays, i, link, query, found, counters):
+def visit_leaf(tree, rays, i, link, query, hits, counters):
     """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
     group, n = wide_leaf(link)
     count(counters, TRIANGLE_TESTS, n)
-    hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    lanes, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
     there = (1 << n) - 1
-    hits = facing(hits, positive, query.cull_faces) & there
-    if query.any_hit and hits and get(rays.skip, i) < 0:
-        put(found.lane, i, group * WIDTH + lowest_bit(hits))
+    lanes = facing(lanes, positive, query.cull_faces) & there
+    if query.any_hit and lanes and get(rays.skip, i) < 0:
+        put(hits.lane, i, group * WIDTH + lowest_bit(lanes))
         return True
-    while hits:
-        k = lowest_bit(hits)
-        hits &= hits - 1
-        if keep(tree, rays, i, group * WIDTH + k, query, found):
+    while lanes:
+        k = lowest_bit(lanes)
+        lanes &= lanes - 1
+        if keep(tree, rays, i, group * WIDTH + k, query, hits):
             return True
     unsure &= there
     if unsure:
-        _defer_lanes(found, i, group * WIDTH, unsure)
+        _defer_lanes(hits, i, group * WIDTH, unsure)
     return False
 
 
 @inlined
-def defer(found, rays, at):
+def defer(hits, rays, at):
     """Note that some rays (bits) may meet the triangle in lane `at`."""
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
-        _defer_lanes(found, i, at, np.int64(1))
+        _defer_lanes(hits, i, at, np.int64(1))
 
 
 @inlined
@@ -366,10 +364,10 @@ def slabs_of(block, i):
 def enter(nodes, at, r, limit):
     """Test the eight boxes of the node at word `at`: (mask of the boxes entered before `limit`, vector of entry t)."""
     x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
-    near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
+    t_near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
     x, y, z = load8(nodes, at + (r.x ^ WIDTH)), load8(nodes, at + (r.y ^ WIDTH)), load8(nodes, at + (r.z ^ WIDTH))
-    far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
-    return near <= far, near
+    t_far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
+    return t_near <= t_far, t_near
 
 
 @inlined
