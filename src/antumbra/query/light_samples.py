@@ -1,13 +1,11 @@
-"""Light samples: sample sets on a light, and the point of each sample as kernels compute it.
+"""Light samples: the sample sets of a light, and the sample points that kernels compute from them.
 
-The 16 sample sets interleave over 4 x 4 pixels and together form one fine set.
+Sampling is interleaved [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009, Sec. 4.5]: pixel
+(x, y) uses set (x mod 4) + 4 (y mod 4) of 16. Each set is well distributed by itself, and the 16 sets of 4 x 4 pixels
+together form one fine set of 16 spp samples.
 
-Sample sets. This is interleaved sampling [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009,
-Sec. 4.5]. Pixel (x, y) uses set (x mod 4) + 4 (y mod 4). So 16 neighbouring pixels share 16 spp samples, and each set
-by itself is well distributed.
-
-The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]. All sets are the same Halton sequence. On the
-hemisphere each set is rotated around the normal by its own angle; on other domains it is shifted.
+The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]: all sets are the same Halton sequence, rotated
+around the normal by a different angle per set on the hemisphere, and shifted on other domains.
 """
 
 from collections.abc import Callable
@@ -59,14 +57,14 @@ def patch_at(light, x, y, z, nx, ny, nz):
 
 @inlined
 def hemisphere(x, y, z, nx, ny, nz, r):
-    """A patch around (x, y, z) with u, v at right angles to the unit vector n, and w along it, all of length r."""
+    """A patch around (x, y, z) with u and v perpendicular to the unit vector n and w along it, all of length r."""
     (ux, uy, uz), (vx, vy, vz) = tangents64(nx, ny, nz)
     return Patch(x, y, z, r * ux, r * uy, r * uz, r * vx, r * vy, r * vz, r * nx, r * ny, r * nz)
 
 
 @inlined
 def tangents64(nx, ny, nz):
-    """Two unit vectors at right angles to the float64 unit vector n and each other [Duff et al. 2017]."""
+    """Two unit vectors perpendicular to the float64 unit vector n and to each other [Duff et al. 2017]."""
     s = np.copysign(1.0, nz)
     a = -1.0 / (s + nz)
     b = nx * ny * a
@@ -112,7 +110,7 @@ def hammersley(n: int) -> np.ndarray:
 
 
 def larcher_pillichshammer(n: int) -> np.ndarray:
-    """(n, 2) float64: (i + 1/2) / n, Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
+    """(n, 2) float64: (i + 1/2) / n, Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n is a power of two."""
     # Eq. (2) of docs/design/sampling.md
     i = np.arange(n, dtype=np.uint64)
     rows = [0]
@@ -149,9 +147,9 @@ def _inverse_in_base_3(i):
 def _split_net(points: np.ndarray) -> np.ndarray:
     """Split a (16 m, 2) net into sets (16, m, 2), each with one point per elementary cell, in Z order of the m cells.
 
-    The net has 16 points in each cell. Set k takes the point with rank k by x, after a permutation of ranks. The
-    permutation changes the rank's high bits, which decide x, from row to row. It changes the low bits, which decide y
-    in a digital net, from column to column. So the projections of each set on the axes are well distributed too.
+    The net has 16 points in each cell, ranked by x. Set k takes the point of rank k, after a permutation of ranks that
+    changes the rank's high bits, which determine x, from row to row, and its low bits, which determine y in a digital
+    net, from column to column. So the projections of each set onto the axes are well distributed too.
     """
     m = len(points) // N_SETS
     bits = m.bit_length() - 1
@@ -175,14 +173,14 @@ def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
 
     size = _power_of_two(spp)
     points = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
-    return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well spread
+    return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well distributed
 
 
 def _net(generate: Callable[[int], np.ndarray]):
     def sets(spp: int, seed: int) -> np.ndarray:
         size = _power_of_two(spp)
         split = _split_net(generate(N_SETS * size))
-        if spp < size:  # keep a well-spread part: cells in bit-reversed Z order
+        if spp < size:  # keep a well-distributed subset: cells in bit-reversed Z order
             bits = size.bit_length() - 1
             i = np.arange(size)
             reverse = sum(((i >> k) & 1) << (bits - 1 - k) for k in range(bits))
@@ -193,7 +191,7 @@ def _net(generate: Callable[[int], np.ndarray]):
 
 
 _DITHER = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
-"""Stratum of each set, of 16: any 2 x 2 pixels contain one stratum of each quarter [Bayer 1973]."""
+"""The stratum of each set, out of 16: any 2 x 2 pixels contain one stratum from each quarter [Bayer 1973]."""
 
 ROTATIONS: dict[str, float] = {
     "halton": 36.0,
@@ -202,11 +200,11 @@ ROTATIONS: dict[str, float] = {
     "halton:36": 36.0,
     "halton:full": 360.0,
 }
-"""Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper chose 36 for 20 samples."""
+"""Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper uses 36 for 20 samples."""
 
 
 def _shifted_halton(degrees: float):
-    """Cranley-Patterson rotation of the square, with offsets of up to degrees / 360."""
+    """Cranley-Patterson rotation of the Halton sequence on the square, with offsets of up to degrees / 360."""
 
     def sets(spp: int, seed: int) -> np.ndarray:
         offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
@@ -216,7 +214,7 @@ def _shifted_halton(degrees: float):
 
 
 def _rotated_halton(n: int, degrees: float) -> np.ndarray:
-    """(16, n, 3): one Halton sequence on the hemisphere, its sets rotated around the axis by stratified angles."""
+    """(16, n, 3): one Halton sequence on the hemisphere, rotated around the axis by a stratified angle per set."""
     a, b, c = to_domain(halton(n), "hemisphere").T
     angle = np.radians(degrees) * ((_DITHER + 0.5) / N_SETS)[:, None]
     x, y = a * np.cos(angle) - b * np.sin(angle), a * np.sin(angle) + b * np.cos(angle)
@@ -257,18 +255,18 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
-    choice(sampler, "sampler", SAMPLERS)  # before it is looked up among kept sets
+    choice(sampler, "sampler", SAMPLERS)  # before the lookup among cached sets
     sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
-    if isinstance(light, LightList):  # (a, b, c) is the world position of a near light, and points to a distant one
+    if isinstance(light, LightList):  # (a, b, c): world position of a near light, direction towards a distant one
         return np.ascontiguousarray(light.points[light.sets])
     return sets
 
 
 @lru_cache(64)
 def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
-    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`.
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Raises the errors of `sample_sets`.
 
-    Equal arguments get the same array: do not write to it.
+    The result is cached: do not write to it.
     """
     square = sample_sets(n, sampler)
     if domain == "hemisphere" and sampler in ROTATIONS:
@@ -290,7 +288,7 @@ def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
 
 
 def _concentric(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Map the unit square to the unit disk; Shirley and Chiu's map keeps cells compact."""
+    """Map the unit square to the unit disk by Shirley and Chiu's map, which keeps cells compact."""
     x, y = 2.0 * square[..., 0] - 1.0, 2.0 * square[..., 1] - 1.0
     wide = np.abs(x) > np.abs(y)
     r = np.where(wide, x, y)

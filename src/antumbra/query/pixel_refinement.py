@@ -1,10 +1,9 @@
 """Adaptive refinement: select pixels in penumbrae and at silhouettes, and split them into sixteen sub-pixels.
 
-[Benthin and Wald 2009, Sec. 5.4 and 6.1]. The sub-pixels of the selected pixels form a picture of their own.
-
-Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
-neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group of
-16 frusta [Benthin and Wald 2009, Sec. 6.1].
+This follows [Benthin and Wald 2009, Sec. 5.4 and 6.1]. The sub-pixels of all selected pixels form a separate picture,
+in which each selected pixel becomes a block of 4 x 4 pixels. So its sub-pixels use sixteen different sample sets, and
+neighbours stay neighbours. This gives tracers coherent input: in multi-frusta tracing, a block is one group of 16
+frusta [Benthin and Wald 2009, Sec. 6.1].
 """
 
 import math
@@ -40,23 +39,23 @@ from .receivers import NOTHING
 
 
 VISIBLE = np.float32(1.0 / 16.0)
-"""Largest difference in red, green or blue of linear base colours that makes no edge."""
+"""Linear base colours form an edge if they differ by more than this in red, green or blue."""
 
 NO_BOUNDARY, INNER, OUTLINE = np.int8(0), np.int8(1), np.int8(2)
-"""What lies between two neighbouring pixels; see `boundaries`."""
+"""Kinds of boundary between two neighbouring pixels; see `boundaries`."""
 
 
 class FinerSamples(NamedTuple):
-    """The samples of refined pixels, of each light."""
+    """The samples of refined pixels, per light."""
 
-    penumbra: list[np.ndarray]  # (16, n, 3) float64: a set for each pixel
+    penumbra: list[np.ndarray]  # (16, n, 3) float64: one set per pixel
     edges: list[
         np.ndarray
-    ]  # (16, ceil(n / 16), 3) float64: one for each of a pixel's sub-pixels, which share n samples
+    ]  # (16, ceil(n / 16), 3) float64: one set per sub-pixel; a pixel's sub-pixels share n samples
 
 
 def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
-    """The samples for n shadow rays, 1 to 1024, in each refined pixel; lights with their own numbers keep them.
+    """The samples for n shadow rays, 1 to 1024, per refined pixel; lights with a fixed number of samples keep it.
 
     Raises
     ------
@@ -85,9 +84,9 @@ def _penumbra_rows(ticket, surfaces, counts, spp, out):
 
 
 def penumbra(surfaces: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(H, W) bool: pixels partly in shadow, or with another count than a neighbour on the same surface.
+    """(H, W) bool: pixels partly in shadow, or whose count differs from that of a neighbour on the same surface.
 
-    counts : (H, W) int, the number of a pixel's `spp` samples of one light that are occluded
+    counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
     """
     counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
     run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, counts, int(spp), out)
@@ -123,9 +122,9 @@ def _boundary_rows(ticket, surfaces, colour, below, right):
 
 
 def boundaries(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """Two (H, W) int8: what lies between each pixel and that below, and that to the right of it.
+    """Two (H, W) int8: the boundary between each pixel and the pixel below it, and the pixel to its right.
 
-    It is INNER between two surfaces or colours, OUTLINE between a surface and the background, or else NO_BOUNDARY.
+    INNER between two surfaces or colours, OUTLINE between a surface and the background, otherwise NO_BOUNDARY.
 
     colour : (n, 3) float32, linear base colour of each face
     """
@@ -139,10 +138,10 @@ def edges(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> np.nda
 
     colour : (n, 3) float32, linear base colour of each face
 
-    The paper finds silhouettes during traversal, as edges whose two triangles face the viewer differently. Visible
-    silhouettes are discontinuities of the G-buffer; so are creases and intersections, which the paper's test misses.
-    The G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower
-    than a pixel that pass between all pixel centres.
+    The paper finds silhouettes during traversal, as edges between a front-facing and a back-facing triangle. Visible
+    silhouettes are discontinuities of the G-buffer, as are creases and intersections, which the paper's test misses.
+    The G-buffer test needs no triangle adjacency, and does not mark hidden silhouettes. It misses objects narrower than
+    a pixel that pass between all pixel centres.
     """
     below, right = boundaries(surfaces, colour, threads)
     out = (below | right) > 0
@@ -160,8 +159,8 @@ BLOCK = 4
 def _offsets() -> np.ndarray:
     """(4, 4, 2) float64: x and y in (0, 1) of the sub-pixel in each row and column of a block.
 
-    The points form a digital net: one in each cell of 4 x 4, no two at the same x or y. So an edge of any direction,
-    also a vertical one, moves over them one by one.
+    The points form a digital net: one per cell of 4 x 4, no two at the same x or y. So a moving edge of any direction,
+    even a vertical one, crosses them one by one.
     """
     points = larcher_pillichshammer(BLOCK * BLOCK) + (0.0, 0.5 / BLOCK**2)
     column, row = (points * BLOCK).astype(int).T
@@ -191,13 +190,13 @@ def subpixel_gbuffer(
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels.
 
-    wanted : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
+    mask : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
         (4 R, 4 C) pixels, whose last blocks are background if E < R C
-    hits : the (face, t) of a `CameraRays`, where `wanted` is True; None: `rasterise`
+    hits : returns (face, t) for `CameraRays`, valid where `mask` is True; None: `rasterise`
 
-    The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre
-    of its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent
-    of its pixels. It also needs no tree of all visible triangles.
+    The rasteriser runs once per sub-pixel, with the camera's window shifted so that the sub-pixel lies at the centre of
+    its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent of
+    its pixels, and needs no tree of all visible triangles.
     """
     threads = thread_count(threads)
     pixels = np.ascontiguousarray(np.argwhere(mask))
@@ -214,7 +213,7 @@ def subpixel_gbuffer(
 
 @kernel
 def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
-    """Worker: write the directions of a sub-pixel of each pixel."""
+    """Worker: write the direction of one sub-pixel of each pixel."""
     for e in items(ticket):
         v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
         d = pixel_direction(rays, pixels[e, 1], pixels[e, 0])
@@ -243,13 +242,13 @@ def _listed_subpixels(rays: ListedRays, pixels: np.ndarray, shape: tuple[int, in
 
 
 def _shape(pixels: int) -> tuple[int, int]:
-    """The (4 R, 4 C) picture of the sub-pixels of so many pixels."""
+    """The shape (4 R, 4 C) of the picture that holds the sub-pixels of this many pixels."""
     columns = max(1, math.isqrt(pixels))
     return BLOCK * -(-pixels // columns), BLOCK * columns
 
 
 def _shifted(rays: CameraRays, row: int, column: int) -> CameraRays:
-    """The camera's rays, moved so that a sub-pixel comes to the centre of its pixel."""
+    """The camera's rays, shifted so that a sub-pixel lies at the centre of its pixel."""
     x, y = OFFSETS[row, column]
     return rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
 
@@ -288,7 +287,7 @@ def blocks_of(picture: np.ndarray) -> np.ndarray:
 
 
 def picture_of(blocks: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(4 R, 4 C, ...): the picture of `shape` with these blocks, row by row; 0 in blocks that are left."""
+    """(4 R, 4 C, ...): the picture of this shape made of these blocks, row by row; 0 in the other blocks."""
     rows, columns, more = shape[0] // BLOCK, shape[1] // BLOCK, blocks.shape[3:]
     out = np.zeros((rows * columns, BLOCK, BLOCK, *more), blocks.dtype)
     out[: len(blocks)] = blocks

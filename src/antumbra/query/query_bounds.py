@@ -1,7 +1,8 @@
-"""Bounds of a query: boxes around triangles and points, and lights placed in the scene's frame.
+"""Bounds of a query: bounding boxes of triangles and points, and light placement in the scene's frame.
 
-Distant lights are placed beyond the bounds. `place` rejects scenes and lights whose sizes and distances differ by more
-than the tracers' arithmetic allows. `morton_codes` sorts points so that neighbours in a list are close in space.
+Distant lights are placed beyond the bounds. `place` rejects points and lights that are too far away for the tracers'
+arithmetic, compared with the width of the scene. `morton_codes` orders points so that neighbours in a list are close in
+space.
 """
 
 from math import sqrt
@@ -21,11 +22,11 @@ from ..scene.recentre import settled
 
 
 def morton_codes(points: np.ndarray) -> np.ndarray:
-    """(n,) int32: Morton codes of 10 bits an axis of (n, 3) points, over their box.
+    """(n,) int32: Morton codes of (n, 3) points within their bounding box, 10 bits per axis.
 
-    Points too far apart for their dtype get any codes.
+    Points too far apart for their dtype get arbitrary codes.
     """
-    axes = np.ascontiguousarray(points.T)  # minima along rows are several times as fast
+    axes = np.ascontiguousarray(points.T)  # minima along rows are several times faster
     with np.errstate(over="ignore", invalid="ignore"):
         low = axes.min(1, initial=np.inf, keepdims=True)
         size = max(float((axes.max(1, initial=-np.inf, keepdims=True) - low).max()), 1e-30)
@@ -38,7 +39,7 @@ def morton_codes(points: np.ndarray) -> np.ndarray:
 # --- Bounds of triangles and points -----------------------------------------------------------------------------------
 
 
-_ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
+_ROWS = 16  # points per block: three vectors of 16 lanes; each lane holds the same axis in every block
 _BLOCK = 3 * _ROWS
 _CHUNK = 2048  # blocks
 _TINY = float(np.finfo(np.float32).tiny)
@@ -65,7 +66,10 @@ def _bounds(ticket, values, parts):
 
 
 def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
+    """Lower and upper corner, (3,) float32 each, of the bounding box of (..., 3) float32 points.
+
+    The points must be C-contiguous and finite, and there must be at least one.
+    """
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
     if n == 0:
@@ -103,13 +107,13 @@ def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | N
 
 
 MOST_RATIO = 2.0**120
-"""Most widths of the scene between points and lights. Lengths in units of a segment stay in float32's range."""
+"""Largest distance of points and lights, in widths of the scene: lengths in units of a segment stay within float32."""
 
 
 def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float) -> LightPatch:
-    """The patch of a light in the frame whose zero is at the world position `origin`.
+    """The patch of a light in the frame with its origin at the world position `origin`.
 
-    box : (2, 3) float32, around the scene's triangles; None: there are none
+    box : (2, 3) float32, bounds of the scene's triangles; None: there are none
     reach : as for `Light.patch`
 
     Raises
@@ -128,7 +132,7 @@ def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float
 
 
 def _farthest(light: Light, patch: LightPatch) -> float:
-    """The largest magnitude of a coordinate of a list of lights, about; 0 for distant ones, placed by `reach`."""
+    """Roughly the largest coordinate magnitude of a list of lights; 0 for distant lights, which `reach` places."""
     if patch.kind == DIRECTIONAL or not isinstance(light, LightList) or not len(light.points):
         return 0.0
     return float(np.abs(light.points).max()) + float(np.abs(patch.base).max())

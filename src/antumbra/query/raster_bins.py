@@ -1,8 +1,8 @@
-"""Binning: the pixels that each triangle can cover, and the triangle list of each screen tile.
+"""Binning: conservative screen bounds of triangles, and the triangle list of each screen tile.
 
-Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
-culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time
-are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
+Every pixel whose ray meets a triangle lies within the triangle's bounds. Most triangles of a large scene are culled
+here, because they are behind the camera, outside the picture, or between pixel centres. Triangles are bounded in
+float32, eight at a time; only the few that are close to the camera's plane, or cross it, are bounded in float64.
 """
 
 from typing import NamedTuple
@@ -40,10 +40,10 @@ from .raster_setup import TILE, RasterView, corner_from, pixel_vector
 BLOCK = 64  # triangles bounded together
 _F = np.float32
 _U32, _U64 = 2.0**-24, 2.0**-53
-_NEAR32 = 2.0**-5  # least depth / distance of a corner that float32 projects accurately
-_NEAR64 = 2.0**-20  # least depth / distance of a corner that float64 projects accurately
-_APART = 2.0**-28  # least |depth| / distance of a corner surely on one side of the camera's plane
-_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither under- nor overflows
+_NEAR32 = 2.0**-5  # least depth / distance at which float32 projects a corner accurately
+_NEAR64 = 2.0**-20  # least depth / distance at which float64 projects a corner accurately
+_APART = 2.0**-28  # least |depth| / distance of a corner that surely lies on one side of the camera's plane
+_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither underflows nor overflows
 _NOWHERE = (0, 0, -1, -1)
 
 
@@ -56,14 +56,14 @@ class Padding(NamedTuple):
     far_y: float
     quick_x: float  # constant part of the padding in float32
     quick_y: float
-    slope_x: float  # variable part in float32: times the corners' largest distance / depth
+    slope_x: float  # variable part in float32: a factor of the corners' largest distance / depth
     slope_y: float
     nearer: float  # factor from a corner's 1 / depth to a bound of the depth key
     usable: bool  # False: rounding moves rays so far that nothing can be culled
 
 
 def make_padding(view: RasterView) -> Padding:
-    """Padding for two errors: the rounding of rays, and the error 8 u norm distance / depth of a projected corner."""
+    """`Padding` for the rounding of rays, and for the error 8 u norm distance / depth of a projected corner."""
     if not view.shift_z < 0.25:
         return Padding(*[0.0] * 9, False)
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
@@ -80,7 +80,7 @@ def make_padding(view: RasterView) -> Padding:
 
 @inlined
 def _pixels(low_x, high_x, low_y, high_y, view):
-    """Pixels (x0, y0, x1, y1) of the picture with centres in the range; x0 > x1 or y0 > y1 if there are none."""
+    """The picture's pixels (x0, y0, x1, y1) with centres in the range; x0 > x1 or y0 > y1 if there are none."""
     low_x, high_x = max(low_x, 0.0), min(high_x, view.width - 1.0)
     low_y, high_y = max(low_y, 0.0), min(high_y, view.height - 1.0)
     if not (low_x <= high_x and low_y <= high_y):
@@ -102,8 +102,8 @@ def _opened(low, high, direction, error):
 def _crossing_range(z, x, r, norm_z, norm_x):
     """Range of x / z over the front part of a triangle that crosses or touches the camera's plane.
 
-    The front part is the hull of the corners in front and of the points where edges meet the plane. The latter project
-    to infinity.
+    The front part is the hull of the corners in front and of the points where edges meet the plane, which project to
+    infinity.
     """
     low, high = np.inf, -np.inf
     for i in range(3):
@@ -116,7 +116,7 @@ def _crossing_range(z, x, r, norm_z, norm_x):
         elif z[i] >= -_APART * norm_z * r[i]:
             if abs(z[i]) > 8.0 * _U64 * norm_z * r[i]:
                 return -np.inf, np.inf
-            # On the plane or very close to it: the sign of x decides the side of infinity
+            # On the plane or very close to it: the sign of x determines the sign of infinity
             low, high = _opened(low, high, x[i], 2.0**-8 * norm_x * r[i])
     return low, high
 
@@ -155,7 +155,7 @@ def careful_box(view, padding, corners, i):
 
 @inlined
 def transpose(corners, first, n, lanes):
-    """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; the rest of the block repeats the last."""
+    """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; beyond n, repeat the last triangle."""
     for k in range(BLOCK):
         at = 9 * (first + min(k, n - 1))
         for c in range(9):
@@ -178,7 +178,7 @@ def _quick_corner(view, lanes, k):
 
 @inlined
 def _quick_pixels(a, b, c, pad, last):
-    """First and last pixel in [0, `last`] within `pad` of the range of a, b, c; and a mask of lanes with any pixel."""
+    """(first pixel, last pixel, mask of lanes with any pixel): within `pad` of the range of a, b, c, in [0, `last`]."""
     low = minimum(maximum(minimum(a, minimum(b, c)) - pad, _F(0.0)), last + _F(1.0))
     high = maximum(minimum(maximum(a, maximum(b, c)) + pad, last), _F(-1.0))
     first, final = to_i32(low), to_i32(high)
@@ -190,11 +190,11 @@ def _quick_pixels(a, b, c, pad, last):
 def quick_boxes(view, padding, lanes, k, boxes, nearest):
     """Bound eight triangles of a block, starting at the k-th.
 
-    Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Returns two bit masks: triangles that may
+    Write x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Return two bit masks: triangles that may
     cover pixels inside these bounds, and triangles that need `careful_box`. The others cover no pixel.
 
-    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice
-    the picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
+    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Within twice
+    the picture, it is at most `slope_x` q. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
     """
     za, xa, ya, ra = _quick_corner(view, lanes, k)
     zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)
@@ -223,16 +223,16 @@ def quick_boxes(view, padding, lanes, k, boxes, nearest):
 # --- Triangle lists of tiles ------------------------------------------------------------------------------------------
 
 
-_LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
-_MOST_COUNTS = 1 << 22  # of the table (chunks, tiles)
+_LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # triangles per chunk; enough chunks to keep many threads busy
+_MOST_COUNTS = 1 << 22  # elements of the table (chunks, tiles)
 _BOXES, _LANES = 4 * BLOCK, 9 * BLOCK
-_BUCKETS = 128  # of depth
+_BUCKETS = 128  # depth buckets
 _BOUNDS = _BUCKETS + 1
 _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Survivors(NamedTuple):
-    """The triangles left by culling. Only slots in `TileBins.slot` are filled; other memory pages stay untouched."""
+    """The triangles that survive culling. Only slots in `TileBins.slot` are filled; other pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
     box: np.ndarray  # (n, 4) int16: first and last pixel, x0, y0, x1, y1
@@ -240,11 +240,11 @@ class Survivors(NamedTuple):
 
 
 class TileBins(NamedTuple):
-    """The candidate triangles of each tile. Tile k owns slot[first[k]:first[k + 1]], in ascending triangle order."""
+    """The candidate triangles of each tile: slot[first[k]:first[k + 1]] for tile k, in ascending triangle order."""
 
     survivors: Survivors
     first: np.ndarray  # (tiles + 1,) int64
-    slot: np.ndarray  # (pairs,) int32: index into the arrays of `seen`
+    slot: np.ndarray  # (pairs,) int32: index into the arrays of `survivors`
 
 
 def tiles_across(pixels: int) -> int:
@@ -278,7 +278,7 @@ def _quick_box(boxes, k):
 
 @kernel
 def _cull(ticket, corners, view, padding, columns, survivors, lengths, counts):
-    """Worker: bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
+    """Worker: bound all triangles; lengths[k] of chunk k survive, counts[k] of them in each tile."""
     p = ptr(corners)
     lanes, boxes, nearest = stack_f32(_LANES), stack_i32(_BOXES), stack_f32(BLOCK)
     for first, end in shares(ticket):
@@ -303,7 +303,7 @@ def _cull(ticket, corners, view, padding, columns, survivors, lengths, counts):
 
 @kernel
 def _prefix_sums(counts, first):
-    """Replace counts[chunk, tile] by the start of the chunk's part of a tile's list; first[tile]: start of the list."""
+    """Replace counts[chunk, tile] by the start of the chunk's part of the tile's list, which starts at first[tile]."""
     chunks, tiles = counts.shape
     for chunk in range(chunks):
         for tile in range(tiles):
@@ -350,13 +350,13 @@ def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:
 
 @inlined
 def _bucket(key, slot, highest, shift):
-    """A larger depth key gives a lower bucket; positive floats sort like their bit patterns."""
+    """The depth bucket of a slot: lower for larger depth keys. Positive floats sort like their bit patterns."""
     return max(highest - np.int64(get(key, slot)), 0) >> shift
 
 
 @kernel
 def front_to_back(bins, tile, order):
-    """Write a tile's slots to `order`, roughly by falling depth key of the nearest corner; return their number."""
+    """Write a tile's slots to `order`, roughly by decreasing depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
     key, slots, start = as_i32(ptr(bins.survivors.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), np.int64(0)

@@ -1,6 +1,6 @@
-"""Triangle setup of the rasteriser: edge functions and depth, with proven bounds on all rounding errors.
+"""Triangle setup of the rasteriser: edge functions and depth keys, with proven bounds on all rounding errors.
 
-The terms of a ray's `t` that do not depend on its direction are computed once per triangle.
+Also the terms of a ray's `t` that do not depend on its direction, computed once per triangle (`EyePlane`).
 
 A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
 centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
@@ -11,8 +11,8 @@ the common factor det(c, r, d),
 
 These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without
 clipping for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of
-det(h0, h1, h2). With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is
-linear as well.
+det(h0, h1, h2). The contract's other case, all signs opposite, cannot occur with t > 0. The depth key 1 / t is linear
+as well.
 
 Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by at
 most |C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed r.
@@ -40,18 +40,18 @@ from ..kernels.simd import get
 
 
 TILE = 64  # pixels; tiles are square
-STRIDE = TILE + 8  # row stride of a tile: a vector of pixels may start anywhere, and extend past the right edge
+STRIDE = TILE + 8  # row stride of a tile: a vector of pixels may start anywhere and extend past the right edge
 
 _U = 2.0**-53
 _F = np.float32
 _EPSILON = 2.0**-24  # of float32
 _SLACK = 1.001  # for second order terms, and for the rounding of the bounds themselves
-_TINY = 1e-37  # above the loss of float32 by underflow
+_TINY = 1e-37  # above the underflow error of float32
 _HUGE = 1e30  # below the overflow limit of float32, with room for sums
 
 
 class RasterView(NamedTuple):
-    """A camera in pixel coordinates, in float64 scalars: threads would contend for the reference counts of arrays."""
+    """A camera in pixel coordinates. Scalars, because threads would contend for the reference counts of arrays."""
 
     eye_x: float
     eye_y: float
@@ -68,7 +68,7 @@ class RasterView(NamedTuple):
     turn: int  # sign of det(c, r, d)
     width: int
     height: int
-    norm_z: float  # |h| is at most norm * |v - eye|_inf, component by component, also relative to a pixel of the screen
+    norm_z: float  # |h| is at most norm * |v - eye|_inf per component, also relative to any pixel of the screen
     norm_x: float
     norm_y: float
     shift_z: float  # bound on the movement of a ray when its direction is rounded to float32
@@ -94,7 +94,7 @@ def make_view(rays) -> RasterView:
 
 
 def _inverse(*columns):
-    """Inverse of the matrix of three columns, (3, 3) float64, correctly rounded; and the sign of its determinant."""
+    """(inverse of the matrix of three columns, (3, 3) float64, correctly rounded; sign of its determinant)."""
     c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
     rows = [_cross(r, d), _cross(d, c), _cross(c, r)]
     det = sum(x * y for x, y in zip(c, rows[0]))
@@ -116,7 +116,7 @@ def direction_error(rays) -> np.ndarray:
 class EdgeFunctions(NamedTuple):
     """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
 
-    Each edge function is divided by its error bound: above 1 a pixel is surely inside, below -1 surely outside. The
+    Each edge function is divided by its error bound: a pixel is surely inside above 1, and surely outside below -1. The
     depth key is 1 / t, with an error of at most ``key_error``.
     """
 
@@ -196,8 +196,8 @@ def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
 def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     """(turn, `EdgeFunctions`) of triangle i with origin at pixel (x0, y0), for pixels up to x_reach, y_reach from it.
 
-    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied. 0: float64 cannot decide it, and the
-    edge functions keep their own sign.
+    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied. 0: undecided in float64; the edge
+    functions keep their sign.
     """
     v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
     a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
@@ -223,7 +223,7 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
 
 @inlined
 def negated(f):
-    """The edge functions multiplied by -1; the depth key is unchanged."""
+    """The edge functions multiplied by -1, with the same depth key."""
     return EdgeFunctions(
         -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
     )
@@ -232,12 +232,12 @@ def negated(f):
 # --- `hits.hit_t` for many rays from one eye --------------------------------------------------------------------------
 
 
-_ACCURACY = 2.0**-31  # half the error that `hit_t` accepts: within it, `hit_t` returns its float64 expression
-_FLOOR = 1e-250  # far above any loss by underflow
+_ACCURACY = 2.0**-31  # half the error up to which `hit_t` returns its float64 expression
+_FLOOR = 1e-250  # far above any underflow error
 
 
 class EyePlane(NamedTuple):
-    """A triangle's plane seen from the eye. All float64 but `triangle`, an int64 (-1: none yet)."""
+    """A triangle's plane relative to the eye. All float64 but `triangle`, an int64 (-1: none yet)."""
 
     triangle: int
     nx: float
@@ -262,7 +262,7 @@ def eye_plane(corners, i, o):
 
 @inlined
 def quick_t(p, ray):
-    """`plane_t` if float64 is surely accurate, else -1."""
+    """`plane_t` where float64 is surely accurate, else -1."""
     det = ray.dx * p.nx + ray.dy * p.ny + ray.dz * p.nz
     size = abs(ray.dx) + abs(ray.dy) + abs(ray.dz)
     return p.volume / det if abs(det) > p.least * size + _FLOOR else -1.0

@@ -1,7 +1,7 @@
-"""Passes of one ray per pixel: diffuse rays, the camera's own rays, and their hits on a level ground plane.
+"""Passes of one ray per pixel: diffuse rays, camera rays, and hits on a level ground plane.
 
-One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so neighbouring
-pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
+Diffuse rays are traced pass by pass [Mattausch et al. 2015, Sec. 5.3]. Each pass takes one sample from each set, so
+neighbouring pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
 """
 
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from .receivers import NOTHING, SHIFT
 
 
 SEED = 1
-"""Seed of the pairing of directions with light samples."""
+"""Seed of the permutation that pairs light samples with directions."""
 
 
 class RayPass(NamedTuple):
@@ -36,19 +36,19 @@ class RayPass(NamedTuple):
 
 
 def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
-    """The rays of a picture's pixels, (..., 3) float32 each, which start on no triangle."""
+    """The rays of a picture's pixels, (..., 3) float32 each, which do not start on triangles."""
     rays = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
     return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
 
 
 def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
-    """The rays through the centres of some rows of a camera's pixels."""
+    """The rays through the pixel centres in some rows of a camera's picture."""
     x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
     return listed_pass(*rays.through(x, y))
 
 
 class Passes(NamedTuple):
-    """The samples of all passes: directions of the diffuse rays, and light samples for the surfaces they meet."""
+    """The samples of all passes: directions of diffuse rays, and light samples for the surfaces they meet."""
 
     directions: np.ndarray  # (n, 4, 4, 3) float64, on the hemisphere; repeated over the picture
     lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
@@ -57,14 +57,14 @@ class Passes(NamedTuple):
 def diffuse_passes(lights, n: int, sampler: str) -> Passes:
     """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
-    Light samples are paired with directions by a random permutation, a different one for each set. Without it, samples
-    with equal numbers would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass
-    tests all lights, or all lights of a set.
+    A random permutation, different for each set, pairs light samples with directions. Without it, samples with equal
+    indices would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass tests all
+    lights, or all lights of a set.
 
     Raises
     ------
     InputError
-        If n is out of range or the sampler is unknown. If a light scales ambient light, or is itself bounced light.
+        If n is out of range, the sampler is unknown, or a light scales ambient light or is itself bounced light.
     """
     n = whole_number(n, "bounce", 1, MAX_SPP)
     for light in lights:
@@ -72,14 +72,14 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
         if light.domain == "hemisphere":
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
         if is_bounced(light):
-            raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
+            raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
     return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler) for light in lights])
 
 
 def _pass_samples(light, n: int, sampler: str) -> list[np.ndarray]:
-    """The samples of a light in each pass, (16, k, 3) float64."""
+    """The samples of a light per pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler)
     if light.domain == "list":
         return [samples] * n
@@ -107,7 +107,7 @@ def _direction_rows(ticket, normals, sides, samples, out):
 def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
     """One diffuse ray from each surface in a G-buffer.
 
-    origins : (H, W, 3) float32, the receivers of its surfaces
+    origins : (H, W, 3) float32, receivers on the surfaces
     samples : (h, w, 3) float64, points of the unit hemisphere; pixel (x, y) uses entry [y mod h, x mod w]
     """
     directions = np.empty_like(origins)
@@ -127,7 +127,7 @@ def _directions(ticket, pixels, rays, directions):
 
 
 def rays_through(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) -> RayPass:
-    """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+    """The rays through the centres of the pixels that are True in `mask`, (H, W) bool, row by row."""
     if isinstance(rays, ListedRays):
         return RayPass(*(part[mask.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
     pixels = np.ascontiguousarray(np.argwhere(mask))
@@ -141,30 +141,34 @@ def rays_through(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) 
 # --- The ground plane -------------------------------------------------------------------------------------------------
 
 
-_FAR = 40.0  # radii of the scene that the ground reaches
-_FADE_START = 0.5  # share of this distance from which shadows fade, so that the ground has no border
+_FAR = 40.0  # extent of the ground, in radii of the scene
+_FADE_START = 0.5  # fraction of this distance at which shadows start to fade, so that the ground has no visible border
 
 
 class GroundPlane(NamedTuple):
-    """A level plane in the recentred frame of a scene, seen from above and up to a distance."""
+    """A level plane in the recentred frame of a scene, visible from above and up to a distance."""
 
-    axis: int  # that points up: 1 or 2
+    axis: int  # the axis that points up: 1 or 2
     height: float
-    x: float  # the middle of the scene, on the two level axes
+    x: float  # the centre of the scene, on the two level axes
     y: float
     radius: float
 
 
 class GroundHits(NamedTuple):
-    """The ground that rays meet."""
+    """Points where rays meet the ground."""
 
-    gbuffer: GBuffer  # without faces; its side is 1 where the ground is seen
+    gbuffer: GBuffer  # without faces; its side is 1 where the ground is visible
     origins: np.ndarray  # (H, W, 3) float32: receivers, as from `point_receivers`
-    kept: np.ndarray  # (H, W) float32: share of shadows that is shown: 1 near the scene, 0 where the ground ends
+    kept: np.ndarray  # (H, W) float32: shadow strength: 1 near the scene, 0 where the ground ends
 
 
 def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
-    """The plane of a ground; box : (2, 3), bounds of the scene, and `height`, both in its recentred frame."""
+    """The ground plane of a scene.
+
+    box : (2, 3), bounds of the scene in its recentred frame
+    height : of the plane, in the same frame
+    """
     lower, upper = box.astype(np.float64)
     radius = max(float(np.linalg.norm(upper - lower)) / 2.0, float(np.finfo(np.float32).tiny))
     axis = "xyz".index(up)
@@ -174,7 +178,7 @@ def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
 
 @kernel
 def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origins, strength):
-    """Worker: write what rays see of the plane to their pixels; arrays have a row for each pixel."""
+    """Worker: write the hits of rays on the plane to their pixels; arrays have one row per pixel."""
     up = plane.axis
     a, b = (0, 3 - up) if up != 0 else (1, 2)
     for i in items(ticket):
@@ -198,9 +202,9 @@ def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origi
 
 
 def ground_hits(plane: GroundPlane, rays: RayPass, mask: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
-    """The ground that rays meet.
+    """The points where rays meet the ground.
 
-    rays : those of the pixels that are True in `wanted`, (H, W) bool; they meet no surface
+    rays : rays of the pixels that are True in `mask`, (H, W) bool, which meet no surface
     origin : (3,) float64, world position of the frame's origin
     """
     shape = mask.shape
