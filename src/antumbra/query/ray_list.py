@@ -71,9 +71,8 @@ class HitArrays(NamedTuple):
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
 _HITS = Form(_NONE)
 _RAYS = Form(
-    RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type: ignore[arg-type]
-)
-_DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
+    RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type:
+ignore[arg-type] ) _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
 
 
 def hit_arrays(m: int, any_hit: bool) -> HitArrays:
