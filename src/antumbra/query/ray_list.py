@@ -70,9 +70,9 @@ class HitArrays(NamedTuple):
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
 _HITS = Form(_NONE)
-_RAYS = Form(
-    RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type:
-ignore[arg-type] ) _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
+_POINTS, _NUMBERS = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0)
+_RAYS = Form(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, (0.0, 0.0, 0.0), 0, 0, False))
+_DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
 
 
 def hit_arrays(m: int, any_hit: bool) -> HitArrays:

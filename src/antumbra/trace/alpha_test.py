@@ -1,12 +1,10 @@
-"""Alpha testing: rays that no solid triangle stops are tested against faces with holes in their textures.
+"""Alpha testing: rays that no solid triangle blocks are tested against alpha-masked faces, the *cut-outs*.
 
-Alpha-masked faces have a tree of their own, which is traced after everything else. A ray passes where the texel that it
-hits is a hole.
-
-The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree of
-their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts what
-they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-out's
-triangle, and if nothing solid blocks it.
+A ray passes through a cut-out if the texel that it hits is transparent. The solid triangles of a scene are in the
+plan's own tree, whose tracer reads no textures. Cut-outs are in a separate tree, the same for every plan, which is
+traced after the solid triangles. `add_shadows` adds the segments that cut-outs block to a tracer's bits, and
+`add_nearest` replaces hits on solid triangles by nearer hits on cut-outs. A shadow ray reads texels only if shafts have
+determined that it may meet a cut-out, and nothing solid blocks it.
 """
 
 from typing import NamedTuple
@@ -38,7 +36,7 @@ from .rays.ray_traversal import CLOSEST, LEFT_FIRST, ignores_hit, triangle_hit, 
 
 
 class AlphaTexels(NamedTuple):
-    """What the slots of a tree of cut-outs need to find texels: see `scene.cutouts.Cutouts`."""
+    """The data by which slots of a cut-out tree find their texels: see `scene.cutouts.Cutouts`."""
 
     uv: np.ndarray  # (m, 6) float32, slot -> texture coordinates of the three corners
     mask: np.ndarray  # (m,) int32, slot -> mask
@@ -48,7 +46,7 @@ class AlphaTexels(NamedTuple):
 
 
 class TexelPointers(NamedTuple):
-    """Pointers to the arrays of `Texels`, which must outlive them."""
+    """Pointers to the arrays of `AlphaTexels`, which must outlive them."""
 
     uv: F32Ptr  # float32 *
     mask: I32Ptr  # int32 *
@@ -59,7 +57,7 @@ class TexelPointers(NamedTuple):
 
 @inlined
 def texel_pointers(texels):
-    """`TexelPointers` of `Texels`."""
+    """`TexelPointers` of `AlphaTexels`."""
     return TexelPointers(
         ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels)
     )  # fmt: skip
@@ -67,7 +65,7 @@ def texel_pointers(texels):
 
 @inlined
 def _wrapped(x, size, wrap):
-    """The texel 0 .. size - 1 that stands at place x of the endless texture."""
+    """The texel, 0 to size - 1, at coordinate x of the repeated texture."""
     if wrap == CLAMP:
         return min(max(x, np.int64(0)), size - 1)
     if wrap == MIRROR:
@@ -78,7 +76,7 @@ def _wrapped(x, size, wrap):
 
 @inlined
 def _inside(weight):
-    """A weight, which rounding may have moved beyond 0 or 1."""
+    """The weight, clamped to 0 .. 1, which rounding may have exceeded."""
     return min(max(weight, np.float64(0.0)), np.float64(1.0))
 
 
@@ -90,7 +88,7 @@ def _texture_coordinate(uv, slot, axis, b, c):
 
 @kernel
 def is_hole(texels, ray, corners, slot):
-    """Is the texel clear where the ray meets the cut-out in `slot`? One fixed float64 expression finds the texel."""
+    """True if the texel is transparent where the ray meets the cut-out in `slot`. One float64 expression defines it."""
     b, c = weights(ray, corners, slot)
     b, c = _inside(b), _inside(c)
     k = np.int64(get(texels.mask, slot))
@@ -113,7 +111,7 @@ def _ignores_hit(hit_filter, ray, corners, slot, prim):
 
 
 class CutoutTree(NamedTuple):
-    """The cut-outs of a scene at one moment; triangles have their indices in the whole scene."""
+    """The cut-outs of a scene at one time; triangle indices are those of the whole scene."""
 
     bvh: Bvh
     blocks: BlockTree
@@ -142,7 +140,7 @@ def _ray_to(query, patch, i, s):
 
 @inlined
 def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
-    """The slot of a cut-out that stops the ray, or -1. `last`, which stopped the ray before, is tested first."""
+    """The slot of a cut-out that blocks the ray, or -1; `last`, which blocked the previous ray, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
@@ -155,7 +153,7 @@ def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
 
 @kernel
 def _shadows(ticket, bvh, texels, query, met, bits):
-    """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
+    """Worker: set the bits of segments in `met` that an opaque texel blocks, unless they are already set."""
     tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
     candidates, out, last = ptr(met), ptr(bits), np.int64(-1)
     for i in items(ticket):
@@ -189,7 +187,7 @@ class CutoutRays(NamedTuple):
     """Rays in the recentred frame."""
 
     origins: np.ndarray  # (m, 3) float32
-    directions: np.ndarray  # (m, 3) float32; zero: no ray; or the targets of segments
+    directions: np.ndarray  # (m, 3) float32; zero: no ray; for segments, their targets
     skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
     tmin: np.ndarray  # (m,) float64
     tmax: np.ndarray  # (m,) float64
@@ -231,16 +229,16 @@ def _nearest(ticket, bvh, texels, rays, out):
 
 
 def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
-    """Replace hits by those on cut-outs that are nearer.
+    """Replace hits by nearer hits on cut-outs.
 
-    out : face, t, u and v of the nearest solid triangles: -1 and inf on a miss
+    out : face, t, u and v of the nearest solid triangles; face -1 and t inf on a miss
     """
     ticket = new_ticket(len(rays.origins), 1024)
     run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
 
 
 def show_cutouts(tree: CutoutTree | None, rays: RayPass, face, t, threads: int | None = None) -> None:
-    """Replace the hits of a pass of rays, face (m,) int32 and t (m,) float64, by those on cut-outs that are nearer."""
+    """Replace the hits of a pass, face (m,) int32 and t (m,) float64, by nearer hits on cut-outs."""
     if tree is not None:
         add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
 
@@ -252,7 +250,7 @@ def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
 def add_hits(
     tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
 ) -> None:
-    """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
+    """Add hits on cut-outs to the hits of a checked ray list on solid triangles."""
     if not any_hit:
         add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
         return
@@ -264,7 +262,7 @@ def add_hits(
 
 @kernel
 def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
-    """Worker: whether segments that meet cut-outs meet solid texels."""
+    """Worker: whether segments that meet cut-outs hit opaque texels."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
         o, e = origins[rays[k]], ends[rays[k]]
@@ -272,7 +270,7 @@ def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
 
 
 def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of a segment and a cut-out that stops it: (segment, triangle), (k,) each; see `intersections`."""
+    """All pairs of a segment and a cut-out that blocks it: (segment, triangle), (k,) each; see `intersections`."""
     met = intersections(tree.bvh, origins, ends, skip, threads)
     rays = np.repeat(np.arange(len(origins)), np.diff(met.first))
     order = np.argsort(tree.bvh.prim_ids)

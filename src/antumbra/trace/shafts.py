@@ -1,35 +1,36 @@
 """Shafts, beams and segments of a tile, and their tests against the box of a block.
 
-Shafts. Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative
-to c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
-hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
-support of the two boxes
+Shafts. A tile has one shaft to each group of strata. Let c be the centre of the receivers' box and rx its half extents.
+Let D be the centre of a group's box relative to c, and ry its half extents. All segments of the shaft lie in the convex
+hull of the two boxes, which four planes bound sideways. Let m be perpendicular to D and to one of the axes. A plane has
+the normal w = +-m - k D and the support of the two boxes
 
     b = max(|w| . rx, w . D + |w| . ry)
 
 so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
-to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four planes.
-Planes at its two ends cull few more, because the block's box has been tested.
+to second order, but any k is correct. The shaft misses a triangle that lies entirely beyond one of the four planes.
+Planes at its two ends would cull few more, because the block's box has been tested before.
 
-Beams. These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
-they are narrower than shafts, which start from the box of all receivers. Next to the light they are wider. Lanes are
-receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box. Take the
-edge functions of `frusta.shaft_culling` along D. At a sample D + y they differ by y . N, so by at most h . |N|.
+Beams. These are the frusta of multi-frusta tracing [Benthin and Wald 2009], from one receiver each to the box of all
+its samples; lanes are receivers. Near the receivers they are narrower than shafts, which start from the box of all
+receivers; near the light they are wider. Let D be the vector from the receiver to the centre of the box, and h the half
+extents of the box. At a sample D + y, the edge functions of `frusta.shaft_culling` along D change by y . N, so by at
+most h . |N|.
 
-Segments. Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
-``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes of
-o, o + d and c -+ e, and u the unit roundoff.
+Segments. Slab tests use reciprocals that are stored for all blocks. A segment from o along d is in the slab of a box
+with centre c and half extent e where ``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e /
+|d|. Let R be at least all magnitudes of o, o + d and c -+ e, and u the unit roundoff.
 
-- d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point is
-  as far off.
-- (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
+- d is rounded, and a component below 8u R is replaced by 4u R. So its error is at most 12u R, as is that of a point
+  with t up to 1.
+- (c - o) / d accumulates four roundings of at most 2R / |d|, and the sums with e / |d| less than 6u R / |d|.
 
-e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+Widening e by 32u R covers both. A quotient that overflows only keeps a segment.
 
-Separating axes. The axes are the three axes of the box, and their cross products with the segments. A segment may meet
-the box if no axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most
-4u of the coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of
-numbers that underflow.
+Separating axes. The axes are the three axes of the box and their cross products with the segments. A segment may meet
+the box if no axis separates them. The errors of a segment's midpoint and of its distance from the box's centre are at
+most 4u of the coordinates. `_PAD` covers them eight times over, `_TINY` covers underflow, and `_SURE` covers quotients
+of numbers that underflow.
 """
 
 from typing import NamedTuple
@@ -76,12 +77,12 @@ from .light_table import ALL_GROUPS, POINTS
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
-_TINY = _F(1e-37)  # more than the error of a sum of products by underflow
-N = ALL_GROUPS  # a row's length
+_TINY = _F(1e-37)  # more than the underflow error of a sum of products
+N = ALL_GROUPS  # length of a row
 D, HALF, TWIST, SPAN, LEVER, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N
-PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
+PLANE = 5 * N  # rows of a plane: w (3), b, error per unit of a corner's largest coordinate
 SHAFT_FLOATS = PLANES + 4 * PLANE
-_MADE = 12  # word of a tile's `info`: 1 if its shafts are written
+_MADE = 12  # word of a tile's `info`: 1 if its shafts have been computed
 
 
 class Axis(NamedTuple):
@@ -108,7 +109,7 @@ def axis_of(shafts, group):
 
 @inlined
 def _sideways(d, axis):
-    """d turned by 90 degrees around an axis: at right angles to d and to the axis."""
+    """d rotated by 90 degrees around an axis: perpendicular to d and to the axis."""
     zero = splat16(_F(0.0))
     if axis == 0:
         return Vec(zero, -d.z, d.y)
@@ -129,13 +130,13 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
 
 @inlined
 def invalidate_shafts(tile):
-    """Note that the tile's receivers or samples are new."""
+    """Mark the tile's shafts as outdated, because its receivers or samples are new."""
     put(tile.info, _MADE, _F(0.0))
 
 
 @inlined
 def ensure_shafts(tile):
-    """Write the shafts of a tile, unless that has been done. Many tiles meet no block, and need none."""
+    """Compute the shafts of a tile on first use. Many tiles meet no block and need none."""
     if get(tile.info, _MADE) == _F(0.0):
         make_shafts(tile.info, tile.groups, tile.shafts)
         put(tile.info, _MADE, _F(1.0))
@@ -183,7 +184,7 @@ BEAM_FLOATS = 96
 
 @inlined
 def widened(d, half):
-    """Half extents of the box at the end of d that cover the rounding of d."""
+    """Half extents of the box at the end of d, widened to cover the rounding of d."""
     off = splat16(_F(2.0**-23))
     return Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
 
@@ -199,7 +200,7 @@ def make_beams(tile):
 
 @inlined
 def beams_of(tile):
-    """(directions to the middles of the boxes, their half extents)."""
+    """(directions to the centres of the boxes, half extents of the boxes)."""
     return rows(tile.beams, _D, 16), rows(tile.beams, _H, 16)
 
 
@@ -211,9 +212,10 @@ def beam_of(tile, r):
 
 @inlined
 def is_near(s, i, c):
-    """Are beams narrower than the shafts of strata at a point? Towards the light, beams widen and shafts narrow.
+    """True if beams are narrower than shafts of strata at a point. Towards the light, beams widen and shafts narrow.
 
-    s, i, c : the shafts of a `Tile`, its `info`, and the point
+    s, i : shafts and `info` of a `Tile`
+    c : the point
     """
     dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
     along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
@@ -228,7 +230,7 @@ _PAD = _F(32 * 2.0**-24)
 _LOW = _F(4 * 2.0**-24)
 _SEGMENT_TINY = _F(1e-35)
 _READY, _REACH, _ROWS = 0, 16, 32
-"""int32: bits of the strata whose numbers are filled. float32: R of each; then three rows of reciprocals of each."""
+"""int32: bits of the strata whose reciprocals are filled. float32: R per stratum, then three rows of reciprocals."""
 INVERSE_FLOATS = _ROWS + POINTS
 
 
@@ -242,14 +244,14 @@ class Box(NamedTuple):
 
 @inlined
 def box_at(bounds):
-    """The `Box` of a block; bounds: pointer to its middle and its half extents."""
+    """The `Box` of a block; bounds: pointer to its centre and half extents."""
     c, e = broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)
     return Box(c, e, largest(c) + largest(e))
 
 
 @inlined
 def invalidate_inverses(tile):
-    """Note that the tile's receivers or samples are new."""
+    """Mark the tile's reciprocals as outdated, because its receivers or samples are new."""
     put(as_i32(tile.inverses), _READY, 0)
 
 
@@ -291,7 +293,7 @@ def rays_in_box(tile, s, box):
 
 @inlined
 def segments_in_box(o, inverse, reach, box):
-    """Bits of the segments from o that meet a `Box`; inverse, reach: as `store_inverses` gives them."""
+    """Bits of the segments from o that meet a `Box`; inverse, reach: as `store_inverses` computes them."""
     c, pad = box.middle, fma(maximum(reach, box.reach), splat16(_PAD), splat16(_SEGMENT_TINY))
     x0, x1 = _span(c.x, o.x, inverse.x, box.half.x + pad)
     y0, y1 = _span(c.y, o.y, inverse.y, box.half.y + pad)
@@ -312,7 +314,7 @@ _ZERO, _ONE = _F(0.0), _F(1.0)
 
 @inlined
 def _in_box(m, v, e):
-    """Bits of the segments along v that meet a box. m: its middle relative to their starts; e: its half extents."""
+    """Bits of the segments along v that meet a box; m: its centre relative to their origins; e: its half extents."""
     half, tiny = _F(0.5), splat16(_TINY)
     d = Vec(v.x * half, v.y * half, v.z * half)
     m = minus(m, d)
@@ -326,15 +328,15 @@ def _in_box(m, v, e):
 
 @inlined
 def shafts_in_box(o, v, start_half, end_half, c, e):
-    """Bits of the shafts from o along v that may meet the box with middle c and half extents e.
+    """Bits of the shafts from o along v that may meet the box with centre c and half extents e.
 
-    A point of the box has a parameter along the shaft of at most
+    With s = start_half and f = end_half, a point of the box has a parameter along the shaft of at most
 
-        t = (|v| . e + |v| . near + v . (c - o)) / (v . v + |v| . (near - far))
+        t = (|v| . e + |v| . s + v . (c - o)) / (v . v + |v| . (s - f))
 
-    Up to t the shaft is no wider than near + t far.
+    Up to t, the half extents of the shaft are at most s + t f.
 
-    near, far : half extents of the shaft at its start and at its end
+    start_half, end_half : half extents of the shaft at its start and at its end
     """
     m, size = minus(c, o), magnitudes(v)
     pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))

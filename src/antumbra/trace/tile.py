@@ -1,9 +1,8 @@
-"""A tile: 16 receivers and a chunk of up to 16 light samples per receiver, prepared for tracing.
+"""Tiles: 16 receivers and a chunk of up to 16 light samples per receiver, prepared for tracing.
 
-Queries are cut into tiles and chunks; this is the form in which the hot kernels read them.
-
-Lane i of a tile is a receiver. Its segments are traced stratum by stratum. The 16 segments to one stratum start and end
-near each other, so they lie in one shaft.
+Queries are cut into tiles and chunks, the form in which hot kernels read them. Lane i of a tile is a receiver. Its
+segments are traced stratum by stratum. The 16 segments to one stratum start and end near each other, so they lie in one
+shaft.
 """
 
 from typing import NamedTuple
@@ -46,11 +45,11 @@ _LIGHT = _F(2.0**-6)
 
 
 class TileShape(NamedTuple):
-    """How receivers are cut into tiles: 4 x 4 pixels, or 16 of a row."""
+    """How receivers are cut into tiles: 4 x 4 pixels, or 16 receivers of a row."""
 
-    width: int  # receivers in a row of a tile
+    width: int  # receivers per row of a tile
     height: int  # rows of receivers in a tile
-    columns: int  # tiles in a row
+    columns: int  # tiles per row
     rows: int  # rows of tiles
 
 
@@ -68,25 +67,25 @@ def sets_of(shape) -> np.ndarray:
 
 
 class QueryChunk(NamedTuple):
-    """A query's chunk for hot kernels."""
+    """A chunk of a query for hot kernels."""
 
     query: QueryPointers
     points: F32Ptr  # float32 * into the chunk's light table, like the next three; unused if the light moves
     groups: F32Ptr  # float32 *
     targets: F32Ptr  # float32 *
     by_lane: F32Ptr  # float32 *
-    samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light stays
+    samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light is fixed
     samples_by_lane: F64Ptr  # float64 *
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample
     count: int  # number of samples
-    light: float  # a small part of the sum of the light's extents
+    light: float  # a small fraction of the sum of the light's extents
 
 
 @inlined
 def query_chunk_of(query, table, shape, chunk, n_samples):
-    """The `QueryChunk` of a chunk of a query."""
+    """The `QueryChunk` of one chunk of a query."""
     groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), is_fixed(query.light)
     moving = 0 if fixed else POINTS
     if fixed:
@@ -113,7 +112,7 @@ def place_of(chunk, y0, x0, lane):
 
 _INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
 _BEAMS = _SHAFTS + SHAFT_FLOATS
-_SAMPLES = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
+_SAMPLES = _BEAMS + BEAM_FLOATS  # offset of the light samples
 _INVERSES = _SAMPLES + 2 * POINTS + GROUPS + TARGETS
 TILE_FLOATS = _INVERSES + INVERSE_FLOATS
 SPLIT = _F(0.75)
@@ -126,14 +125,14 @@ class Tile(NamedTuple):
     origins: F32Ptr  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
     info: F32Ptr  # float32: 0..2 centre, 3..5 half extents, 6..8, 9..11 corners of the receivers' box; 12: see `shafts`
     faces: I32Ptr  # int32: the receivers' own triangles, by the trees' indices
-    dead: I32Ptr  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
-    shafts: F32Ptr  # float32, see `shafts`
-    beams: F32Ptr  # float32, see `beams`
-    points: F32Ptr  # float32, see `lighttable`, like the next three
+    dead: I32Ptr  # int32, one per stratum: bits of receivers whose segment is blocked; all bits if it has no sample
+    shafts: F32Ptr  # float32, see `shafts`, like the beams
+    beams: F32Ptr  # float32
+    points: F32Ptr  # float32, see `light_table`, like the next three
     groups: F32Ptr  # float32
     targets: F32Ptr  # float32
     by_lane: F32Ptr  # float32
-    inverses: F32Ptr  # float32, see `segmentbox`
+    inverses: F32Ptr  # float32, reciprocals of segments, see `shafts`
 
 
 @inlined
@@ -167,7 +166,7 @@ def first_pixel(pixels, g):
 
 @inlined
 def fetch_receivers(chunk, y0, x0):
-    """Prefetch what `load_receivers` reads. A tile's rows are far apart in memory."""
+    """Prefetch what `load_receivers` reads, because the rows of a tile are far apart in memory."""
     for y in range(y0, y0 + chunk.shape.height):
         at = y * chunk.query.w + x0
         prefetch(chunk.query.sides, at)
@@ -178,7 +177,7 @@ def fetch_receivers(chunk, y0, x0):
 
 @kernel
 def load_receivers(chunk, y0, x0, tile):
-    """Fill origins and faces. Return bits of the lanes that hold a receiver."""
+    """Fill origins and faces. Return bits of the lanes with a receiver."""
     valid, lane = np.int64(0), np.int64(0)
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
@@ -195,7 +194,7 @@ def load_receivers(chunk, y0, x0, tile):
 
 @inlined
 def bound_receivers(tile, valid):
-    """Fill `info` from the `valid` lanes, at least one. The other lanes then repeat one of them."""
+    """Fill `info` from the `valid` lanes, at least one. Copy one of them to the other lanes."""
     there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
     for k in range(3):
         o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))
@@ -211,14 +210,14 @@ def bound_receivers(tile, valid):
 
 @inlined
 def _extent(tile, lanes, k):
-    """(lower, upper bound) of the receivers in some lanes along axis k."""
+    """(lower, upper bound) of the receivers in `lanes` (bits) along axis k."""
     o, there = load16(tile.origins, 16 * k), mask_from_bits16(lanes)
     return reduce_min(select(there, o, splat16(_F(np.inf)))), reduce_max(select(there, o, splat16(_F(-np.inf))))
 
 
 @kernel
 def _size_and_halves(tile, lanes):
-    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along its longest axis)."""
+    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along the longest axis)."""
     size, longest, at, middle = _F(0.0), _F(-1.0), 0, _F(0.0)
     for k in range(3):
         low, high = _extent(tile, lanes, k)
@@ -232,8 +231,8 @@ def _size_and_halves(tile, lanes):
 def coherent_part(tile, lanes, light):
     """Bits of the receivers to trace together with the first of `lanes`: all, or those near it.
 
-    The receivers' box of size s and the light's box of size l give one shaft of width s + l. The box is halved while
-    the two shafts of its halves are clearly narrower together. Receivers on one triangle need no halves.
+    A receivers' box of size s and a light's box of size l span a shaft of width s + l. The box is halved as long as the
+    shafts of its two halves are clearly narrower in sum. Receivers on one triangle are not divided.
     """
     face = get(tile.faces, lowest_bit(lanes))
     if face >= 0 and bits(load16(tile.faces, 0) == face) & lanes == lanes:
@@ -252,7 +251,7 @@ def coherent_part(tile, lanes, light):
 
 @inlined
 def _patches_of(chunk, y0, x0, valid, patches):
-    """Write the patches of a tile's receivers: rows of base, u, v, w, 16 lanes each. Other lanes repeat a valid one."""
+    """Write the patches of a tile's receivers: rows of base, u, v, w of 16 lanes. Other lanes repeat a valid one."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
         patch = patch_of(chunk.query, place_of(chunk, y0, x0, there))
@@ -269,10 +268,10 @@ def _points(samples, at, p, u, v, w):
 
 @kernel
 def move_light(chunk, y0, x0, valid, tile):
-    """Write the samples of a light that moves with the receiver to the tile's own memory.
+    """Write the sample points of a light that moves with the receiver to the tile's own memory.
 
-    Each point is computed twice, for its stratum and for its lane: a transposition would take longer. The sums are
-    those of `sample_point`.
+    Each point is computed twice, by stratum and by lane, because a transposition would take longer. The sums are those
+    of `sample_point`.
     """
     patches = stack_f64(12 * 16)
     _patches_of(chunk, y0, x0, valid, patches)
@@ -294,21 +293,21 @@ def move_light(chunk, y0, x0, valid, tile):
 def with_blocked(dead, lanes, one):
     """A row of `dead` with the bits `one` (splat) added in some lanes (bits).
 
-    Whole rows are written, never single numbers of them: a row that is read next would wait until they are in memory.
+    Rows are written as a whole, never number by number: reading the row next would stall on the narrow stores.
     """
     return dead | select(mask_from_bits16(lanes), one, splat16(np.int32(0)))
 
 
 @inlined
 def finished_strata(tile, valid):
-    """Bits of the strata to which the segments from all `valid` receivers (bits) are blocked."""
+    """Bits of the strata to which all segments from `valid` receivers (bits) are blocked."""
     v = splat16(np.int32(valid))
     return bits((load16(tile.dead, 0) & v) == v)
 
 
 @inlined
 def transpose_bits(source, target):
-    """Transpose 16 x 16 bits, kept as 16 int32."""
+    """Transpose 16 x 16 bits, stored as 16 int32."""
     words = splat16(np.int32(0))
     for r in range(16):
         there = mask_from_bits16(np.int64(get(source, r)))
@@ -318,7 +317,7 @@ def transpose_bits(source, target):
 
 @kernel
 def read_bits(chunk, y0, x0, valid, tile, known):
-    """Start `dead` from the segments of a chunk known to be blocked, receivers -> strata: the inverse of `write_bits`.
+    """Initialise `dead` from the known blocked segments of a chunk, receivers -> strata: the inverse of `write_bits`.
 
     known : pointer to the bits of all receivers
     """

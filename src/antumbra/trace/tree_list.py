@@ -1,8 +1,8 @@
-"""Tree lists: the trees of blocks that the rays of each screen tile traverse one after another.
+"""Tree lists: the block trees that the rays of each screen tile traverse one after another.
 
-It holds a whole scene as one tree, or the parts of a scene that each screen tile needs. A *tree list* starts with a
-table of addresses, so its trees may share arrays or have their own. Subtrees of one `BlockTree` share arrays. Chunks of
-a scene that is larger than memory have their own. The lists give the trees of each screen tile in order; see `chcrt`.
+A tree list holds a scene as one tree, or as parts of which each screen tile lists those it needs, in order (see
+`techniques.chcrt`). It addresses its trees by a table of pointers. So trees may share arrays, as subtrees of one
+`BlockTree` do, or have their own, as chunks of a scene larger than memory do.
 """
 
 from typing import NamedTuple
@@ -15,23 +15,23 @@ from ..kernels.jit import inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
 from .descent import NOT_STARTED, Traversal, children, save, saved
 
-ADDRESSES = 7  # int64 of a tree in the table: the addresses of its arrays except links, then the link to its root
-CORNERS, ROOT = 5, 6  # places in a row of the table
-TREE = 4  # in a saved walk, the place of the tree's number; `descent.save` writes the 4 words before it
+ADDRESSES = 7  # int64 per tree in the table: addresses of its arrays except links, then the link to its root
+CORNERS, ROOT = 5, 6  # columns of the table
+TREE = 4  # index of the tree's number in a saved traversal, after the 4 words of `descent.save`
 _NO_BOX = np.float32(3.0e38)
 
 
 class TreeList(NamedTuple):
-    """Trees, and lists of them. The owner of the memory behind the addresses must outlive the tree_list."""
+    """Trees, and lists of them. The owner of the arrays behind the addresses must outlive the tree list."""
 
     trees: np.ndarray  # (k, ADDRESSES) int64
     heads: np.ndarray  # (k, 16) float32: for each tree, the line of a node whose left child is the tree's root
-    tile: int  # width and height of a screen tile in pixels, a multiple of a region's; 0: there is one tile
-    across: int  # tiles in a row
-    sets: int  # lists of a screen tile: one for all strata, or one for each stratum of a chunk
+    tile: int  # width and height of a screen tile in pixels, a multiple of a region's; 0: there is a single tile
+    across: int  # tiles per row
+    sets: int  # lists per screen tile: one for all strata, or one per stratum of a chunk
     starts: np.ndarray  # (lists + 1,) int32: where in `items` each list begins
     items: np.ndarray  # (m,) int32: numbers of trees
-    fresh: bool  # True: nothing is known of the segments yet; False: the bits tell which ones are blocked
+    fresh: bool  # True: no segment has been tested yet; False: the bits mark the segments known to be blocked
 
 
 class TreeListPointers(NamedTuple):
@@ -48,16 +48,16 @@ class TreeListPointers(NamedTuple):
 
 
 class Hits(NamedTuple):
-    """The nearest hits of a picture's rays so far, (h, w) each. `part` and `slot` are empty if they are not needed."""
+    """The nearest hits of a picture's rays so far, (h, w) each. `part` and `slot` are empty if not needed."""
 
     face: np.ndarray  # int32: index of the triangle, -1 on a miss
     t: np.ndarray  # float64: in lengths of the direction; inf on a miss
-    part: np.ndarray  # int32: number of the tree in the tree_list, -1 on a miss
-    slot: np.ndarray  # int32: in that tree
+    part: np.ndarray  # int32: number of the tree in the tree list, -1 on a miss
+    slot: np.ndarray  # int32: slot in that tree
 
 
 def no_hits(shape: tuple[int, int]) -> Hits:
-    """`Hits` in which every ray has missed so far."""
+    """`Hits` of rays that all miss so far."""
     face, part, slot = (np.full(shape, -1, np.int32) for _ in range(3))
     return Hits(face, np.full(shape, np.inf), part, slot)
 
@@ -79,7 +79,7 @@ def tree_list_pointers(tree_list):
 
 @inlined
 def _tile_of(tree_list, y, x):
-    """The screen tile that pixel (y, x) is in."""
+    """The screen tile that contains pixel (y, x)."""
     return y // tree_list.tile * tree_list.across + x // tree_list.tile if tree_list.tile > 0 else np.int64(0)
 
 
@@ -108,7 +108,7 @@ def tree_in(tree_list, k):
 
 @inlined
 def is_idle(tree_list, y, x):
-    """Is the list of the receivers near pixel (y, x) empty, and are their own surfaces already applied?"""
+    """True if no tree is listed for the receivers near pixel (y, x), and their own surfaces have been tested."""
     first = _tile_of(tree_list, y, x) * tree_list.sets
     return not tree_list.fresh and get(tree_list.starts, first) == get(tree_list.starts, first + tree_list.sets)
 
@@ -127,19 +127,19 @@ def item(tree_list, i):
 
 @inlined
 def start_in(tree_list, k, slabs, alive):
-    """The start of a walk through tree k, with the lanes in `alive` that meet its box; mask 0: no lane does."""
+    """The initial state of a traversal of tree k by the lanes in `alive` that meet its box; mask 0: none does."""
     return Traversal(root_in(tree_list, k), np.int64(-1), children(tree_list.heads, k, slabs)[0] & alive, np.int64(0))
 
 
 @inlined
 def are_separate(tree_list, j, k):
-    """Have trees j and k separate arrays? Then slots of one mean nothing in the other."""
+    """True if trees j and k have separate arrays, so that slots of one are invalid in the other."""
     return get(tree_list.trees, j * ADDRESSES + CORNERS) != get(tree_list.trees, k * ADDRESSES + CORNERS)
 
 
-# Overloads give the bodies of this stub: `_walk_tree` in multifrusta/walk.py and `_walk_tree` in packets/packet16.py.
+# Overloads implement this stub: `_walk_tree` in frusta/bundle.py and `_walk_tree` in packets/packet16.py.
 def walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """In kernels: trace the lanes in `alive` through a tree, as the type of `job` says.
+    """In kernels: trace the lanes in `alive` through a tree; the type of `job` selects the tracer.
 
     Return (the `Traversal`, bits of the lanes left). The place is NOT_STARTED once the traversal is complete. It stops
     early when the memory for deferred tests runs low.
@@ -150,8 +150,8 @@ def walk_tree(tree, slabs, at, alive, job, scratch, counters):
 def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
     """Trace the lanes in `alive` through the trees i .. end of the lists.
 
-    Return (the place in the lists to go on with, bits of the lanes left). If the walk is not over, the caller settles
-    the deferred tests first: their memory runs low, or the next tree has separate arrays.
+    Return (the index in the lists at which to continue, bits of the lanes left). Before it continues, the caller
+    settles the deferred tests, because their memory runs low or the next tree has separate arrays.
     """
     at = saved(scratch.at, alive)
     while i < end and alive != 0:
@@ -170,13 +170,13 @@ def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
 
 
 def addresses(tree: BlockTree, root: int = 0) -> list[int]:
-    """A row of the table for the subtree of a `BlockTree` below the link `root`."""
+    """The table row of a `BlockTree`'s subtree below the link `root`."""
     arrays = tree.nodes, tree.blocks, tree.bounds, tree.slots, tree.prim_ids, tree.corners
     return [*(a.ctypes.data for a in arrays), root]
 
 
 def head(low, high) -> np.ndarray:
-    """(..., 16) float32: the lines of nodes whose left children have the boxes from `low` to `high`, (..., 3)."""
+    """(..., 16) float32: lines of nodes whose left children have the boxes from `low` to `high`, (..., 3) each."""
     low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
     line = np.zeros((*low.shape[:-1], 16), np.float32)
     line[..., 0:12:4], line[..., 2:12:4] = low, high
@@ -185,7 +185,7 @@ def head(low, high) -> np.ndarray:
 
 
 def whole(tree: BlockTree) -> TreeList:
-    """A `TreeList` of one whole tree, for the whole screen."""
+    """The `TreeList` of a single tree, for the whole screen."""
     everything = np.full(3, _NO_BOX)
     return TreeList(
         np.array([addresses(tree)], np.int64),
