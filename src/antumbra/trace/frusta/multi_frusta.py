@@ -1,7 +1,7 @@
-"""`multifrusta`: trace 16 shafts of shadow rays at once through a shallow BVH [Benthin and Wald 2009].
+"""`multifrusta`: multi-frusta tracing of soft shadows [Benthin and Wald 2009].
 
-Single rays are tested only where shafts do not decide. This is multi-frusta tracing [Benthin and Wald 2009] for area
-lights.
+Shafts of shadow rays traverse a shallow BVH, 16 at a time. Single rays are tested only where shafts are undecided.
+Queries that shafts cannot handle well go to packets (`trace_shadow`).
 """
 
 import numpy as np
@@ -70,14 +70,14 @@ from .tile_clusters import (
 from .tile_group import TILE_GROUP_FLOATS, finished, make_tile_group
 
 _INTERLEAVED = 4  # least number of tiles in a bundle with separate shafts
-_BUSY = 64  # least number of regions for a thread, if it is to take more than one at once
+_BUSY = 64  # least number of regions per thread for which threads take several regions at once
 
 
 @inlined
 def _start_tile(chunk, g, scratch, fresh, known, counters):
-    """Prepare tile g, whose receivers are loaded. Return whether it has a segment to trace.
+    """Prepare tile g, whose receivers are loaded. Return whether it has segments to trace.
 
-    Unless `fresh`, the bits at `known` give the blocked segments.
+    Unless `fresh`, the bits at `known` mark segments known to be blocked.
     """
     tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
@@ -98,7 +98,7 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
 
 @inlined
 def _fill_slot(chunk, bundle, slot, g, scratch):
-    """Give tile g a slot of a bundle. Return bits of its lanes that have a segment to trace."""
+    """Put tile g in a slot of a bundle. Return bits of its lanes that have segments to trace."""
     tile = tile_at(scratch.tiles, g, chunk)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
@@ -108,9 +108,9 @@ def _fill_slot(chunk, bundle, slot, g, scratch):
 
 @inlined
 def _bundle_separate(numbers, chunk, scratch):
-    """Make a `Bundle` of the first of some tiles (bits), each with its own shafts.
+    """Make a `Bundle` of the first tiles in `numbers` (bits), each with its own shafts.
 
-    Return the bundle, bits of its live lanes, and bits of the tiles left.
+    Return (bundle, bits of its live lanes, bits of the tiles left).
     """
     n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
     bundle, alive = bundle_of(n, chunk.count), np.int64(0)
@@ -122,18 +122,18 @@ def _bundle_separate(numbers, chunk, scratch):
 
 @inlined
 def _bundle_together(members, chunk, scratch, counters):
-    """Make a `Bundle` of some tiles (bits) as a tile group. Return the bundle and bits of its live lanes."""
+    """Make a `Bundle` of a tile group of `members` (bits). Return (bundle, bits of its live lanes)."""
     count(counters, TILE_GROUP_TILES, popcount(members))
     put(scratch.slots, 0, lowest_bit(members))
     bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
     make_tile_group(tile_group, members, chunk)
-    fill_lanes(np.int64(0), tile_group.whole, bundle, scratch.lanes)
+    fill_lanes(np.int64(0), tile_group.union, bundle, scratch.lanes)
     return bundle, ~finished(tile_group) & 0xFFFF
 
 
 @inlined
 def _trace_parts(tree_list, n, chunk, scratch, known, counters):
-    """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
+    """Trace n tiles whose receivers are loaded; a tile group, if they form one, is traced first."""
     (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
     for g in range(n):
         if _start_tile(chunk, g, scratch, tree_list.fresh, known, counters):
@@ -154,11 +154,11 @@ def _trace_parts(tree_list, n, chunk, scratch, known, counters):
 def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samples, out, counters):
     """Worker: trace the areas of a picture, cluster by cluster.
 
-    layout : Layout
-    regions : in an area
+    layout : RegionLayout
+    regions : number of regions per area
     k : number of the chunk
-    n_samples : samples in the chunk
-    out : the bits of all receivers
+    n_samples : number of samples in the chunk
+    out : bits of all receivers
     """
     # In: query, table, shape, layout, regions, k, n_samples. Out: out, counters.
     scratch = Scratch(
@@ -193,8 +193,8 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
 def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Packets trace the queries that shafts cannot trace well (`packets.incoherent`). These are hemispheres, interleaved
-    lists, huge lights, and coordinates too large for shafts.
+    Packets trace the queries for which shafts are unsuitable (`packets.ray_tile`): hemispheres, interleaved lists, huge
+    lights, and coordinates too large for shafts.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -208,9 +208,9 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
 
 
 def trace_tree_list(tree_list: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
-    """Trace shafts through the trees of a `TreeList`; arguments as for `trace_shadow`.
+    """Trace shafts through the trees of a `TreeList`; other arguments as for `trace_shadow`.
 
-    bits : zeros; if the tree_list is not fresh, the blocked segments found so far
+    bits : zeros on entry; for a tree list that is not fresh, the segments blocked so far
     chunks : range of the chunks of 16 samples to trace; None: all
     """
     counters = new_counters() if counters is None else counters

@@ -1,16 +1,16 @@
-"""Reverse frusta: the rays of a tile group that end in one light point, one receiver from each tile.
+"""Reverse frusta: the rays of a tile group that share an end point on the light, with one receiver from each tile.
 
-Tiles next to each other repeat the same 16 sample sets. So for a light that stays, the rays of a tile group end in 16
-points to a stratum, and up to 16 rays end in each. A fan is a frustum with its origin on the light: the reverse of a
-beam. It is narrow next to the light, where the rays of a tile are wide apart, and it is only as wide as the tile group
-at the receivers. All of its rays see a triangle from one point. So a triangle's edge functions are set up once for the
-fan, and triangles that no ray of the fan can meet are culled for all of it.
+Adjacent tiles repeat the same 16 sample sets. So for a fixed light, the rays of a tile group end in 16 points per
+stratum, up to 16 rays in each. A *fan* is the frustum of these rays with its origin on the light, the reverse of a
+beam. It is narrow near the light, where the rays of a tile are far apart, and at the receivers no wider than the tile
+group. All of its rays share an origin, so the edge functions of a triangle are set up once for the fan, and one test
+culls triangles for all its rays.
 
-At a block, the lanes are the 16 fans of a stratum. If few of them meet the block's box, each of them is tested against
-the 16 triangles side by side, and then its rays. Otherwise the stratum's shaft culls triangles first, and each triangle
-left is tested against the 16 fans side by side.
+At a block, lanes are the 16 fans of a stratum. If few of them meet the block's box, each fan is tested against the 16
+triangles side by side, and then its rays. Otherwise the stratum's shaft culls triangles first, and each remaining
+triangle is tested against the 16 fans side by side.
 
-Rays are tested from the light to the receiver. So their faces are the other way round.
+Rays are tested from the light to the receiver, so front and back faces are swapped.
 """
 
 from typing import NamedTuple
@@ -52,19 +52,19 @@ _FEW = 10  # up to this many fans that meet a block are tested one by one
 
 
 class ReverseFrusta(NamedTuple):
-    """Pointers to the fans of a tile group. Receiver r is the one in lane r of each tile; the lanes are tiles."""
+    """Pointers to the fans of a tile group. Fan r has the receiver in lane r of each tile; lanes are tiles."""
 
-    receivers: F32Ptr  # float32: rows x, y, z of each receiver r
-    faces: I32Ptr  # int32, a row of each receiver r: their own triangles
-    boxes: F32Ptr  # float32, rows of middles (3) and half extents (3), lanes are r: boxes of the receivers
-    ready: I32Ptr  # int32, one a stratum: bits of the r whose reciprocals are filled
-    reach: F32Ptr  # float32, 16 of each stratum; see `segmentbox`
-    inverses: F32Ptr  # float32, rows x, y, z of each stratum and r: reciprocals, see `segmentbox`
+    receivers: F32Ptr  # float32: rows x, y, z per fan
+    faces: I32Ptr  # int32, one row per fan: the receivers' own triangles
+    boxes: F32Ptr  # float32, rows of centres (3) and half extents (3), lanes are fans: boxes of the receivers
+    ready: I32Ptr  # int32, one per stratum: bits of the fans whose reciprocals are filled
+    reach: F32Ptr  # float32, 16 per stratum: R of the segments, see `shafts`
+    inverses: F32Ptr  # float32, rows x, y, z per stratum and fan: reciprocals of the segments, see `shafts`
 
 
 @inlined
 def reverse_frusta_at(memory):
-    """The `Fans` in FAN_FLOATS float32."""
+    """The `ReverseFrusta` in FAN_FLOATS float32."""
     return ReverseFrusta(
         memory, as_i32(ptr_at(memory, _FACES)), ptr_at(memory, _BOXES), as_i32(ptr_at(memory, _READY)),
         ptr_at(memory, _REACH), ptr_at(memory, _INVERSES),
@@ -82,7 +82,7 @@ def add_to_reverse_frusta(fans, lane, tile):
 
 @inlined
 def close_reverse_frusta(fans, low, high):
-    """Finish the fans of tiles that have been added; low, high: corners of the boxes of receivers, lanes are r."""
+    """Finish the fans of the added tiles; low, high: corners of the boxes of receivers, lanes are fans."""
     middle, half = middles_and_halves(low, high)
     keep(fans.boxes, 0, 16, middle)
     keep(fans.boxes, 48, 16, half)
@@ -91,7 +91,7 @@ def close_reverse_frusta(fans, low, high):
 
 @inlined
 def _axes(fans, p):
-    """(directions from points p to the middles of the receivers' boxes, half extents of the boxes); lanes are r."""
+    """(directions from points p to the centres of the receivers' boxes, half extents of the boxes); lanes are fans."""
     d, half = minus(rows(fans.boxes, 0, 16), p), rows(fans.boxes, 48, 16)
     return d, widened(d, half)
 
@@ -106,9 +106,9 @@ def reverse_frusta_in_box(fans, points, box):
 
 @inlined
 def reverse_frusta_are_narrower(union, one, s, c):
-    """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
+    """True if fans are narrower than the tiles' shafts to stratum s at a point. Towards the light, fans narrow.
 
-    whole, one : the tile group as a `Tile`, and one of its tiles
+    union, one : the tile group as a `Tile`, and one of its tiles
     c : pointer to the point
     """
     along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
@@ -123,13 +123,13 @@ def reverse_frusta_are_narrower(union, one, s, c):
 
 @inlined
 def unblocked_rays(dead, r):
-    """Bits of the tiles whose ray of fan r is not blocked; dead: pointer to the stratum's row of `tilegroup`."""
+    """Bits of the tiles whose ray of fan r is not blocked; dead: pointer to the stratum's row of `TileGroup.dead`."""
     return bits((load16(dead, 0) & splat16(np.int32(1 << r))) == np.int32(0))
 
 
 @inlined
 def _block(dead, r, tiles):
-    """Note that the rays of fan r from some tiles (bits) are blocked."""
+    """Mark the rays of fan r from `tiles` (bits) as blocked."""
     store(dead, 0, with_blocked(load16(dead, 0), tiles, splat16(np.int32(1 << r))))
 
 
@@ -152,7 +152,7 @@ def _rays_in_box(fans, points, s, r, box):
 
 @inlined
 def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
-    """Test the rays of fan r against the triangle in lane k of the kept `Lanes`."""
+    """Test the rays of fan r against the triangle in lane k of the stored `Lanes`."""
     d = minus(rows(fans.receivers, 48 * r, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
@@ -164,7 +164,7 @@ def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
 
 @inlined
 def _test_ray(fans, b, points, s, r, g, lanes, counters):
-    """Test the ray of fan r from tile g against the triangles of a block, seen from the fan's point. Is it blocked?"""
+    """True if a triangle of a block surely blocks the ray of fan r to tile g; lanes: triangles from the fan's origin."""
     d = minus(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, lanes, -b.facing)
@@ -218,7 +218,7 @@ def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
 
 @inlined
 def _by_fans(fans, union, b, points, s, live, dead, i, counters):
-    """Test triangle i, which `cull_block` has kept, against the fans in `live` (bits)."""
+    """Test triangle i, which `cull_block` has not culled, against the fans in `live` (bits)."""
     point, numbers, slot = rows(points, 0, 16), numbers_of(b), slot_of(b, i)
     a, p, q = minus(broadcasts(numbers, i, 16), point), broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
     e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(union.shafts, SPAN + 1))
@@ -242,11 +242,11 @@ def _by_fans(fans, union, b, points, s, live, dead, i, counters):
 
 @kernel
 def trace_reverse_frusta(fans, union, b, points, s, live, dead, box, counters):
-    """Test the rays of some fans (bits) of stratum s against a block. Blocked ones are noted in `dead`.
+    """Test the rays of fans in `live` (bits) of stratum s against a block, and mark blocked rays in `dead`.
 
-    whole : `Tile` of the tile group
+    union : the tile group as a `Tile`
     points : pointer to the stratum's points
-    dead : pointer to the stratum's row of `tilegroup`
+    dead : pointer to the stratum's row of `TileGroup.dead`
     box : `Box` of the block
     """
     count(counters, FAN_STRATA, 1)

@@ -1,11 +1,11 @@
 """`packet16`: packets of 16 shadow rays through the builder's own deep tree.
 
-This is the baseline of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]. It has one slab test a
-node for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring
-receivers, or a receiver's samples (`packet16:samples`). Triangles are tested by edge functions. The paper uses Moeller
-and Trumbore's test.
+This is the baseline of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test per box
+for all 16 rays, a mask of active rays, and no packet bounds. A packet leads from 16 neighbouring receivers to a stratum
+of samples, or from one receiver to 16 of its samples (`packet16:samples`). Triangles are tested by edge functions,
+where the paper uses Moeller and Trumbore's test.
 
-For incoherent samples (`incoherent`), the same packets go through a tree of blocks.
+For incoherent samples (see `ray_tile`), the same packets traverse a tree of blocks.
 """
 
 from functools import partial
@@ -50,7 +50,7 @@ class Row(NamedTuple):
 
 
 def pointers(prepared):
-    """In kernels: the `Tree` of a `Bvh`, the `TreeListPointers` of a `TreeList`."""
+    """In kernels: the `Tree` of a `Bvh`, or the `TreeListPointers` of a `TreeList`."""
 
 
 def trees_for(trees, y, x, stratum):
@@ -58,7 +58,7 @@ def trees_for(trees, y, x, stratum):
 
 
 def nothing_for(trees, y, x):
-    """In kernels: is there nothing to trace for the receivers near pixel (y, x)?"""
+    """In kernels: True if there is nothing to trace for the receivers near pixel (y, x)."""
 
 
 def tree_number(trees, k):
@@ -66,11 +66,11 @@ def tree_number(trees, k):
 
 
 def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
-    """In kernels: trace a row through trees i .. end. Return (the tree to go on with, bits of the rays left)."""
+    """In kernels: trace a row through trees i .. end. Return (tree at which to continue, bits of the rays left)."""
 
 
 def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
-    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the rays that it blocks."""
+    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the blocked rays."""
 
 
 @overload(pointers)
@@ -188,7 +188,7 @@ def _walk_one(tree, slabs, alive, row, scratch, counters):
 
 @kernel
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
-    """Trace row r through trees i .. end. Return the tree to go on with after deferred tests are settled."""
+    """Trace row r through trees i .. end. Return the tree at which to continue once deferred tests are settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
@@ -228,7 +228,7 @@ def trace_shadow(
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
+    by_sample : whether a packet holds the samples of one receiver; otherwise those of 16 receivers
     prepared : Bvh, BlockTree or TreeList
     bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; for a tree list that is not fresh, the samples blocked so far.
     counters : from `new_counters`, or None

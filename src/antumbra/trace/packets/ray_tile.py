@@ -3,12 +3,13 @@
 Rows. In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common
 origin, a row is a receiver, and its lanes are the receiver's samples.
 
-Incoherent samples. If the samples of a stratum are as far apart as the whole light, or all around, neither shafts nor
-beams cull anything. Then multi-frusta tracing falls back to rays. The 16 lanes are the rays of a receiver to the points
-of a list, or the rays of 16 receivers in one direction of the hemisphere. At a block, each ray in turn is tested
-against the triangles side by side.
+Incoherent samples. If the samples of a stratum are as far apart as the whole light, or in all directions, neither
+shafts nor beams cull anything, and multi-frusta tracing falls back to packets through the tree of blocks. The 16 lanes
+are the rays of one receiver to the points of a list, or the rays of 16 receivers in one direction of the hemisphere. At
+a block, each ray in turn is tested against all triangles side by side.
 
-Packets also trace far scenes. Shafts multiply three lengths, and float32 overflows for large coordinates.
+Packets also trace scenes with large coordinates, for which shafts overflow float32, because they multiply three
+lengths.
 """
 
 from typing import NamedTuple
@@ -51,25 +52,25 @@ from ..triangle_tests import Block, blocks_ray, deferred_ints, resolve_deferred
 STACK = 4 * MAX_DEPTH
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
-_STACK_AT = 32 + (_AT + 15) // 16 * 16  # int32 before the stack: `dead` and `pixel`, 16 each, and `at`
+_STACK_AT = 32 + (_AT + 15) // 16 * 16  # offset of the stack, after `dead` and `pixel`, 16 int32 each, and `at`
 SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 
 
 class SampleRows(NamedTuple):
-    """The light samples of a query for tiles."""
+    """The light samples of a query, arranged for tiles."""
 
     table: LightTable
     parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
 
 
 class RayTileJob(NamedTuple):
-    """The data that all tiles of a run share."""
+    """The data shared by all tiles of a run."""
 
     shape: TileShape
     chunk: int  # number of the chunk
-    count: int  # samples of the chunk
-    by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
-    fresh: bool  # True: nothing is known of the rays yet; False: the bits tell which ones are blocked
+    count: int  # samples in the chunk
+    by_sample: bool  # whether the lanes of a row are one receiver's samples; otherwise 16 receivers
+    fresh: bool  # True: no ray has been tested yet; False: the bits mark the rays known to be blocked
 
 
 class RayTileScratch(NamedTuple):
@@ -81,8 +82,8 @@ class RayTileScratch(NamedTuple):
     planes: F32Ptr  # float32, for `horizon`
     stack: I32Ptr  # int32
     at: I32Ptr  # int32, see `descent.save`; then the number of the tree
-    dead: I32Ptr  # int32, one a receiver: bits of its blocked samples
-    deferred: I32Ptr  # int32, see `deferred`
+    dead: I32Ptr  # int32, one per receiver: bits of its blocked samples
+    deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
 
 
 class TileRays(NamedTuple):
@@ -93,10 +94,10 @@ class TileRays(NamedTuple):
     origins: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * stride
     stride: int  # float32 between the origins of two rows
     points: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * 48
-    dead: I32Ptr  # int32, one a row: bits of the blocked rays
+    dead: I32Ptr  # int32, one per row: bits of the blocked rays
     rows: int  # bits of the rows that hold rays
     lanes: int  # bits of the lanes that hold rays
-    row_place: int  # step of `deferred.defer`'s place from row to row
+    row_place: int  # step of `triangle_tests.defer`'s place from row to row
     lane_place: int  # step of the place from lane to lane
 
 
@@ -127,9 +128,9 @@ def _by_receiver(tile, scratch):
 
 @kernel
 def start_tile(job, chunk, n, scratch, known, counters):
-    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are already dead.
+    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are marked as dead.
 
-    known : pointer to the bits of all receivers, read unless the job is fresh
+    known : pointer to the bits of all receivers; ignored if the job is fresh
     """
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
     tile = tile_at(scratch.tile, 0, chunk)
@@ -162,19 +163,19 @@ def origins_of(rays, r):
 
 @inlined
 def directions_of(rays, r):
-    """Directions of the rays of row r: the whole way to the samples, rounded once."""
+    """Directions of the rays of row r: from the origins to the samples, rounded once."""
     return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
 
 
 @inlined
 def open_rays(rays, r):
-    """Bits of the rays of row r that nothing blocks so far."""
+    """Bits of the rays of row r that are not blocked so far."""
     return rays.lanes & ~np.int64(get(rays.dead, r))
 
 
 @inlined
 def rows_are_receivers(rays):
-    """Whether the rows are receivers, not strata."""
+    """Whether the rows are receivers; otherwise strata."""
     return rays.stride != 0
 
 
@@ -214,8 +215,8 @@ def trace_tiles(
 ) -> None:
     """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
 
-    by_sample : whether rows are receivers, not strata
-    fresh : True: nothing is known of the rays yet; False: `bits` tell which ones are blocked
+    by_sample : whether rows are receivers; otherwise strata
+    fresh : True: no ray has been tested yet; False: `bits` mark the rays known to be blocked
     chunks : range of the chunks of samples; None: all
     """
     counters = new_counters() if counters is None else counters
@@ -232,11 +233,11 @@ def trace_tiles(
 # --- Incoherent samples -----------------------------------------------------------------------------------------------
 
 
-_WIDE = 0.1  # beyond this share of a chunk's extents, a stratum is too wide for a shaft
-_HUGE = 0.5  # beyond this share of the scene's extents, a chunk is too wide for shafts: packets are faster
+_WIDE = 0.1  # beyond this fraction of a chunk's extents, a stratum is too wide for a shaft
+_HUGE = 0.5  # beyond this fraction of the scene's extents, a chunk is too wide for shafts, and packets are faster
 _LARGE = 0.1  # the same limit for queries of fewer than _FEW samples
-_FEW = 8  # with fewer samples, tiles do not share a walk
-_FAR = 2.0**40  # up to this coordinate, no product of three differences overflows, and no sum of such products
+_FEW = 8  # with fewer samples, tiles do not share a traversal
+_FAR = 2.0**40  # up to this coordinate, products of three differences and their sums do not overflow
 
 
 def sample_extents(query):
@@ -249,7 +250,7 @@ def sample_extents(query):
 
 
 def is_incoherent(query) -> bool:
-    """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
+    """True if the samples of a stratum are far apart: hemisphere directions, or scattered points of a list."""
     if not is_list(query.light):
         return query.light.kind == AMBIENT
     stratum, chunk = sample_extents(query)
@@ -263,9 +264,9 @@ def extents_of(tree) -> np.ndarray:
 
 
 def is_huge(query, extents) -> bool:
-    """Do the samples of a lamp's chunk span a large part of a tree's `extents`? Then frusta contain much of the tree.
+    """True if a chunk of a lamp's samples spans a large fraction of a tree's `extents`, so that frusta contain much of it.
 
-    With few samples a shaft has few rays, so the limit is lower.
+    The limit is lower for few samples, because a shaft then has few rays.
     """
     if query.light.kind != FIXED:
         return False
@@ -274,7 +275,7 @@ def is_huge(query, extents) -> bool:
 
 
 def is_far(query, box) -> bool:
-    """May a coordinate of the query, or of the triangles' (2, 3) box, be too large for shafts in float32?"""
+    """True if a coordinate of the query, or of the triangles' (2, 3) box, may be too large for shafts in float32."""
     light = query.light
     far = np.abs(box).max() + np.abs(light.base).max() + 3.0 * light.radius
     far += max(1.0, np.abs(query.samples).max()) * np.abs([light.u, light.v, light.w]).sum()
@@ -285,7 +286,7 @@ def is_far(query, box) -> bool:
 
 @kernel
 def trace_block(tree, rays, r, link, mask, facing, deferred, counters):
-    """Test the rays of row r in `mask` (bits) against a block. Return bits of the rays that it blocks."""
+    """Test the rays of row r in `mask` (bits) against a block. Return bits of the blocked rays."""
     # In: tree, rays, r, link, mask, facing. Out: deferred, counters.
     block, triangles = block_leaf(link)
     b = Block(tree, block, (np.int64(1) << triangles) - 1, np.int64(0), facing, None, deferred)

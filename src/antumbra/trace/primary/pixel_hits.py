@@ -1,11 +1,11 @@
 """The nearest hit of each pixel of a tile: the candidate so far, and the final face and canonical `t`.
 
-State. A pixel's slot is the slot of a triangle in the current tree. A triangle of an earlier tree is `KNOWN`. The pixel
-then keeps the number of that tree, and the slot there. If an earlier call found the triangle, its face and its t are in
-the picture.
+State. A pixel's slot is that of a triangle in the current tree. For a triangle of an earlier tree it is `KNOWN`, and
+the pixel stores the number of that tree and the slot in it. If the triangle is a hit of an earlier call, its face and t
+are in the picture.
 
-Resolution. `hit_t` is float64. Computed from a triangle's corners, it costs more than all tests of a pixel together. So
-the plane of each visible triangle is computed once for the tile, and 16 pixels divide side by side.
+Resolution. Computed from a triangle's corners, the float64 `hit_t` costs more than all tests of a pixel together. So
+the plane of each visible triangle is computed once per tile, and 16 pixels divide side by side.
 """
 
 from typing import NamedTuple
@@ -47,13 +47,13 @@ from .pixel_tests import CELLS, PIXELS, first_pixel
 _F = np.float32
 NOTHING, KNOWN = np.int32(-1), np.int32(-2)  # instead of a slot
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # exceed the rounding of a key to float32
-_BEYOND = GROW * GROW  # once for rounding t, once as exits grow
-_LARGEST = 1e30  # more than a depth key that float32 computes
+_BEYOND = GROW * GROW  # once for the rounding of t, once as for exits
+_LARGEST = 1e30  # more than any depth key computed in float32
 
 
 @inlined
 def start(pixels, x0, y0, rays):
-    """Reset the pixels: nothing is seen yet. Return bits of the frusta that have pixels."""
+    """Reset the pixels to no hit. Return bits of the frusta that have pixels."""
     alive = np.int64(0)
     for cell in range(CELLS):
         x, y = first_pixel(cell)
@@ -72,7 +72,7 @@ def start(pixels, x0, y0, rays):
 
 @inlined
 def _set_hit(pixels, at, slot, t, scale):
-    """Note that pixel `at` sees the triangle in `slot` at t."""
+    """Set the hit of pixel `at`: the triangle in `slot` at t."""
     key = 1.0 / (t * scale) if scale > 0.0 else 0.0
     low = key * _NEXT_BELOW - _TINY if scale > 0.0 else -np.inf
     put(pixels.low, at, low if low < _LARGEST else _LARGEST)
@@ -91,7 +91,7 @@ def _update_least(pixels, touched):
 
 @kernel
 def resume(pixels, x0, y0, rays, face, t, scale):
-    """`start` for a tile whose picture already holds hits of earlier calls."""
+    """`start` for a tile whose picture already has hits of earlier calls."""
     alive, touched = start(pixels, x0, y0, rays), np.int64(0)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
@@ -109,14 +109,14 @@ def resume(pixels, x0, y0, rays, face, t, scale):
 
 @inlined
 def shorten(pixels, scale):
-    """Shorten the frusta (`far`), after some of their pixels have seen nearer triangles."""
+    """Shorten the frusta (`far`) after some of their pixels have nearer hits."""
     least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
     store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * _BEYOND, far))
 
 
 @inlined
 def keep(pixels, number):
-    """Finish the current tree, `number`: its visible triangles become KNOWN. Return whether there are any."""
+    """Finish the current tree, `number`, by making its visible triangles KNOWN. Return whether there are any."""
     any_ = np.int64(0)
     for cell in range(CELLS):
         slot, part = load16(pixels.slot, 16 * cell), load16(pixels.part, 16 * cell)
@@ -130,7 +130,7 @@ def keep(pixels, number):
 
 @inlined
 def _plane_of(tree_list, known, part, slot, o):
-    """(the plane of a triangle, its part). `known`: the last plane and its part, reused if the triangle is the same."""
+    """(plane of a triangle, its part); `known`: the previous result, reused if the triangle is the same."""
     plane, of = known
     if slot != plane.triangle or part != of:
         plane = eye_plane(tree_in(tree_list, part).corners, slot, o)
@@ -139,7 +139,7 @@ def _plane_of(tree_list, known, part, slot, o):
 
 @inlined
 def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
-    """((the last plane, its part), t, face) of the triangle that pixel `at` sees."""
+    """((last plane, its part), t, face) of the hit of pixel `at`."""
     slot = np.int64(get(pixels.slot, at))
     if slot == KNOWN:
         part, slot = np.int64(get(pixels.part, at)), np.int64(get(pixels.known_slot, at))
@@ -153,7 +153,7 @@ def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
 def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
     """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, t : pointers to the picture, with the triangles that are `KNOWN` from earlier calls
+    face, t : pointers to the picture, which holds the hits of earlier calls
     """
     # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
     o, touched, tree = rays.origin, np.int64(0), tree_in(tree_list, part)
@@ -194,16 +194,16 @@ MARK_WORDS = 3 * _MARKS
 class ResolveScratch(NamedTuple):
     """Pointers to scratch memory."""
 
-    planes: F64Ptr  # float64, PLANE_FLOATS: for each cell five rows of 16 pixels for their planes, one row for t
+    planes: F64Ptr  # float64, PLANE_FLOATS: per cell, five rows of 16 pixels for their planes, one row for t
     face: I32Ptr  # int32, PIXELS: in the order of cells, like all of `Pixels`
-    known: F64Ptr  # float64, KNOWN_FLOATS: five numbers for each plane; plane 0 stands for no plane
+    known: F64Ptr  # float64, KNOWN_FLOATS: five numbers per plane; plane 0 stands for no plane
     ids: I32Ptr  # int32, KNOWN_PLANES: faces of these planes
     marks: I32Ptr  # int32, MARK_WORDS: hash table by the last bits of a slot: slots, parts, numbers of planes
 
 
 @inlined
 def _by_value(rays):
-    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
+    """The same `CameraRays` without arrays, so that LLVM can rule out that stores change them."""
     o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
     return CameraRays(
         (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
@@ -228,7 +228,7 @@ def _get_plane(p, at, stride):
 
 @kernel
 def _find_planes(pixels, tree_list, o, scratch):
-    """Write the face and the plane of each pixel. A plane is computed again only if its mark was overwritten."""
+    """Write the face and the plane of each pixel. A plane is recomputed only if its mark was overwritten."""
     for k in range(0, 2 * _MARKS, 16):
         store(scratch.marks, k, splat16(np.int32(-1)))
     _put_plane(scratch.known, 0, 1, NO_PLANE)
@@ -256,7 +256,7 @@ def _find_planes(pixels, tree_list, o, scratch):
 def _find_t(planes, face, rays, x, y):
     """Write t of the 16 pixels of a cell, or -1 where float64 may be inaccurate. Return whether there is such a pixel.
 
-    LLVM vectorises this.
+    LLVM vectorises the loop.
     """
     # Eq. (4) of docs/design/exactness.md
     unsure = False
@@ -300,7 +300,7 @@ def _write_cell(scratch, cell, known, face, t, at, width, columns, rows):
 
 @inlined
 def _write_place(pixels, cell, part, slot, at, width, columns, rows):
-    """Write the part and the slot of the triangle that each pixel of a cell sees."""
+    """Write the part and slot of each pixel's visible triangle in a cell."""
     # In: pixels, cell, at, width, columns, rows. Out: part, slot.
     for k in range(0, 4 * rows, 4):
         for i in range(columns):
@@ -313,9 +313,9 @@ def _write_place(pixels, cell, part, slot, at, width, columns, rows):
 
 @kernel
 def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
-    """Write the hits of the tile at pixel (x0, y0) that this call has found. Write misses for pixels without any hit.
+    """Write this call's hits in the tile at pixel (x0, y0), and misses for pixels without any hit.
 
-    seen : ResolveScratch
+    scratch : ResolveScratch
     hits : Hits of the picture
     """
     camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)

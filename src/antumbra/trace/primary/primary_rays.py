@@ -1,17 +1,17 @@
-"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's.
+"""Primary rays by multi-frusta tracing: the nearest hits of camera rays, bit-identical to the rasteriser's.
 
-Frusta. A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an
+Frusta. A frustum contains the rays o + t d of its pixels, with d_low <= d <= d_high along each axis. So a frustum is an
 endless shaft (`trace.descent`) [Benthin and Wald 2009, Sec. 4.1].
 
-Tiles. A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a
+Tiles. A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4], which traverse a
 `BlockTree` together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested
-by halves of frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front
-and an interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own
-predicates settle it after the block. The float64 t of a visible triangle is computed once, after the tree
+by halves of frusta, *cells* of 4 x 4 pixels, with one pixel per lane. For each pixel, the tile stores the nearest
+triangle and an interval of its depth key 1 / t. A test that float32 cannot decide is deferred, and settled by the
+contract's own predicates after the block. The float64 t of a visible triangle is computed once, after the tree
 (`pixel_hits.resolve`).
 
-The tracer takes a tree list (`trace.tree_list`). Each tile goes through the trees of its list, one after the other.
-Later it may go through another list, and starts from its hits so far.
+Tree lists (`trace.tree_list`). Each tile traverses the trees of its list one after the other. In a later call it may
+traverse another list, starting from its hits so far.
 """
 
 from typing import NamedTuple
@@ -66,11 +66,9 @@ FLOATS = 96
 
 @kernel
 def bound_directions(rays, error, x0, y0, directions):
-    """Write d_low and d_high of the frusta of the tile at pixel (x0, y0).
+    """Write d_low and d_high of the frusta of the tile at pixel (x0, y0), including frusta beyond the picture.
 
-    Frusta beyond the picture are bounded, too.
-
-    error : (3,) float64, bound of the error of `pixel_direction`
+    error : (3,) float64, error bound of `pixel_direction`
     """
     for axis in range(3):
         dx, dy = rays.dx[axis], rays.dy[axis]
@@ -94,11 +92,11 @@ def slabs_from(eye, directions):
 
 
 _F = np.float32
-_SUPER = 4  # tiles along the side of a square that is traced in Morton order
+_SUPER = 4  # tiles per side of a square that is traced in Morton order
 
 
 class PrimaryPicture(NamedTuple):
-    """A camera's picture: its rays, and their hits so far."""
+    """A camera's picture: its rays and their hits so far."""
 
     rays: CameraRays
     hits: Hits
@@ -122,14 +120,14 @@ class _PrimaryScratch(NamedTuple):
 
     pixels: Pixels
     resolution: ResolveScratch
-    directions: F32Ptr  # float32, FLOATS: see `frusta`
+    directions: F32Ptr  # float32, FLOATS: see `bound_directions`
     work: F32Ptr  # float32, WORK: for a block
     waiting: Waiting
 
 
 @kernel
 def _walk(tree_list, k, alive, picture, tile, scratch, counters):
-    """Trace the frusta in `alive` (bits) through tree k. A block is prefetched, and tested after the next is found."""
+    """Trace the frusta in `alive` (bits) through tree k. Each block is prefetched, and tested once the next is reached."""
     tree, hits, pixels, scale = tree_in(tree_list, k), picture.hits, scratch.pixels, picture.scale
     at, last = Near(root_in(tree_list, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:
@@ -156,7 +154,7 @@ def _place(k, across):
 
 @inlined
 def _start(picture, x0, y0, fresh, scratch):
-    """Start the tile at pixel (x0, y0): from nothing if `fresh`, otherwise from its hits so far."""
+    """Start the tile at pixel (x0, y0): without hits if `fresh`, otherwise from its hits so far."""
     rays, hits = picture.rays, picture.hits
     if fresh:
         alive = start(scratch.pixels, x0, y0, rays)
@@ -206,7 +204,7 @@ def _trace_tiles(ticket, arrays, picture, across, counters):
 
 
 def _scale(box, view) -> float:
-    """A power of two that brings pixel coordinates to about 1; 0 where float32 has no room for it."""
+    """A power of two that scales pixel coordinates to about 1; 0 if float32 cannot represent the result."""
     eye = np.array([view.eye_x, view.eye_y, view.eye_z])
     reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
     if not 1e-30 < reach < 1e30:
@@ -220,24 +218,24 @@ def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, 
     Parameters
     ----------
     tree : BlockTree, or Bvh
-        A Bvh is first made into a `BlockTree`.
+        A Bvh is first converted to a `BlockTree`.
     rays : CameraRays
     threads : int, optional
-        None: all cores. The result does not depend on it.
+        None: all cores. Does not affect the result.
     counters : (N_COUNTERS,) int64, optional
-        From `new_counters`; nodes, tests of boxes, and triangles are added.
+        From `new_counters`; nodes, box tests and triangles are added.
 
     Returns
     -------
     face : (H, W) int32
-        -1 on a miss. Among triangles at the same t, the one with the lowest index.
+        -1 on a miss. Among triangles at the same t, the lowest index wins.
     t : (H, W) float64
         In lengths of the pixel's direction; inf on a miss.
 
     Raises
     ------
     InputError
-        If directions of neighbouring pixels are too close, as in `rasterise`.
+        If the directions of neighbouring pixels are too close, as in `rasterise`.
     """
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
@@ -248,29 +246,29 @@ def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, 
 
 
 def picture_seen(rays, box: np.ndarray, hits: Hits) -> PrimaryPicture:
-    """A camera's picture, ready to be traced.
+    """A camera's picture, prepared for tracing.
 
     Parameters
     ----------
     rays : CameraRays
     box : (2, 3) float32
-        Around all triangles.
+        Bounds of all triangles.
     hits : Hits
-        The hits so far. Tracing changes them in place.
+        The hits so far, updated in place by tracing.
     """
     view = make_view(rays)
     return PrimaryPicture(rays, hits, view, direction_error(rays), _scale(box, view))
 
 
 def trace_hits(tree_list: TreeList, picture: PrimaryPicture, threads: int, counters=None) -> None:
-    """Trace pixel-centre rays through a tree_list. Unless the tree_list is fresh, start from the rays' hits so far.
+    """Trace pixel-centre rays through a tree list. Unless it is fresh, start from the rays' hits so far.
 
     Parameters
     ----------
     tree_list : TreeList
-        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles that have trees write their hits.
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles with trees write their hits.
     picture : PrimaryPicture
-        Its hits are changed in place.
+        Its hits are updated in place.
     counters : (N_COUNTERS,) int64, optional
         From `new_counters`.
     """

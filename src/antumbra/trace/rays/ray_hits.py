@@ -1,7 +1,7 @@
 """Hits of ray lists: the surfaces that diffuse rays meet, and all triangles that segments meet.
 
-One diffuse bounce starts from the surfaces that a camera sees. The builder `srdh` and the alpha test need all
-intersections of their rays [Feltman et al. 2012, Sec. 3.4].
+One diffuse bounce starts from the surfaces that the camera sees. The builder `srdh` [Feltman et al. 2012, Sec. 3.4] and
+the alpha test need all intersections of their rays.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -24,15 +24,15 @@ from .ray_traversal import CLOSEST, LEFT_FIRST, HitList, walk
 
 
 MOST_HITS = 1 << 14
-"""The most triangles that are kept for a segment; others are left out."""
+"""Largest number of triangles stored per segment; others are dropped."""
 
 _CHUNK = 64
-_A_RAY = 16  # hits for each segment that the first allocation has room for
+_A_RAY = 16  # hits per segment for which memory is first allocated
 
 
 @kernel
 def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans):
-    """Worker: write the triangles that each segment meets to `prims`, as far as there is room, and their `spans`."""
+    """Worker: write the triangles that each segment meets to `prims`, up to its size, and their `spans`."""
     # In: bvh, origins, ends, skip, cull_faces. Out: next_free, prims, spans.
     tree, slots, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
     hits = HitList(slots, n, np.int64(MOST_HITS))
@@ -54,7 +54,7 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
     """All triangles that segments meet, by exact tests.
 
     origins, ends : (m, 3) float32
-    skip : (m,) int32, a triangle that does not count for each segment, or -1
+    skip : (m,) int32, a triangle to ignore per segment, or -1
     cull_faces : a value of `query.shadow_query.CULL_FACES`
     """
     m, room = len(origins), _A_RAY * len(origins)
@@ -77,10 +77,10 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
 
 
 Nearest = Callable[[Sequence[RayPass], tuple[int, int]], Iterator[Surfaces]]
-"""A function of passes, and of their picture's height and width. It yields the surfaces that each pass meets first."""
+"""A function of passes and the height and width of their picture, which yields each pass's nearest surfaces."""
 
 Show = Callable[[RayPass, np.ndarray, np.ndarray], None]
-"""A function of a pass, and of the face and t of its hits, (m,) each. It replaces hits by nearer ones."""
+"""A function of a pass and the face and t of its hits, (m,) each, which replaces hits by nearer ones."""
 
 
 @kernel
@@ -125,9 +125,10 @@ def _surfaces(ticket, rays, ts, out, corners):
 
 
 def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:
-    """The G-buffer of the rays of a picture of this shape; its depth is the length of the ray.
+    """The G-buffer of a picture's rays; its depth is t.
 
     face, t : from `nearest_hits`
+    shape : of the picture
     triangles : the triangles that `face` indexes
     """
     m, zeros = len(face), np.zeros((len(face), 3), np.float32)
@@ -141,9 +142,9 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
 def nearest_surfaces(
     passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None, show: Show | None = None
 ) -> Iterator[Surfaces]:
-    """Yield the surfaces that passes of a picture of this shape meet first in a BVH of all triangles.
+    """Yield the nearest surfaces of each pass, in a picture of this shape and a BVH of all triangles.
 
-    show : called with each pass, and the face and t of its hits, to replace some of them
+    show : called with each pass and the face and t of its hits, to replace some of them
     """
     for rays in passes:
         hits = nearest_hits(bvh, *rays, threads)
@@ -155,7 +156,7 @@ def nearest_surfaces(
 def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
     """The G-buffer of one random diffuse ray from each pixel's surface [Feltman et al. 2012, Sec. 4].
 
-    It has the same shape. Its depth is the length of the ray.
+    It has the shape of `gbuffer`, and its depth is the length of the ray.
 
     triangles : `Triangles`, all triangles of `bvh`
     """
