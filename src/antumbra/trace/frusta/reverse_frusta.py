@@ -164,7 +164,7 @@ def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
 
 @inlined
 def _test_ray(fans, b, points, s, r, g, lanes, counters):
-    """True if a triangle of a block surely blocks the ray of fan r to tile g; lanes: triangles from the fan's origin."""
+    """True if a triangle of a block surely blocks the ray of fan r to tile g; lanes: triangles from the fan's point."""
     d = minus(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, lanes, -b.facing)

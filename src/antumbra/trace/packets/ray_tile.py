@@ -264,9 +264,9 @@ def extents_of(tree) -> np.ndarray:
 
 
 def is_huge(query, extents) -> bool:
-    """True if a chunk of a lamp's samples spans a large fraction of a tree's `extents`, so that frusta contain much of it.
+    """True if a chunk of a lamp's samples spans a large fraction of a tree's `extents`.
 
-    The limit is lower for few samples, because a shaft then has few rays.
+    Frusta then contain much of the tree. The limit is lower for few samples, because a shaft then has few rays.
     """
     if query.light.kind != FIXED:
         return False

@@ -127,7 +127,7 @@ class _PrimaryScratch(NamedTuple):
 
 @kernel
 def _walk(tree_list, k, alive, picture, tile, scratch, counters):
-    """Trace the frusta in `alive` (bits) through tree k. Each block is prefetched, and tested once the next is reached."""
+    """Trace the frusta in `alive` (bits) through tree k. Blocks are prefetched, and tested once the next is reached."""
     tree, hits, pixels, scale = tree_in(tree_list, k), picture.hits, scratch.pixels, picture.scale
     at, last = Near(root_in(tree_list, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:

@@ -1,4 +1,8 @@
-"""Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets."""
+"""Ray batches: read, check, trace and write 64 rays of a ray list at a time, in four blocks.
+
+Coherent rays are traced as packets (`ray_packet`), others interleaved (`single_rays`). The t and weights of 16 nearest
+hits are computed together, vectorised by LLVM.
+"""
 
 from typing import NamedTuple
 
@@ -79,10 +83,10 @@ _T, _U, _V = 0, LANES, 2 * LANES
 
 
 class Report(NamedTuple):
-    """Pointers to scratch memory."""
+    """Pointers to scratch memory for the numbers of 16 nearest hits."""
 
-    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, the corners of the triangle that each ray meets
-    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v, or UNKNOWN for t or u
+    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
+    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
 
 
 @inlined
@@ -98,7 +102,7 @@ def _minus(a, b):
 
 @inlined
 def _fill_report(rows, report):
-    """Compute the numbers of all sixteen rays. LLVM vectorises this."""
+    """Compute the numbers of all sixteen rays. LLVM vectorises the loop."""
     corners, out = report.corners, report.numbers
     for i in range(LANES):
         o, d = _vector(rows, OX + i), _vector(rows, DX + i)
@@ -142,14 +146,14 @@ def write_nearest(tree, rays, hits, n, report, out, first):
 
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
-_CHUNK = 16  # times as many blocks, which a thread takes at a time
+_CHUNK = 16  # batches that a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
 
 @inlined
 def _fill_vectors(operand, first, shift, rows, at):
-    """`_fill` for rows of three numbers that lie side by side in memory, as arrays of vectors do."""
+    """`_fill` for contiguous rows of three numbers, as in arrays of vectors."""
     begin = operand.address + first * operand.row
     if operand.double:
         columns = load16x3(f64_at(begin), 0)
@@ -169,7 +173,7 @@ def _number(operand, place):
 
 @inlined
 def _fill(operand, first, last, shift, rows, at):
-    """Write an argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
+    """Write one argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
     for i in range(LANES):
         begin = operand.address + min(first + i, last) * operand.row
         for k in range(3):
@@ -178,7 +182,7 @@ def _fill(operand, first, last, shift, rows, at):
 
 @inlined
 def _fill_points(operand, first, last, shift, rows, at):
-    """`_fill`, faster where memory allows."""
+    """`_fill`, faster for contiguous arrays."""
     side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
     if side_by_side and first + LANES - 1 <= last:
         _fill_vectors(operand, first, shift, rows, at)
@@ -188,7 +192,7 @@ def _fill_points(operand, first, last, shift, rows, at):
 
 @inlined
 def _fill_ends(number, first, last, block, k):
-    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are legal."""
+    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are valid."""
     rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
     for i in range(1 if number.row == 0 else LANES):
         t = number.shared
@@ -205,7 +209,7 @@ def _fill_ends(number, first, last, block, k):
 
 @inlined
 def _point_at_targets(block):
-    """Make directions of the targets in the rows of directions."""
+    """Replace targets, in the rows of directions, by directions."""
     for k in range(3):
         to, start = to_f64(load16(block.rows, DX + LANES * k)), to_f64(load16(block.rows, OX + LANES * k))
         direction, remainder = two_diff(to, start)
@@ -226,7 +230,7 @@ def _settle(rows, at):
 def _load(args, first, last, block):
     """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
 
-    Return (whether all are legal, bits of the rays that go anywhere). A ray needs a direction, a segment does not.
+    Return (whether all are valid, bits of the rays with a non-zero direction). Only segments may have zero directions.
     """
     f, rows, skip, zero, frame = np.float32, block.rows, block.skip, np.float64(0.0), args.frame
     _fill_points(args.origins, first, last, frame, rows, OX)
@@ -252,7 +256,7 @@ def _load(args, first, last, block):
 
 @inlined
 def _packet_rays(rows, first, candidates, tree_reach, any_hit):
-    """Rays (bits) of the blocks of `left` that run along block `first`; 0 if not even its own rays do."""
+    """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
     members = np.int64(0)
     if is_coherent_with(rows, first, first, tree_reach, any_hit):
         while candidates:
@@ -265,7 +269,7 @@ def _packet_rays(rows, first, candidates, tree_reach, any_hit):
 
 @inlined
 def _write_blocked(blocked, n, out, first):
-    """Write n answers (bits) from element `first` on, a multiple of 4."""
+    """Write n answers (bits) from element `first` on, which is a multiple of 4."""
     if n == _RAYS:
         words = as_i32(ptr(out))
         for k in range(_RAYS // 4):  # a product spreads four bits over the bytes of a word
@@ -277,7 +281,7 @@ def _write_blocked(blocked, n, out, first):
 
 @inlined
 def _trace(tree, rays, alive, query, hits, counters):
-    """Trace the rays in `alive` (bits) of several blocks; return bits of blocked rays that `found` does not tell."""
+    """Trace the rays in `alive` (bits) of several blocks. Return bits of blocked rays that `hits` does not hold."""
     blocked = np.int64(0)
     while alive:
         j = first_block(alive)
@@ -331,7 +335,7 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
 
 
 class _BatchScratch:
-    """What threads write while they trace one list, besides its answers: made once, and used again."""
+    """Reusable memory that threads write while they trace one list, besides the output arrays."""
 
     def __init__(self) -> None:
         self.ticket, self.faults, self.counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
@@ -342,17 +346,17 @@ class _BatchScratch:
 
 
 class RayTracer:
-    """Traces ray lists through a `WideBvh`, which is packed once. Threads of Python may share it."""
+    """Traces ray lists through a `WideBvh`, which is packed once. Safe to share between Python threads."""
 
     def __init__(self, wide):
         self.wide, self._tree = wide, packed(wide)
-        self._spare: list[_BatchScratch] = []  # no two calls have the same: a list hands out items atomically
+        self._spare: list[_BatchScratch] = []  # pop and append are atomic, so no two calls share an item
 
     def trace(self, rays: RayArguments, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
         """Trace rays and fill `out`.
 
-        Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The
-        nearest hit is for rays only, not for segments.
+        Return False, with `out` incomplete, if a ray is invalid: NaN, infinity, a zero direction, ... Closest-hit
+        queries take rays only, not segments.
         """
         scratch = self._spare.pop() if self._spare else _BatchScratch()
         blocks = -(-rays.n // _RAYS)

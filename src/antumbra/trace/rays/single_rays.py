@@ -1,20 +1,22 @@
-"""Rays one at a time: interleaved any-hit rays, the tracers `single` and `wide`, and exact step counts.
+"""Rays one at a time: interleaved rays, the tracers `single` and `wide`, and exact step counts.
 
-Interleaving. A single ray waits for memory at nearly every step, because each step decides which node comes next. So a
-step prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
-share only the first step. Any-hit queries take it together, one ray to a lane.
+Interleaving. A single ray stalls on memory at nearly every step, because each step determines the next node. So
+incoherent rays take turns: each takes one step through the wide BVH, a node or a leaf, and prefetches its next node,
+which is in the cache at the ray's next turn. The first step is the same for all rays, and any-hit queries take it
+together, with one ray per lane.
 
-Tracers. `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random`
-differ only in the order of children (see below).
+Tracers. `single` (binary BVH) and `wide` (wide BVH) trace one shadow ray at a time by the same loop. `single` is the
+baseline, with which every other tracer must agree bit for bit. Variants such as `single:random` differ only in the
+child order (`ray_traversal`).
 
-Steps. A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There
-are three classes of steps:
+Steps [Feltman et al. 2012, Sec. 4.1]. A step is a test of a ray against the box of a child that the traversal reaches.
+The root's box is not tested. There are three classes of steps:
 
 - path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
 - false hits (faux hits): for a blocked ray, all other steps
-- unoccluded: the steps of rays that nothing blocks
+- unoccluded: the steps of unoccluded rays
 
-Rays are walked one by one, and the last blocker is not tested first.
+Rays are traced one by one, and the last blocker is not tested first.
 """
 
 from typing import NamedTuple
@@ -105,7 +107,7 @@ _STACKS = LANES * STACK
 
 @inlined
 def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
-    """Push the children that ray i enters, the first one to visit on top. Return the new height."""
+    """Push the children that ray i enters, with the first one to visit on top. Return the new height."""
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, WIDTH)
     at = link * NODE_WORDS
@@ -120,7 +122,7 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
 
 @inlined
 def _open_root(tree, rays, alive, stacks, heights, counters):
-    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of rays that enter."""
+    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of the entering rays."""
     entered, n = splat16(np.int32(0)), 0
     while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
         inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
@@ -145,7 +147,7 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
 
 @inlined
 def walk_interleaved(tree, rays, alive, query, hits, counters):
-    """Trace the rays in `alive` (bits) of a prepared block, and write their hits, any or nearest, to `found`."""
+    """Trace the rays in `alive` (bits) of a prepared block and write their hits, any or nearest, to `hits`."""
     stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
     nears = stack_f32(WIDTH)
     if query.any_hit and alive & (alive - 1):  # two or more rays
@@ -211,29 +213,29 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
 # --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
 
 
-TILE = 16  # side of a tile in pixels; one thread traces a tile's pixels one after the other
+TILE = 16  # side of a tile in pixels; a tile is traced by one thread
 
 
 def as_built(bvh, threads=None) -> Ordered:
-    """A `Bvh` whose children are visited as its builder chose."""
+    """A `Bvh` with the child order of its builder."""
     return Ordered(bvh, BUILT)
 
 
 class OrderedTree(NamedTuple):
-    """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
+    """Pointers to the arrays of an `Ordered`'s BVH, and its child order."""
 
     tree: Tree
     prim_ids: I32Ptr  # int32 *
-    corners: F32Ptr  # float32 *, 9 a triangle
+    corners: F32Ptr  # float32 *, 9 per triangle
     order: int
 
 
 def pointers(prepared):
-    """In kernels: the `OrderedTree` of an `Ordered`, the `WideTree` of a `WideBvh`."""
+    """In kernels: the `OrderedTree` of an `Ordered`, or the `WideTree` of a `WideBvh`."""
 
 
 def any_hit(tree, ray, skip, cull_faces, counters):
-    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree chooses the walk."""
+    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree selects the traversal."""
 
 
 @inlined
@@ -260,7 +262,7 @@ def _any_hit(tree, ray, skip, cull_faces, counters):
 
 @inlined
 def _blocked(tree, ray, skip, cull_faces, last, counters):
-    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tested first."""
+    """Slot of a triangle that blocks the ray, or -1; `last`, which blocked the previous ray, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
@@ -282,7 +284,7 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
             count(counters, BELOW_HORIZON, 1)
         else:
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
-            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment, which float32 could not decide
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment blocks nothing
                 continue
             slot = _blocked(tree, ray, skip, query.facing, last, counters)
             if slot < 0:
@@ -315,7 +317,7 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     counters : from `new_counters`, or None
     """
     if counters is None and isinstance(prepared, WideBvh):
-        counters = new_counters()  # counting is free here; the binary walk takes twice as long when it counts
+        counters = new_counters()  # counting is free here, but doubles the time of the binary traversal
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(
@@ -338,18 +340,18 @@ PATH, FALSE, UNOCCLUDED = range(3)
 
 
 class Steps(NamedTuple):
-    """The steps of the rays of a query with (H, W) receivers."""
+    """Step counts of a query with (H, W) receivers."""
 
     boxes: np.ndarray  # (H, W, 3) int64, boxes tested, by class
     triangles: np.ndarray  # (H, W) int64, triangles tested
-    rays: np.ndarray  # (H, W) int64, rays walked: samples above the horizon
-    blocked: np.ndarray  # (H, W) int64, walked rays that are blocked
-    hits: np.ndarray  # (n,) int64, for each triangle of the scene, rays whose blocker it was
+    rays: np.ndarray  # (H, W) int64, rays traced: samples above the horizon
+    blocked: np.ndarray  # (H, W) int64, traced rays that are blocked
+    hits: np.ndarray  # (n,) int64, for each triangle of the scene, the number of rays that it blocked
 
 
 @kernel
 def _count_boxes(bvh, order, inner, depths):
-    """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
+    """Fill `leaf_depths`; order: nodes with parents first; inner: zeros, for the depth of each node."""
     for node in order:
         for side in range(2):
             link, depth = bvh.links[node, LINK + side], inner[node] + 1
@@ -362,7 +364,7 @@ def _count_boxes(bvh, order, inner, depths):
 
 
 def leaf_depths(bvh: Bvh) -> np.ndarray:
-    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, with the leaf's own."""
+    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, including the leaf's."""
     depths = np.zeros(len(bvh.prim_ids), np.int32)
     _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
     return depths
@@ -370,7 +372,7 @@ def leaf_depths(bvh: Bvh) -> np.ndarray:
 
 @inlined
 def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
-    """Walk the rays to all samples of one receiver, and count their steps."""
+    """Trace the rays to all samples of one receiver and count their steps."""
     tree, i = tree_of(bvh), y * query.w + x
     o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
     patch, horizon = patch_of(query, i), horizon_of(query, i)
@@ -403,7 +405,7 @@ def _walk_rows(ticket, bvh, order, query, depths, steps):
 
 
 def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
-    """Walk all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
+    """Trace all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
     planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
     steps = Steps(*planes, np.zeros(n_triangles, np.int64))
@@ -414,11 +416,11 @@ def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progres
 
 
 def add_steps(all_steps: list[Steps]) -> Steps:
-    """The sums of the steps of several queries with the same receivers."""
+    """The sum of the step counts of several queries with the same receivers."""
     return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
 
 
 def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
-    """(k,) int64: the number of rays blocked at each depth of the BVH; `hits` as in `Steps`."""
+    """(k,) int64: the number of rays blocked at each depth of the BVH; hits: as in `Steps`."""
     depths = leaf_depths(bvh)
     return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)

@@ -1,9 +1,10 @@
 """Traversal of a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries.
 
-Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
-directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse
-+ offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the offsets move the
-planes outwards by more than this error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
+Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with one column per ray. The caller fills origins,
+directions, tmin and tmax, rounded to nearest; `prepare` fills the remaining rows. A ray reaches a plane x = c at t = c
+* inverse + offset, in one instruction. The error is absolute, a fraction of the largest coordinate involved. So the
+offsets move the planes outwards by more than this error, both where a ray enters and where it leaves. Proof:
+docs/design/wide.md.
 """
 
 from typing import NamedTuple
@@ -43,7 +44,7 @@ from .ray_traversal import BUILT, CLOSEST, settle, walk
 
 
 LANES = 16
-BLOCKS = 4  # blocks that lie one after the other
+BLOCKS = 4  # consecutive blocks in memory
 OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
@@ -56,8 +57,8 @@ ENDS, DIRECTION, REMAINDER = (
 PRECISE_WORDS = 8 * LANES
 
 _SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
-_ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
-_PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the largest coordinate in play
+_ALONG = np.float32(2.0**-40)  # a direction's components are raised to at least this fraction of the largest one
+_PAD = np.float32(2.0**-20)  # planes are moved outwards by this fraction of the largest coordinate involved
 _INF = np.float32(np.inf)
 
 
@@ -66,32 +67,32 @@ class RayBlock(NamedTuple):
 
     rows: F32Ptr  # float32 *, BLOCK_WORDS
     precise: F64Ptr  # float64 *, PRECISE_WORDS: tmin and tmax; for segments also the direction and its remainder
-    skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
+    skip: I32Ptr  # int32 *, 16: index of a triangle to ignore, or -1
     segments: bool  # the rays are segments between float32 points; False: the float32 direction is exact
 
 
 @inlined
 def block_of(rays, j):
-    """Block j of a `RayBlock` that holds several blocks, one after the other."""
+    """Block j of a `RayBlock` that holds several consecutive blocks."""
     rows, precise = ptr_at(rays.rows, j * BLOCK_WORDS), ptr_at(rays.precise, j * PRECISE_WORDS)
     return RayBlock(rows, precise, ptr_at(rays.skip, j * LANES), rays.segments)
 
 
 @inlined
 def first_block(rays):
-    """The block of the first of some rays (bits) of several blocks."""
+    """The block of the first ray in `rays` (bits) of several blocks."""
     return lowest_bit(rays) // LANES
 
 
 @inlined
 def rays_of_block(j):
-    """Bits of the rays of block j among several blocks."""
+    """Bits of the rays of block j, among those of several blocks."""
     return np.int64((1 << LANES) - 1) << (j * LANES)
 
 
 @inlined
 def rays_in(rays, j):
-    """Those of some rays (bits) of several blocks that are in block j, as bits of this block."""
+    """The rays in `rays` (bits) of several blocks that are in block j, as bits of this block."""
     return (rays >> (j * LANES)) & ((1 << LANES) - 1)
 
 
@@ -110,7 +111,7 @@ def ray_of(rays, i):
 
 @inlined
 def prepare(block, tree_reach):
-    """Fill the rows from INVERSE on. Rays too long, short or far for float32's range enter every box."""
+    """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
     ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
     dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
@@ -156,31 +157,31 @@ def filter_rays16(block):
 
 
 STACK = (MAX_DEPTH + 2) * WIDTH
-DEFERRED = 128  # most tests that can be deferred for a block of rays
+DEFERRED = 128  # largest number of deferred tests per block of rays
 DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
 
 
 class Query(NamedTuple):
-    """The kind of a query."""
+    """The kind of query."""
 
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool  # any hit, not the nearest
 
 
 class WideHit(NamedTuple):
-    """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
+    """Pointers to the hit of each ray of a block, and to the deferred tests."""
 
     lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
-    prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
-    t: F64Ptr  # float64 *: `hit_t` of the hit; only for the nearest hit
-    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
+    prim: I64Ptr  # int64 *: index of the triangle; only for closest-hit queries
+    t: F64Ptr  # float64 *: `hit_t` of the hit; only for closest-hit queries
+    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: count; bits of rays whose tests overflowed; each test's ray and lane
 
 
 @inlined
 def hits_of(hits, j):
-    """The `WideHit` of block j, where `found` has memory for several blocks, one after the other."""
+    """The `WideHit` of block j, where `hits` has memory for several consecutive blocks."""
     at = j * LANES
     lane, prim, t = ptr_at(hits.lane, at), ptr_at(hits.prim, at), ptr_at(hits.t, at)
     return WideHit(lane, prim, t, ptr_at(hits.deferred, j * DEFERRED_WORDS))
@@ -188,14 +189,14 @@ def hits_of(hits, j):
 
 @inlined
 def slot_of(tree, hits, i):
-    """Slot of the triangle found for ray i, or -1."""
+    """Slot of the triangle that ray i hits, or -1."""
     lane = np.int64(get(hits.lane, i))
     return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
 
 
 @inlined
 def start(hits, rays):
-    """Reset `found`: no ray of a block has a hit."""
+    """Reset `hits` for the rays of a block."""
     put(hits.deferred, 0, 0)
     put(hits.deferred, 1, 0)
     for i in range(LANES):
@@ -205,7 +206,7 @@ def start(hits, rays):
 
 @inlined
 def _defer_lanes(hits, i, first, lanes):
-    """Note that ray i may meet the triangles in some lanes (bits) of a group; `first`: the group's first lane."""
+    """Defer the tests of ray i against the triangles in `lanes` (bits) of a group; `first`: the group's first lane."""
     n = np.int64(get(hits.deferred, 0))
     while lanes:
         k = lowest_bit(lanes)
@@ -221,9 +222,9 @@ def _defer_lanes(hits, i, first, lanes):
 
 @inlined
 def keep(tree, rays, i, at, query, hits):
-    """Keep the triangle in lane `at`, which ray i meets: for the nearest, only if it is nearer than the best so far.
+    """Store the hit of ray i on the triangle in lane `at`; for closest-hit, only if it is nearer than the best so far.
 
-    Return whether an any-hit query is answered.
+    Return whether this ends the ray's any-hit query.
     """
     slot = np.int64(get(tree.slots, at))
     prim = np.int64(get(tree.prim_ids, slot))
@@ -247,18 +248,18 @@ def keep(tree, rays, i, at, query, hits):
 
 @kernel
 def settle_block(tree, rays, query, hits, counters):
-    """Settle the deferred tests. Rays that lost tests are traced again, by the exact walk over the binary BVH."""
-    lost, order = np.int64(get(hits.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    """Settle the deferred tests. Rays whose tests overflowed are traced again, through the binary BVH."""
+    overflowed, order = np.int64(get(hits.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
     for k in range(get(hits.deferred, 0)):
         i, at = np.int64(get(hits.deferred, 2 + 2 * k)), np.int64(get(hits.deferred, 3 + 2 * k))
-        if lost >> i & 1 or (query.any_hit and get(hits.lane, i) != NONE):
+        if overflowed >> i & 1 or (query.any_hit and get(hits.lane, i) != NONE):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
         if side != 0 and side != query.cull_faces:
             keep(tree, rays, i, at, query, hits)
-    while lost:
-        i = lowest_bit(lost)
-        lost &= lost - 1
+    while overflowed:
+        i = lowest_bit(overflowed)
+        overflowed &= overflowed - 1
         skip = np.int64(get(rays.skip, i))
         slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
         put(hits.lane, i, -2 - slot)
@@ -279,7 +280,7 @@ def group_of(groups, at):
 
 @inlined
 def facing(hits, positive, cull_faces):
-    """The hits that are not culled."""
+    """The hits that face culling keeps."""
     if cull_faces == 0:
         return hits
     return hits & (~positive if cull_faces > 0 else positive)
@@ -287,7 +288,7 @@ def facing(hits, positive, cull_faces):
 
 @inlined
 def visit_leaf(tree, rays, i, link, query, hits, counters):
-    """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
+    """Test ray i against the triangles of a leaf. Return whether this ends the ray's any-hit query."""
     group, n = wide_leaf(link)
     count(counters, TRIANGLE_TESTS, n)
     lanes, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
@@ -309,7 +310,7 @@ def visit_leaf(tree, rays, i, link, query, hits, counters):
 
 @inlined
 def defer(hits, rays, at):
-    """Note that some rays (bits) may meet the triangle in lane `at`."""
+    """Defer the tests of some rays (bits) against the triangle in lane `at`."""
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
@@ -328,7 +329,7 @@ def fetch(tree, link):
 
 
 class WideSlabs(NamedTuple):
-    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes where it enters."""
+    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes through which it enters."""
 
     ix: F32x8
     iy: F32x8
