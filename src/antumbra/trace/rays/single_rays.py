@@ -122,7 +122,7 @@ def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters
 
 @inlined
 def _open_root(tree, rays, alive, stacks, heights, counters):
-    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of the entering rays."""
+    """For any-hit, push the root's children that each ray enters, for all rays at once. Return bits of these rays."""
     entered, n = splat16(np.int32(0)), 0
     while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
         inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
@@ -284,7 +284,7 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
             count(counters, BELOW_HORIZON, 1)
         else:
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
-            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment blocks nothing
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
                 continue
             slot = _blocked(tree, ray, skip, query.facing, last, counters)
             if slot < 0:

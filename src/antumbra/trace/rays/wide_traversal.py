@@ -329,7 +329,7 @@ def fetch(tree, link):
 
 
 class WideSlabs(NamedTuple):
-    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes through which it enters."""
+    """A ray prepared for eight boxes: broadcast rows of its block, and words of the planes through which it enters."""
 
     ix: F32x8
     iy: F32x8
