@@ -61,7 +61,7 @@ from .triangle_tests import fetch
 
 GROW = np.float32(1.0 + 2.0**-19)  # 32u
 _PAD = np.float32(12 * 2.0**-24)
-_LOW = np.float32(1e-7)  # directions below this share of the longest count as zero
+_LOW = np.float32(1e-7)  # directions below this fraction of the longest count as zero
 _ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 

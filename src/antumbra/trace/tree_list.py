@@ -1,6 +1,6 @@
 """Tree lists: the block trees that the rays of each screen tile traverse one after another.
 
-A tree list holds a scene as one tree, or as parts of which each screen tile lists those it needs, in order (see
+A tree list holds a scene as a single tree, or as parts; each screen tile lists the parts that it needs, in order (see
 `techniques.chcrt`). It addresses its trees by a table of pointers. So trees may share arrays, as subtrees of one
 `BlockTree` do, or have their own, as chunks of a scene larger than memory do.
 """
