@@ -7,6 +7,7 @@ and silhouettes use the test.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
@@ -15,6 +16,7 @@ from ..kernels.predicate.exact import ray_along
 from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
+from ..scene.triangles import Triangles
 from .receivers import NOTHING
 
 # --- The ray of a pixel -----------------------------------------------------------------------------------------------
@@ -139,7 +141,14 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
                     _put3(out.normal, at, (zero, zero, zero))
 
 
-def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) -> GBuffer:
+def from_hits(
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    triangles: Triangles,
+    rays: CameraRays,
+    threads: int | None = None,
+    row: int = 0,
+) -> GBuffer:
     """The G-buffer of primary hits.
 
     face : (H, W) int32, triangle indices or -1
@@ -173,14 +182,14 @@ class PictureSurfaces(NamedTuple):
     face: np.ndarray  # (H, W) int32
     depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels all have the same width
     side: np.ndarray  # (H, W) int8
-    pixel: float  # float32, width of a pixel at depth 1
+    pixel: np.float32  # width of a pixel at depth 1
 
 
-def seen_by(gbuffer, rays) -> PictureSurfaces:
-    """The surfaces of a G-buffer computed with these `CameraRays` or `ListedRays`."""
-    depth = gbuffer.depth
+def seen_by(gbuffer: GBuffer, rays: CameraRays | ListedRays) -> PictureSurfaces:
+    """The surfaces of a G-buffer computed with these rays."""
+    depth, pixel = gbuffer.depth, 0.0
     if not isinstance(rays, ListedRays):
-        pixel = np.linalg.norm(rays.dy)
+        pixel = float(np.linalg.norm(rays.dy))
     elif rays.extent is None:
         pixel = np.pi / rays.height
     else:

@@ -13,6 +13,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import choice, whole_number
 from ..kernels.jit import inlined, kernel
@@ -119,11 +120,11 @@ def larcher_pillichshammer(n: int) -> np.ndarray:
     return np.stack([(i + 0.5) / n, _radical_inverse(i, rows[1:])], 1)
 
 
-def _van_der_corput_rows():
+def _van_der_corput_rows() -> list[int]:
     return [0x80000000 >> k for k in range(32)]
 
 
-def _radical_inverse(i, rows):
+def _radical_inverse(i: NDArray[np.uint64], rows: list[int]) -> NDArray[np.float64]:
     out = np.zeros(len(i), np.uint64)
     for k, row in enumerate(rows):
         out ^= np.where(i >> np.uint64(k) & np.uint64(1), np.uint64(row), np.uint64(0))
@@ -136,7 +137,7 @@ def halton(n: int) -> np.ndarray:
     return np.stack([_radical_inverse(i.astype(np.uint64), _van_der_corput_rows()), _inverse_in_base_3(i)], 1)
 
 
-def _inverse_in_base_3(i):
+def _inverse_in_base_3(i: NDArray[np.int64]) -> NDArray[np.float64]:
     out, digit = np.zeros(len(i)), 1.0
     while i.any():
         digit /= 3.0
@@ -160,24 +161,29 @@ def _split_net(points: np.ndarray) -> np.ndarray:
     rows = np.arange(m) // nx
     reverse = sum(((rows >> k) & 1) << (3 - k) for k in range(4))
     pick = np.arange(N_SETS)[:, None] ^ reverse ^ (np.arange(m) % nx & 15)  # (16, m)
-    sets = points[order[np.arange(m), pick]]
+    sets: NDArray[np.float64] = points[order[np.arange(m), pick]]
     return sets[:, np.argsort(_z_order(np.arange(m) % nx, rows), kind="stable")]
 
 
-def _z_order(x, y):
-    return sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+def _z_order(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
+    order: NDArray[np.int64] = sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+    return order
 
 
 def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc  # imported on demand, because the import is slow
 
     size = _power_of_two(spp)
-    points = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
+    points: NDArray[np.float64] = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
     return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well distributed
 
 
-def _net(generate: Callable[[int], np.ndarray]):
-    def sets(spp: int, seed: int) -> np.ndarray:
+Sampler = Callable[[int, int], NDArray[np.float64]]
+"""A function of spp and seed, which returns sample sets on the square, (16, spp, 2)."""
+
+
+def _net(generate: Callable[[int], NDArray[np.float64]]) -> Sampler:
+    def sets(spp: int, seed: int) -> NDArray[np.float64]:
         size = _power_of_two(spp)
         split = _split_net(generate(N_SETS * size))
         if spp < size:  # keep a well-distributed subset: cells in bit-reversed Z order
@@ -203,10 +209,10 @@ ROTATIONS: dict[str, float] = {
 """Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper uses 36 for 20 samples."""
 
 
-def _shifted_halton(degrees: float):
+def _shifted_halton(degrees: float) -> Sampler:
     """Cranley-Patterson rotation of the Halton sequence on the square, with offsets of up to degrees / 360."""
 
-    def sets(spp: int, seed: int) -> np.ndarray:
+    def sets(spp: int, seed: int) -> NDArray[np.float64]:
         offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
         return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0: the square is open
 
@@ -225,7 +231,7 @@ def _power_of_two(n: int) -> int:
     return 1 << (n - 1).bit_length()
 
 
-SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {
+SAMPLERS: dict[str, Sampler] = {
     "larcher-pillichshammer": _net(larcher_pillichshammer),
     "hammersley": _net(hammersley),
     "sobol": _scrambled_sobol,

@@ -7,10 +7,11 @@ frusta [Benthin and Wald 2009, Sec. 6.1].
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
@@ -18,8 +19,9 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from ..scene.camera import CameraRays
 from ..scene.light_list import N_SETS
-from ..scene.lights import MAX_SPP
+from ..scene.lights import MAX_SPP, Light
 from ..scene.listed_rays import ListedRays
+from ..scene.triangles import Triangles
 from .gbuffer import (
     GBuffer,
     PictureSurfaces,
@@ -54,7 +56,7 @@ class FinerSamples(NamedTuple):
     ]  # (16, ceil(n / 16), 3) float64: one set per sub-pixel; a pixel's sub-pixels share n samples
 
 
-def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
+def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples:
     """The samples for n shadow rays, 1 to 1024, per refined pixel; lights with a fixed number of samples keep it.
 
     Raises
@@ -83,7 +85,9 @@ def _penumbra_rows(ticket, surfaces, counts, spp, out):
             out[y, x] = refine and surfaces.side[y, x] != NOTHING
 
 
-def penumbra(surfaces: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def penumbra(
+    surfaces: PictureSurfaces, counts: NDArray[np.integer], spp: int, threads: int | None = None
+) -> NDArray[np.bool_]:
     """(H, W) bool: pixels partly in shadow, or whose count differs from that of a neighbour on the same surface.
 
     counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
@@ -121,7 +125,9 @@ def _boundary_rows(ticket, surfaces, colour, below, right):
                         out[y, x] = INNER
 
 
-def boundaries(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
+def boundaries(
+    surfaces: PictureSurfaces, colour: NDArray[np.float32], threads: int | None = None
+) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Two (H, W) int8: the boundary between each pixel and the pixel below it, and the pixel to its right.
 
     INNER between two surfaces or colours, OUTLINE between a surface and the background, otherwise NO_BOUNDARY.
@@ -133,7 +139,7 @@ def boundaries(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> t
     return below, right
 
 
-def edges(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
+def edges(surfaces: PictureSurfaces, colour: NDArray[np.float32], threads: int | None = None) -> NDArray[np.bool_]:
     """(H, W) bool: pixels with a direct neighbour on another surface, of another colour, or in the background.
 
     colour : (n, 3) float32, linear base colour of each face
@@ -144,7 +150,7 @@ def edges(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> np.nda
     a pixel that pass between all pixel centres.
     """
     below, right = boundaries(surfaces, colour, threads)
-    out = (below | right) > 0
+    out: NDArray[np.bool_] = (below | right) > 0
     out[1:] |= below[:-1] > 0
     out[:, 1:] |= right[:, :-1] > 0
     return out
@@ -186,7 +192,11 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
 
 
 def subpixel_gbuffer(
-    triangles, rays: CameraRays, mask: np.ndarray, threads=None, hits: Callable | None = None
+    triangles: Triangles,
+    rays: CameraRays,
+    mask: NDArray[np.bool_],
+    threads: int | None = None,
+    hits: Callable[[CameraRays], tuple[NDArray[np.int32], NDArray[np.float64]]] | None = None,
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels.
 
@@ -220,7 +230,9 @@ def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
         directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
 
 
-def subpixel_rays(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+def subpixel_rays(
+    rays: CameraRays | ListedRays, mask: NDArray[np.bool_], threads: int | None = None
+) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
     threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
@@ -253,7 +265,7 @@ def _shifted(rays: CameraRays, row: int, column: int) -> CameraRays:
     return rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
 
 
-def _background(h: int, w: int, origin) -> GBuffer:
+def _background(h: int, w: int, origin: NDArray[np.float64]) -> GBuffer:
     position, normal = np.zeros((h, w, 3), np.float32), np.zeros((h, w, 3), np.float32)
     depth, side = np.full((h, w), np.inf, np.float32), np.full((h, w), NOTHING, np.int8)
     return GBuffer(position, normal, np.full((h, w), -1, np.int32), depth, side, origin)
@@ -276,7 +288,8 @@ def block_means(picture: np.ndarray, n: int) -> np.ndarray:
     """(n, ...): the mean over each of the first n blocks of a picture (4 R, 4 C, ...) of sub-pixels."""
     h, w = picture.shape[:2]
     blocks = picture.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK, *picture.shape[2:])
-    return blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n].astype(picture.dtype)
+    means = blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n]
+    return np.asarray(means).astype(picture.dtype)
 
 
 def blocks_of(picture: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from math import sqrt
 from operator import sub
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import kernel
@@ -17,11 +18,12 @@ from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 from ..scene.light_list import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
 from ..scene.recentre import settled
+from ..scene.triangles import Triangles
 
 # --- Morton order -----------------------------------------------------------------------------------------------------
 
 
-def morton_codes(points: np.ndarray) -> np.ndarray:
+def morton_codes(points: NDArray[np.floating]) -> NDArray[np.int32]:
     """(n,) int32: Morton codes of (n, 3) points within their bounding box, 10 bits per axis.
 
     Points too far apart for their dtype get arbitrary codes.
@@ -33,7 +35,8 @@ def morton_codes(points: np.ndarray) -> np.ndarray:
         cells = np.clip((axes - low) * axes.dtype.type(1023.0 / size), 0, 1023).astype(np.int32)
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         cells = (cells | cells << shift) & np.int32(mask)
-    return cells[0] << 2 | cells[1] << 1 | cells[2]
+    codes: NDArray[np.int32] = cells[0] << 2 | cells[1] << 1 | cells[2]
+    return codes
 
 
 # --- Bounds of triangles and points -----------------------------------------------------------------------------------
@@ -65,7 +68,7 @@ def _bounds(ticket, values, parts):
         store(out, row + 80, f)
 
 
-def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def bounds(points: NDArray[np.float32], threads: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Lower and upper corner, (3,) float32 each, of the bounding box of (..., 3) float32 points.
 
     The points must be C-contiguous and finite, and there must be at least one.
@@ -84,12 +87,12 @@ def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, 
     return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
 
 
-def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
+def reach(triangles: Triangles, points: NDArray[np.float32], threads: int | None = None) -> float:
     """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
     return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
 
 
-def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | None = None) -> float:
+def reach_of(box: NDArray[np.float32], points: NDArray[np.float32] | None = None, threads: int | None = None) -> float:
     """As `reach`, from the exact bounds of the triangles.
 
     box : (2, 3) float32

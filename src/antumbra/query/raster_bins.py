@@ -8,6 +8,7 @@ float32, eight at a time; only the few that are close to the camera's plane, or 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
@@ -65,14 +66,15 @@ class Padding(NamedTuple):
 def make_padding(view: RasterView) -> Padding:
     """`Padding` for the rounding of rays, and for the error 8 u norm distance / depth of a projected corner."""
     if not view.shift_z < 0.25:
-        return Padding(*[0.0] * 9, False)
+        return Padding._make((*[0.0] * 9, False))
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
     place = [16.0 * _U64 * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
     front, crossing = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
     quick = [m + 4.0 * _U32 * size for m, size in zip(moved, (view.width, view.height))]
     slope = [32.0 * _U32 * norm for norm in (view.norm_x, view.norm_y)]
     usable = crossing[0] < view.width + 16.0 and crossing[1] < view.height + 16.0
-    return Padding(*front, *crossing, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
+    nearer = (1.0 + view.shift_z) * (1.0 + 2.0**-14)
+    return Padding._make((*front, *crossing, *quick, *slope, nearer, usable))
 
 
 # --- Screen bounds in float64 -----------------------------------------------------------------------------------------
@@ -332,7 +334,7 @@ def _fill(ticket, size, columns, lengths, cursors, box, slots):
                     cursors[chunk, tile] += 1
 
 
-def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:
+def bin_triangles(corners: NDArray[np.float32], view: RasterView, threads: int) -> TileBins:
     """Cull the triangles, (n, 9) float32, and list the remaining ones by tile."""
     n, columns = len(corners), tiles_across(view.width)
     tiles = columns * tiles_across(view.height)

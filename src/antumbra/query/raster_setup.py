@@ -29,12 +29,14 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.predicate.filters import plane, widest
 from ..kernels.predicate.hits import hit_t
 from ..kernels.simd import get
+from ..scene.camera import CameraRays
 
 # --- Edge functions and depth keys ------------------------------------------------------------------------------------
 
@@ -78,7 +80,7 @@ class RasterView(NamedTuple):
     volume_error: float  # V above
 
 
-def make_view(rays) -> RasterView:
+def make_view(rays: CameraRays) -> RasterView:
     """The `RasterView` of `CameraRays`; InputError if its pixels are too close for float64's range."""
     rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
     norm = np.abs(rows).sum(1) * _SLACK
@@ -90,10 +92,11 @@ def make_view(rays) -> RasterView:
     slope_error = 48 * _U * (x * y + STRIDE * z * (x + y))
     bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
     eye = rays.origin.tolist()
-    return RasterView(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
+    size = int(rays.width), int(rays.height)
+    return RasterView._make((*eye, *rows.ravel().tolist(), turn, *size, *map(float, bounds)))
 
 
-def _inverse(*columns):
+def _inverse(*columns: np.ndarray) -> tuple[NDArray[np.float64], int]:
     """(inverse of the matrix of three columns, (3, 3) float64, correctly rounded; sign of its determinant)."""
     c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
     rows = [_cross(r, d), _cross(d, c), _cross(c, r)]
@@ -101,16 +104,17 @@ def _inverse(*columns):
     return np.array([[float(x / det) for x in row] for row in rows]), 1 if det > 0 else -1
 
 
-def _cross(a, b):
+def _cross(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
-def direction_error(rays) -> np.ndarray:
+def direction_error(rays: CameraRays) -> NDArray[np.float64]:
     """Bound on the difference of a pixel's direction from c + i r + j d in real arithmetic: (3,) float64."""
     right, down = rays.width * rays.dx, rays.height * rays.dy
     ends = [rays.corner, rays.corner + right, rays.corner + down, rays.corner + right + down]
     float64 = 16 * _U * (np.abs(rays.corner) + np.abs(right) + np.abs(down))
-    return _EPSILON * np.abs(ends).max(0) + float64 + 2.0**-149
+    error: NDArray[np.float64] = _EPSILON * np.abs(ends).max(0) + float64 + 2.0**-149
+    return error
 
 
 class EdgeFunctions(NamedTuple):

@@ -10,6 +10,7 @@ most hidden ones are rejected early.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.fields import F32Ptr, I32Ptr
@@ -250,12 +251,18 @@ def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters,
 __all__ = ["RASTER_COUNTERS", "new_raster_counters", "rasterise"]
 
 
-def new_raster_counters() -> np.ndarray:
+def new_raster_counters() -> NDArray[np.int64]:
     """Zeros for the `counters` of `rasterise`, in the order of RASTER_COUNTERS."""
     return np.zeros(len(RASTER_COUNTERS), np.int64)
 
 
-def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, counters=None):
+def rasterise(
+    corners: NDArray[np.float32],
+    rays: CameraRays,
+    threads: int | None = None,
+    cull_faces: int = 0,
+    counters: NDArray[np.int64] | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest triangle at each pixel centre.
 
     Parameters
@@ -313,7 +320,7 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
     return face, t
 
 
-def _checked(corners) -> np.ndarray:
+def _checked(corners: object) -> NDArray[np.float32]:
     if not (isinstance(corners, np.ndarray) and corners.ndim == 2 and corners.shape[1] == 9):
         raise InputError(f"corners must be an (n, 9) array, not {getattr(corners, 'shape', type(corners).__name__)}")
     if corners.dtype != np.float32 or not corners.flags.c_contiguous:

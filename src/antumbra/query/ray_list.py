@@ -5,9 +5,10 @@ in float64 before they are rounded to float32.
 """
 
 from math import prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 from ..checks import as_array, choice
 from ..errors import InputError
@@ -104,8 +105,9 @@ class RayArguments(NamedTuple):
 
     def copied(self) -> "RayArguments":
         """The same rays in copied arrays, which the caller cannot change."""
-        arrays = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
-        return RayArguments(*arrays, *self[5:])
+        names = self._fields[:5]
+        changes: dict[str, Any] = {name: _copied(getattr(self, name)) for name in names}
+        return self._replace(**changes)
 
     def packed(self) -> Packed:
         """The rays as a kernel's `RayList`, which keeps the arrays alive."""
@@ -131,10 +133,21 @@ class RayArguments(NamedTuple):
         )  # fmt: skip
 
 
+def _copied(value: np.ndarray | float) -> np.ndarray | float:
+    return np.array(value) if isinstance(value, np.ndarray) else value
+
+
 def rays_of(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame: tuple[float, float, float], n_faces: int,
-    targets=None,
-) -> RayArguments:  # fmt: skip
+    origins: ArrayLike,
+    directions: ArrayLike | None,
+    tmin: ArrayLike,
+    tmax: ArrayLike,
+    skip_face: ArrayLike | None,
+    cull_faces: str | None,
+    frame: tuple[float, float, float],
+    n_faces: int,
+    targets: ArrayLike | None = None,
+) -> RayArguments:
     """The checked arguments of `Scene.occluded` and `Scene.closest_hit`.
 
     n_faces : number of faces of the scene
@@ -161,11 +174,11 @@ def rays_of(
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
 
 
-def _number_or_array(value, what: str) -> np.ndarray | float:
+def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
     return value if type(value) is float else as_array(value, what)
 
 
-def _skip(skip_face, n_faces: int) -> np.ndarray | float:
+def _skip(skip_face: ArrayLike | None, n_faces: int) -> np.ndarray | float:
     if skip_face is None:
         return -1.0
     skip = as_array(skip_face, "skip_face")
@@ -176,7 +189,9 @@ def _skip(skip_face, n_faces: int) -> np.ndarray | float:
     return skip
 
 
-def _shape(origins: tuple[int, ...], directions: tuple[int, ...], *numbers) -> tuple[int, ...] | None:
+def _shape(
+    origins: tuple[int, ...], directions: tuple[int, ...], *numbers: np.ndarray | float
+) -> tuple[int, ...] | None:
     """The shape to which rays broadcast; None if there is none. `numpy.broadcast_shapes` takes longer than one ray."""
     shapes = {origins, directions, *(x.shape for x in numbers if isinstance(x, np.ndarray))} - {()}
     if len(shapes) <= 1:
@@ -187,7 +202,9 @@ def _shape(origins: tuple[int, ...], directions: tuple[int, ...], *numbers) -> t
         return None
 
 
-def _segment_ends(directions, tmin, tmax, targets):
+def _segment_ends(
+    directions: ArrayLike | None, tmin: ArrayLike, tmax: ArrayLike, targets: ArrayLike
+) -> tuple[ArrayLike, float]:
     """(targets, tmax) of segments, which take no directions, tmin or tmax."""
     if directions is not None or np.any(as_array(tmin, "tmin")) or np.any(as_array(tmax, "tmax") != np.inf):
         raise InputError("give either targets, which end the rays, or directions, tmin and tmax")
@@ -207,7 +224,9 @@ def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int,
     return (address_of(array), row, column, double), array
 
 
-def _number(value, shape: tuple[int, ...], dtype=None) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
+def _number(
+    value: np.ndarray | float, shape: tuple[int, ...], dtype: DTypeLike | None = None
+) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
     """The `Number` of numbers that broadcast to a shape, and the array that holds its memory."""
     if type(value) is float:
         return (0, 0, 0, value), None
@@ -228,7 +247,7 @@ class RayArrays(NamedTuple):
     frame: np.ndarray  # (3,) float64
     segments: bool = False
 
-    def part(self, places) -> "RayArrays":
+    def part(self, places: slice | np.ndarray) -> "RayArrays":
         """A subset of the rays; a copy for an array of indices."""
         return self._replace(**{name: getattr(self, name)[places] for name in self._fields[:5]})
 
@@ -263,7 +282,7 @@ def changed() -> InputError:
     return InputError("the ray arrays changed during tracing; pass copies of arrays that other threads write")
 
 
-def _rows(array, shape, dtype=None) -> np.ndarray:
+def _rows(array: np.ndarray, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> np.ndarray:
     """The array broadcast to `shape`, as rows, in float32 or float64, or in `dtype`; a view if possible."""
     if shape[-1] == 1:
         array = array[..., None]
@@ -273,11 +292,11 @@ def _rows(array, shape, dtype=None) -> np.ndarray:
     return np.broadcast_to(native, shape).reshape(-1, shape[-1])
 
 
-def _require(good: np.ndarray, message: str) -> None:
+def _require(good: np.ndarray | np.bool_, message: str) -> None:
     if not good.all():
         raise InputError(message.format(int(np.argmin(good))))
 
 
-def cull_value(cull_faces) -> int:
+def cull_value(cull_faces: str | None) -> int:
     """The CULL_FACES value of None, "front" or "back"."""
     return CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]

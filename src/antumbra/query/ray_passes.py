@@ -4,9 +4,11 @@ Diffuse rays are traced pass by pass [Mattausch et al. 2015, Sec. 5.3]. Each pas
 neighbouring pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..errors import InputError
@@ -14,7 +16,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.camera import CameraRays
 from ..scene.light_list import N_SETS
-from ..scene.lights import MAX_SPP, is_bounced
+from ..scene.lights import MAX_SPP, Light, is_bounced
 from ..scene.listed_rays import ListedRays
 from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
@@ -37,8 +39,8 @@ class RayPass(NamedTuple):
 
 def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
     """The rays of a picture's pixels, (..., 3) float32 each, which do not start on triangles."""
-    rays = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
-    return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
+    o, d = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
+    return RayPass(o, d, np.full(directions.size // 3, -1, np.int32))
 
 
 def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
@@ -54,7 +56,7 @@ class Passes(NamedTuple):
     lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
 
 
-def diffuse_passes(lights, n: int, sampler: str) -> Passes:
+def diffuse_passes(lights: Sequence[Light], n: int, sampler: str) -> Passes:
     """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
     A random permutation, different for each set, pairs light samples with directions. Without it, samples with equal
@@ -78,7 +80,7 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
     return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler) for light in lights])
 
 
-def _pass_samples(light, n: int, sampler: str) -> list[np.ndarray]:
+def _pass_samples(light: Light, n: int, sampler: str) -> list[NDArray[np.float64]]:
     """The samples of a light per pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler)
     if light.domain == "list":
@@ -104,7 +106,9 @@ def _direction_rows(ticket, normals, sides, samples, out):
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
 
 
-def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
+def diffuse_rays(
+    gbuffer: GBuffer, origins: NDArray[np.float32], samples: NDArray[np.float64], threads: int | None = None
+) -> RayPass:
     """One diffuse ray from each surface in a G-buffer.
 
     origins : (H, W, 3) float32, receivers on the surfaces
@@ -126,7 +130,7 @@ def _directions(ticket, pixels, rays, directions):
         directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
-def rays_through(rays: CameraRays | ListedRays, mask: np.ndarray, threads=None) -> RayPass:
+def rays_through(rays: CameraRays | ListedRays, mask: NDArray[np.bool_], threads: int | None = None) -> RayPass:
     """The rays through the centres of the pixels that are True in `mask`, (H, W) bool, row by row."""
     if isinstance(rays, ListedRays):
         return RayPass(*(part[mask.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
@@ -201,7 +205,13 @@ def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origi
         strength[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
 
 
-def ground_hits(plane: GroundPlane, rays: RayPass, mask: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
+def ground_hits(
+    plane: GroundPlane,
+    rays: RayPass,
+    mask: NDArray[np.bool_],
+    origin: NDArray[np.float64],
+    threads: int | None = None,
+) -> GroundHits:
     """The points where rays meet the ground.
 
     rays : rays of the pixels that are True in `mask`, (H, W) bool, which meet no surface

@@ -10,6 +10,7 @@ below the plane.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, unit_vectors
 from ..errors import InputError
@@ -37,8 +38,8 @@ def _magnitude(corners, face):
 class _Face(NamedTuple):
     """A triangle's plane, as from `predicate.filters.plane` relative to (0, 0, 0); float64."""
 
-    v0: tuple
-    normal: tuple
+    v0: tuple[float, float, float]
+    normal: tuple[float, float, float]
     error: float
     size: float  # largest coordinate magnitude of its corners
 
@@ -95,7 +96,14 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
             put(origins, 3 * i + 2, z)
 
 
-def surface_receivers(positions, normals, faces, sides, corners, threads=None) -> np.ndarray:
+def surface_receivers(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    sides: NDArray[np.int8],
+    corners: NDArray[np.float32],
+    threads: int | None = None,
+) -> NDArray[np.float32]:
     """(m, 3) float32: the receivers of m points on known triangles.
 
     positions, normals : (m, 3) float32; normals have unit length and point to the visible side
@@ -109,7 +117,9 @@ def surface_receivers(positions, normals, faces, sides, corners, threads=None) -
     return origins
 
 
-def point_receivers(points, normals, world, single: bool) -> np.ndarray:
+def point_receivers(
+    points: NDArray[np.float64], normals: NDArray[np.float64], world: NDArray[np.float64], single: bool
+) -> NDArray[np.float32]:
     """(m, 3) float32: the receivers of points on surfaces that are known only by their normals.
 
     points : (m, 3) float64, recentred
@@ -134,7 +144,7 @@ class Receivers(NamedTuple):
     normals: np.ndarray  # (h, w, 3) float64 unit, towards the tested side; (0, 0, 3) for points in free space
 
     @classmethod
-    def in_space(cls, points: np.ndarray, frame: np.ndarray) -> "Receivers":
+    def in_space(cls, points: ArrayLike, frame: ArrayLike) -> "Receivers":
         """Points in free space, without an offset.
 
         Parameters
@@ -151,7 +161,7 @@ class Receivers(NamedTuple):
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod
-    def on_surface(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
+    def on_surface(cls, points: ArrayLike, normals: ArrayLike, frame: ArrayLike) -> "Receivers":
         """Points on surfaces, offset from them by a few units in the last place.
 
         Parameters
@@ -165,19 +175,21 @@ class Receivers(NamedTuple):
         InputError
             As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
         """
-        points = _points(points)
-        _in_frame(points, frame)
-        unit = _unit_normals(normals, points.shape)
-        world = points.astype(np.float64).reshape(1, -1, 3)
-        return cls.moved_off(world, unit[None], frame, points.dtype == np.float32)
+        array = _points(points)
+        _in_frame(array, frame)
+        unit = _unit_normals(normals, array.shape)
+        world = array.astype(np.float64).reshape(1, -1, 3)
+        return cls.moved_off(world, unit[None], np.asarray(frame), array.dtype == np.float32)
 
     @classmethod
-    def of(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
+    def of(cls, points: ArrayLike, normals: ArrayLike | None, frame: ArrayLike) -> "Receivers":
         """Points `in_space` if `normals` is None, otherwise `on_surface`."""
         return cls.in_space(points, frame) if normals is None else cls.on_surface(points, normals, frame)
 
     @classmethod
-    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray, single=False) -> "Receivers":
+    def moved_off(
+        cls, points: NDArray[np.float64], normals: NDArray[np.float64], frame: np.ndarray, single: bool = False
+    ) -> "Receivers":
         """`on_surface` for (h, w, 3) float64 points and unit normals that are already checked.
 
         single : whether the points were passed as float32
@@ -191,7 +203,7 @@ class Receivers(NamedTuple):
         """The number of receivers, including missing ones."""
         return self.sides.size
 
-    def take(self, places) -> "Receivers":
+    def take(self, places: slice | np.ndarray) -> "Receivers":
         """A subset of a list of receivers; `places`: a slice, or (m,) indices or flags."""
         normals = self.normals[:, places] if self.normals.size else self.normals
         return Receivers(np.ascontiguousarray(self.origins[:, places]), self.sides[:, places], normals)
@@ -204,21 +216,21 @@ class Receivers(NamedTuple):
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
-def _points(values) -> np.ndarray:
+def _points(values: ArrayLike) -> np.ndarray:
     points = as_array(values, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     return points
 
 
-def _in_frame(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+def _in_frame(points: np.ndarray, frame: ArrayLike) -> NDArray[np.float32]:
     """(n, 3) float32, finite, in the scene's frame."""
-    frame = as_array(frame, "frame")
-    if frame.shape != (3,):
-        raise InputError(f"frame must have shape (3,), not {frame.shape}; Scene.origin is that of a scene")
+    origin = as_array(frame, "frame")
+    if origin.shape != (3,):
+        raise InputError(f"frame must have shape (3,), not {origin.shape}; pass Scene.origin")
     with np.errstate(invalid="ignore", over="ignore"):
-        local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
-        single = local.astype(np.float32)
+        local = points.astype(np.float64, copy=False).reshape(-1, 3) - origin
+        single: NDArray[np.float32] = local.astype(np.float32)
     if not np.isfinite(single).all():
         if not np.isfinite(local).all():
             raise InputError("points hold NaN or infinity")
@@ -226,13 +238,13 @@ def _in_frame(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
     return single
 
 
-def _unit_normals(normals, shape: tuple[int, ...]) -> np.ndarray:
-    normals = as_array(normals, "normals").astype(np.float64)
-    if normals.ndim < 1 or normals.shape[-1] != 3:
-        raise InputError(f"normals must have shape (..., 3), not {normals.shape}")
+def _unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    vectors = as_array(normals, "normals").astype(np.float64)
+    if vectors.ndim < 1 or vectors.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {vectors.shape}")
     try:
-        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+        vectors = np.broadcast_to(vectors, shape).reshape(-1, 3)
     except ValueError:
-        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
-    unit = unit_vectors(normals, "the normal of point", "leave normals out for points in free space")
+        raise InputError(f"normals {vectors.shape} do not broadcast to the points {shape}") from None
+    unit = unit_vectors(vectors, "the normal of point", "leave normals out for points in free space")
     return np.ascontiguousarray(unit)

@@ -5,9 +5,10 @@ need no tracing.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
 from ..kernels.jit import inlined, kernel
@@ -15,7 +16,7 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.predicate.exact import exact_plane_side
 from ..kernels.predicate.filters import plane, widest
 from ..kernels.simd import get, popcount, ptr, put
-from ..scene.lights import AMBIENT, LightPatch
+from ..scene.lights import AMBIENT, Light, LightPatch
 from ..scene.triangles import Triangles
 from .gbuffer import GBuffer
 from .light_samples import patch_at, sample_point
@@ -54,17 +55,18 @@ def with_receivers(query: ShadowQuery, pick: Callable[[np.ndarray], np.ndarray])
     Their sample sets follow from their new places.
     """
     names = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
-    return query._replace(**{name: np.ascontiguousarray(pick(getattr(query, name))) for name in names})
+    changes: dict[str, Any] = {name: np.ascontiguousarray(pick(getattr(query, name))) for name in names}
+    return query._replace(**changes)
 
 
-def new_bits(query: ShadowQuery) -> np.ndarray:
+def new_bits(query: ShadowQuery) -> NDArray[np.uint64]:
     """(h, w, ceil(spp / 64)) uint64 zeros: no sample is occluded."""
     return np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
 
 
 def ray_count(query: ShadowQuery) -> int:
     """The number of segments."""
-    return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
+    return int(np.count_nonzero(query.sides != NOTHING)) * int(query.samples.shape[1])
 
 
 class Horizon(NamedTuple):
@@ -214,12 +216,13 @@ def _fraction_kernel(ticket, bits, spp, out):
         out[i] = np.float32(1.0 - np.float64(occluded) / spp)
 
 
-def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def fraction_lit(bits: NDArray[np.uint64], spp: int, threads: int | None = None) -> NDArray[np.float32]:
     """(...) float32: the fraction of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
     if bits.size <= _FEW_WORDS:
         occluded = np.bitwise_count(bits)
         occluded = occluded[..., 0] if bits.shape[-1] == 1 else occluded.sum(-1)
-        return (1.0 - occluded / float(spp)).astype(np.float32)
+        fraction: NDArray[np.float32] = (1.0 - occluded / float(spp)).astype(np.float32)
+        return fraction
     out = np.empty(bits.shape[:-1], np.float32)
     ticket = new_ticket(out.size, 1 << 16)
     run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))
@@ -240,7 +243,7 @@ def _below_kernel(ticket, query, bits):
                 set_bit(pointers, out, i, s)
 
 
-def below_horizon(query: ShadowQuery, threads: int | None = None) -> np.ndarray:
+def below_horizon(query: ShadowQuery, threads: int | None = None) -> NDArray[np.uint64]:
     """(h, w, ceil(spp / 64)) uint64: bit s is set if the receiver's own surface occludes sample s."""
     bits = new_bits(query)
     run(_below_kernel, thread_count(threads), new_ticket(query.sides.size, 256), query, bits)
@@ -286,12 +289,25 @@ def stacked(bands: Sequence[Surfaces]) -> Surfaces:
     return Surfaces(gbuffer, triangles, np.concatenate([band.ids for band in bands]), bands[0].box)
 
 
-def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
+def shadow_queries(
+    triangles: Triangles,
+    gbuffer: GBuffer,
+    lights: Sequence[Light],
+    samples: Sequence[NDArray[np.float64]],
+    cull_faces: int = 0,
+    threads: int | None = None,
+) -> list[ShadowQuery]:
     """One query per light at the surfaces in a G-buffer; ``samples``: one array per light, from `light_samples`."""
     return surface_queries(surfaces_of(gbuffer, triangles), lights, samples, cull_faces, threads)
 
 
-def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
+def surface_queries(
+    surfaces: Surfaces,
+    lights: Sequence[Light],
+    samples: Sequence[NDArray[np.float64]],
+    cull_faces: int = 0,
+    threads: int | None = None,
+) -> list[ShadowQuery]:
     """`shadow_queries` for `Surfaces`."""
     gbuffer, triangles, ids, box = surfaces[:4]
     shape = gbuffer.face.shape

@@ -135,15 +135,15 @@ def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
 
     Defer the tests that float32 cannot decide.
     """
-    count(counters, RAYS, chunk.count * popcount(valid))
+    count(counters, RAYS, chunk.n_samples * popcount(valid))
     _gather_planes(chunk, y0, x0, valid, tile, planes)
     under, crossing = _by_whole_light(tile, planes, bits(load16(planes, 96) != _F(0.0)) & valid)
-    has_sample = iota16() < splat16(np.int32(chunk.count))
+    has_sample = iota16() < splat16(np.int32(chunk.n_samples))
     store(tile.dead, 0, select(has_sample, splat16(np.int32(under)), splat16(np.int32(-1))))
-    count(counters, BELOW_HORIZON, chunk.count * popcount(under))
+    count(counters, BELOW_HORIZON, chunk.n_samples * popcount(under))
     if crossing == 0:
         return
-    for s in range(chunk.count):
+    for s in range(chunk.n_samples):
         at = s * 48
         h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
         below = bits(h < -error) & crossing

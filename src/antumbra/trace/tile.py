@@ -79,7 +79,7 @@ class QueryChunk(NamedTuple):
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample
-    count: int  # number of samples
+    n_samples: int
     light: float  # a small fraction of the sum of the light's extents
 
 
@@ -278,7 +278,7 @@ def move_light(chunk, y0, x0, valid, tile):
     for k in range(3):
         p, u = load16(patches, 16 * k), load16(patches, 16 * (3 + k))
         v, w = load16(patches, 16 * (6 + k)), load16(patches, 16 * (9 + k))
-        for at in range(0, 48 * chunk.count, 48):
+        for at in range(0, 48 * chunk.n_samples, 48):
             store(tile.points, at + 16 * k, _points(chunk.samples, at, p, u, v, w))
     for lane in range(16):
         for k in range(3):
@@ -286,7 +286,7 @@ def move_light(chunk, y0, x0, valid, tile):
             v, w = broadcast16(patches, 16 * (6 + k) + lane), broadcast16(patches, 16 * (9 + k) + lane)
             store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.samples_by_lane, 48 * lane, p, u, v, w))
     bound_strata(tile.by_lane, tile.groups)
-    bound_targets(tile.points, tile.targets, chunk.count)
+    bound_targets(tile.points, tile.targets, chunk.n_samples)
 
 
 @inlined
@@ -324,7 +324,7 @@ def read_bits(chunk, y0, x0, valid, tile, known):
     shift, word, absent = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        ~((np.int64(1) << chunk.count) - 1),
+        ~((np.int64(1) << chunk.n_samples) - 1),
     )
     store(tile.dead, 0, splat16(np.int32(-1)))
     while valid != 0:
@@ -344,7 +344,7 @@ def write_bits(chunk, y0, x0, valid, tile, out):
     shift, word, known = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        (np.int64(1) << chunk.count) - 1,
+        (np.int64(1) << chunk.n_samples) - 1,
     )
     if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
         return

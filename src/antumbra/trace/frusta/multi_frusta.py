@@ -112,8 +112,8 @@ def _bundle_separate(numbers, chunk, scratch):
 
     Return (bundle, bits of its live lanes, bits of the tiles left).
     """
-    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
-    bundle, alive = bundle_of(n, chunk.count), np.int64(0)
+    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.n_samples)))
+    bundle, alive = bundle_of(n, chunk.n_samples), np.int64(0)
     for slot in range(n):
         alive |= _fill_slot(chunk, bundle, slot, lowest_bit(numbers), scratch)
         numbers &= numbers - 1

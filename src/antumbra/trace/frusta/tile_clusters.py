@@ -370,7 +370,7 @@ def reset_trials(trials):
 def choose_group(chunk, tiles, live, trials):
     """The `Grouping` of a cluster whose tiles in `live` (bits) have segments to trace, with at most one group."""
     declined, c = np.int64(0), np.int64(0)
-    if live == 0 or chunk.count < _FEW_SAMPLES:
+    if live == 0 or chunk.n_samples < _FEW_SAMPLES:
         return Grouping(np.int64(0), np.int64(-1), declined)
     light = _light_size(tile_at(tiles, lowest_bit(live), chunk))
     while c < _CLASSES:

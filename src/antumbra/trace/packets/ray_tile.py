@@ -68,7 +68,7 @@ class RayTileJob(NamedTuple):
 
     shape: TileShape
     chunk: int  # number of the chunk
-    count: int  # samples in the chunk
+    n_samples: int  # in the chunk
     by_sample: bool  # whether the lanes of a row are one receiver's samples; otherwise 16 receivers
     fresh: bool  # True: no ray has been tested yet; False: the bits mark the rays known to be blocked
 
@@ -113,7 +113,7 @@ def scratch_in(floats, ints):
 @inlined
 def query_chunk_in(query, samples, job):
     """The `QueryChunk` of a job."""
-    return query_chunk_of(query, samples.table, job.shape, job.chunk, job.count)
+    return query_chunk_of(query, samples.table, job.shape, job.chunk, job.n_samples)
 
 
 @kernel
@@ -137,7 +137,7 @@ def start_tile(job, chunk, n, scratch, known, counters):
     put(scratch.pixel, 0, y0)
     put(scratch.pixel, 1, x0)
     put(scratch.deferred, 0, 0)
-    strata = (np.int64(1) << chunk.count) - 1
+    strata = (np.int64(1) << chunk.n_samples) - 1
     valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
         bound_receivers(tile, valid)
