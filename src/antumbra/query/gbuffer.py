@@ -187,7 +187,8 @@ class PictureSurfaces(NamedTuple):
 
 def seen_by(gbuffer: GBuffer, rays: CameraRays | ListedRays) -> PictureSurfaces:
     """The surfaces of a G-buffer computed with these rays."""
-    depth, pixel = gbuffer.depth, 0.0
+    depth = gbuffer.depth
+    pixel: float
     if not isinstance(rays, ListedRays):
         pixel = float(np.linalg.norm(rays.dy))
     elif rays.extent is None:

@@ -124,7 +124,7 @@ def _van_der_corput_rows() -> list[int]:
     return [0x80000000 >> k for k in range(32)]
 
 
-def _radical_inverse(i: NDArray[np.uint64], rows: list[int]) -> NDArray[np.float64]:
+def _radical_inverse(i: NDArray[np.uint64], rows: list[int]) -> NDArray[np.floating]:
     out = np.zeros(len(i), np.uint64)
     for k, row in enumerate(rows):
         out ^= np.where(i >> np.uint64(k) & np.uint64(1), np.uint64(row), np.uint64(0))
@@ -166,8 +166,8 @@ def _split_net(points: np.ndarray) -> np.ndarray:
 
 
 def _z_order(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
-    order: NDArray[np.int64] = sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
-    return order
+    bits = (((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+    return sum(bits, np.zeros_like(x))
 
 
 def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:

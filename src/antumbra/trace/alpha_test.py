@@ -10,10 +10,11 @@ determined that it may meet a cut-out, and nothing solid blocks it.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import binned_sah
 from ..bvh.blocks import BlockTree, block_tree
-from ..bvh.nodes import Bvh, tree_of
+from ..bvh.nodes import LEFT_FIRST, Bvh, tree_of
 from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr, U8Ptr
 from ..kernels.jit import inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -24,13 +25,13 @@ from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec import scalars
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
-from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
 from ..scene.areas import with_area
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangles import Triangles
 from .frusta.multi_frusta import trace_shadow
 from .rays.ray_hits import intersections
-from .rays.ray_traversal import CLOSEST, LEFT_FIRST, ignores_hit, triangle_hit, walk
+from .rays.ray_traversal import CLOSEST, ignores_hit, triangle_hit, walk
 
 # --- Texels of cut-outs -----------------------------------------------------------------------------------------------
 
@@ -172,7 +173,7 @@ def _shadows(ticket, bvh, texels, query, met, bits):
                     set_bit(pointers, out, i, s)
 
 
-def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
+def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int | None = None) -> None:
     """Set bit s of ``bits[y, x]`` where a cut-out occludes sample s.
 
     bits : (h, w, ceil(spp / 64)) uint64, the answer of a tracer over the solid triangles
@@ -203,8 +204,8 @@ def rays_of_pass(rays: RayPass) -> CutoutRays:
 
 def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
     """`CutoutRays` of a checked ray list."""
-    ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
-    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
+    tmin, tmax = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
+    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), tmin, tmax, cull_faces, rays.segments)
 
 
 @kernel
@@ -237,7 +238,13 @@ def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int
     run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
 
 
-def show_cutouts(tree: CutoutTree | None, rays: RayPass, face, t, threads: int | None = None) -> None:
+def show_cutouts(
+    tree: CutoutTree | None,
+    rays: RayPass,
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    threads: int | None = None,
+) -> None:
     """Replace the hits of a pass, face (m,) int32 and t (m,) float64, by nearer hits on cut-outs."""
     if tree is not None:
         add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
@@ -269,7 +276,13 @@ def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
         stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
 
 
-def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def all_stops(
+    tree: CutoutTree,
+    origins: NDArray[np.float32],
+    ends: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """All pairs of a segment and a cut-out that blocks it: (segment, triangle), (k,) each; see `intersections`."""
     met = intersections(tree.bvh, origins, ends, skip, threads)
     rays = np.repeat(np.arange(len(origins)), np.diff(met.first))

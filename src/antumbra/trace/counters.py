@@ -4,7 +4,10 @@ Most tracers always count, even if the caller passes no counters, so that they a
 to nothing. Counting is compiled away if a kernel gets None as counters.
 """
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel, overload
 from ..kernels.simd import atomic_add, get, put
@@ -50,13 +53,16 @@ RAYS, BELOW_HORIZON, NODES, BOX_TESTS, TRIANGLE_TESTS, UNCERTAIN, EXACT, REPEAT_
 TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA, FAN_STRATA = range(8, len(COUNTERS))
 N_COUNTERS = len(COUNTERS)
 
+Progress = Callable[[int, int], None]
+"""Called with the number of finished items and the number of all items, as by `kernels.parallel.run`."""
 
-def new_counters() -> np.ndarray:
+
+def new_counters() -> NDArray[np.int64]:
     """Zeros, one per counter."""
     return np.zeros(len(COUNTERS), np.int64)
 
 
-def as_dict(counters: np.ndarray) -> dict[str, int]:
+def as_dict(counters: NDArray[np.int64]) -> dict[str, int]:
     """Counts by name."""
     return dict(zip(COUNTERS, counters.tolist()))
 

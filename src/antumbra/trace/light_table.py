@@ -8,6 +8,7 @@ heap: stratum s is group 16 + s, and group g contains groups 2g and 2g + 1. Grou
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
@@ -25,6 +26,7 @@ from ..kernels.simd import (
 )
 from ..kernels.vec import Vec, keep, middles_and_halves, rows
 from ..query.light_samples import patch_at, sample_point
+from ..query.shadow_query import ShadowQuery
 from ..scene.lights import FIXED, LIST
 
 STRATA = 16
@@ -143,7 +145,7 @@ def _fixed_table(light, samples, sets, table):
         transpose_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
 
 
-def light_table(query, sets) -> LightTable:
+def light_table(query: ShadowQuery, sets: NDArray[np.int64]) -> LightTable:
     """The light table of a query; lane i of its tiles uses sample set ``sets[i]``."""
     chunks = -(-query.samples.shape[1] // STRATA)
     f32 = [
@@ -151,11 +153,11 @@ def light_table(query, sets) -> LightTable:
     ]
     if query.light.kind in (FIXED, LIST):  # `is_fixed`
         unused = np.zeros((chunks, 1, 1, 1))
-        table = LightTable(*f32, unused, unused)
+        table = LightTable._make((*f32, unused, unused))
         _fixed_table(query.light, query.samples, sets, table)
         return table
     # strata without a sample repeat the last one
     known = np.minimum(np.arange(chunks * STRATA), query.samples.shape[1] - 1)
     samples = query.samples[sets][:, known].reshape(16, chunks, STRATA, 3)
     both = (np.ascontiguousarray(samples.transpose(order)) for order in ((1, 2, 3, 0), (1, 0, 3, 2)))
-    return LightTable(*f32, *both)
+    return LightTable._make((*f32, *both))

@@ -8,6 +8,7 @@ shaft.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.nodes import middle_and_half
 from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
@@ -33,7 +34,7 @@ from ..kernels.simd import (
     to_f32,
 )
 from ..query.receivers import NOTHING
-from ..query.shadow_query import QueryPointers, patch_of, query_pointers
+from ..query.shadow_query import QueryPointers, ShadowQuery, patch_of, query_pointers
 from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, is_fixed
 from .shafts import BEAM_FLOATS, INVERSE_FLOATS, SHAFT_FLOATS
 
@@ -53,17 +54,18 @@ class TileShape(NamedTuple):
     rows: int  # rows of tiles
 
 
-def tile_shape(query) -> TileShape:
+def tile_shape(query: ShadowQuery) -> TileShape:
     """The `TileShape` of a query: 4 x 4 pixels, or 16 receivers if they form a single row."""
     h, w = query.sides.shape
     width, height = (4, 4) if h > 1 else (16, 1)
     return TileShape(width, height, -(-w // width), -(-h // height))
 
 
-def sets_of(shape) -> np.ndarray:
+def sets_of(shape: TileShape) -> NDArray[np.int64]:
     """(16,) int: the sample set of each lane of a tile."""
     lane = np.arange(16)
-    return (lane % shape.width & 3) + 4 * (lane // shape.width)
+    sets: NDArray[np.int64] = (lane % shape.width & 3) + 4 * (lane // shape.width)
+    return sets
 
 
 class QueryChunk(NamedTuple):

@@ -8,6 +8,7 @@ A tree list holds a scene as a single tree, or as parts; each screen tile lists 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..bvh.blocks import BlockPointers, BlockTree
 from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
@@ -175,12 +176,12 @@ def addresses(tree: BlockTree, root: int = 0) -> list[int]:
     return [*(a.ctypes.data for a in arrays), root]
 
 
-def head(low, high) -> np.ndarray:
+def head(low: ArrayLike, high: ArrayLike) -> NDArray[np.float32]:
     """(..., 16) float32: lines of nodes whose left children have the boxes from `low` to `high`, (..., 3) each."""
-    low, high = np.asarray(low, np.float32), np.asarray(high, np.float32)
-    line = np.zeros((*low.shape[:-1], 16), np.float32)
-    line[..., 0:12:4], line[..., 2:12:4] = low, high
-    line[..., 1:12:4], line[..., 3:12:4] = low, high
+    lower, upper = np.asarray(low, np.float32), np.asarray(high, np.float32)
+    line = np.zeros((*lower.shape[:-1], 16), np.float32)
+    line[..., 0:12:4], line[..., 2:12:4] = lower, upper
+    line[..., 1:12:4], line[..., 3:12:4] = lower, upper
     return line
 
 

@@ -204,7 +204,7 @@ def ray_meets(o, d, numbers, facing, limit):
 DEFERRED = 16 * 16 * 16  # most tests that one block and one tile can defer: triangles * strata * receivers
 
 
-def deferred_ints(tiles):
+def deferred_ints(tiles: int) -> int:
     """Size of the memory, in int32, for DEFERRED tests and all tests of one more block with `tiles` tiles.
 
     Layout: the count, an unused word, then slot and place of each test.

@@ -5,13 +5,16 @@ Queries that shafts cannot handle well go to packets (`trace_shadow`).
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...bvh.blocks import BlockTree
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import is_list
-from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
+from ..counters import N_COUNTERS, TILE_GROUP_TILES, Progress, add_counters, cleared, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import STRATA, light_table
 from ..packets.packet16 import over_pixels, over_samples
@@ -190,7 +193,14 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     add_counters(counters, mine)
 
 
-def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    tree: BlockTree,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     Packets trace the queries for which shafts are unsuitable (`packets.ray_tile`): hemispheres, interleaved lists, huge
@@ -207,7 +217,15 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     trace_tree_list(whole(tree), query, bits, threads, counters, progress)
 
 
-def trace_tree_list(tree_list: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
+def trace_tree_list(
+    tree_list: TreeList,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+    chunks: range | None = None,
+) -> None:
     """Trace shafts through the trees of a `TreeList`; other arguments as for `trace_shadow`.
 
     bits : zeros on entry; for a tree list that is not fresh, the segments blocked so far

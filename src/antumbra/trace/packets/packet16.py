@@ -9,9 +9,10 @@ For incoherent samples (see `ray_tile`), the same packets traverse a tree of blo
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.blocks import BlockTree
 from ...bvh.links import bvh_leaf
@@ -19,7 +20,8 @@ from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
-from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
+from ...query.shadow_query import ShadowQuery
+from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, Progress, add_counters, cleared, count
 from ..descent import NOT_STARTED, left, next_leaf, not_started, rays_as_shafts, root, save, saved, slabs_of
 from ..tree_list import TREE, TreeList, is_idle, list_of, tree_in, tree_list_pointers, walk_tree, walk_tree_list, whole
 from ..triangle_tests import DEFERRED, decide, defer, length1, seen_from, triangle_in
@@ -39,6 +41,8 @@ from .ray_tile import (
     trace_block,
     trace_tiles,
 )
+
+T = TypeVar("T")
 
 
 class Row(NamedTuple):
@@ -113,7 +117,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
         )
 
 
-def _by_type(argument, kind, one, other):
+def _by_type(argument: Any, kind: type, one: T, other: T) -> T:
     """The implementation of an overload: `one` if the argument is of type `kind`, otherwise `other`."""
     return one if argument.instance_class is kind else other
 
@@ -224,7 +228,14 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
 
 
 def trace_shadow(
-    by_sample, prepared, query, bits, threads=None, counters=None, progress=None, chunks: range | None = None
+    by_sample: bool,
+    prepared: Bvh | BlockTree | TreeList,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+    chunks: range | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 

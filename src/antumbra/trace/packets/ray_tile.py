@@ -12,10 +12,13 @@ Packets also trace scenes with large coordinates, for which shafts overflow floa
 lengths.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...bvh.blocks import BlockTree
 from ...bvh.links import block_leaf
 from ...bvh.nodes import MAX_DEPTH, boxes_of
 from ...kernels.fields import F32Ptr, I32Ptr
@@ -23,8 +26,9 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
 from ...kernels.vec import broadcasts, minus, rows
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
-from ..counters import TRIANGLES, count, new_counters
+from ..counters import TRIANGLES, Progress, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import POINTS, STRATA, LightTable, light_table
 from ..tile import (
@@ -202,7 +206,7 @@ def finish_tile(chunk, rays, out):
         write_bits(chunk, y0, x0, valid, rays.tile, out)
 
 
-def _samples(query, sets) -> SampleRows:
+def _samples(query: ShadowQuery, sets: NDArray[np.int64]) -> SampleRows:
     table = light_table(query, sets)
     chunks, spp = len(table.points), query.samples.shape[1]
     known = np.minimum(np.arange(chunks * STRATA), spp - 1)
@@ -211,7 +215,17 @@ def _samples(query, sets) -> SampleRows:
 
 
 def trace_tiles(
-    worker, tree, query, by_sample, bits, threads, counters, progress, *options, fresh=True, chunks=None
+    worker: Callable[..., None],
+    tree: object,
+    query: ShadowQuery,
+    by_sample: bool,
+    bits: NDArray[np.uint64],
+    threads: int | None,
+    counters: NDArray[np.int64] | None,
+    progress: Progress | None,
+    *options: object,
+    fresh: bool = True,
+    chunks: range | None = None,
 ) -> None:
     """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
 
@@ -240,7 +254,7 @@ _FEW = 8  # with fewer samples, tiles do not share a traversal
 _FAR = 2.0**40  # up to this coordinate, products of three differences and their sums do not overflow
 
 
-def sample_extents(query):
+def sample_extents(query: ShadowQuery) -> tuple[np.float64, np.float64]:
     """Mean extents of a patch's samples, summed over the axes: (of a stratum, of a chunk)."""
     points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
     low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
@@ -249,21 +263,22 @@ def sample_extents(query):
     return (high - low).sum(1).mean(), extents.sum(1).mean()
 
 
-def is_incoherent(query) -> bool:
+def is_incoherent(query: ShadowQuery) -> bool:
     """True if the samples of a stratum are far apart: hemisphere directions, or scattered points of a list."""
     if not is_list(query.light):
-        return query.light.kind == AMBIENT
+        return bool(query.light.kind == AMBIENT)
     stratum, chunk = sample_extents(query)
     return bool(stratum > _WIDE * chunk)
 
 
-def extents_of(tree) -> np.ndarray:
+def extents_of(tree: BlockTree) -> NDArray[np.float32]:
     """(3,) float32: the extents of a `BlockTree`."""
     low, high = boxes_of(tree.nodes[:1])[0]
-    return high - low
+    extents: NDArray[np.float32] = high - low
+    return extents
 
 
-def is_huge(query, extents) -> bool:
+def is_huge(query: ShadowQuery, extents: NDArray[np.float32]) -> bool:
     """True if a chunk of a lamp's samples spans a large fraction of a tree's `extents`.
 
     Frusta then contain much of the tree. The limit is lower for few samples, because a shaft then has few rays.
@@ -274,7 +289,7 @@ def is_huge(query, extents) -> bool:
     return bool(sample_extents(query)[1] > limit * extents.sum())
 
 
-def is_far(query, box) -> bool:
+def is_far(query: ShadowQuery, box: NDArray[np.float32]) -> bool:
     """True if a coordinate of the query, or of the triangles' (2, 3) box, may be too large for shafts in float32."""
     light = query.light
     far = np.abs(box).max() + np.abs(light.base).max() + 3.0 * light.radius

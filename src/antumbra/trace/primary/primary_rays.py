@@ -17,10 +17,11 @@ traverse another list, starting from its hits so far.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.blocks import BlockTree, block_tree
 from ...bvh.links import box_at
-from ...bvh.nodes import boxes_of
+from ...bvh.nodes import Bvh, boxes_of
 from ...kernels.fields import F32Ptr
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -203,7 +204,7 @@ def _trace_tiles(ticket, arrays, picture, across, counters):
     add_counters(counters, mine)
 
 
-def _scale(box, view) -> float:
+def _scale(box: NDArray[np.float32], view: RasterView) -> float:
     """A power of two that scales pixel coordinates to about 1; 0 if float32 cannot represent the result."""
     eye = np.array([view.eye_x, view.eye_y, view.eye_z])
     reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
@@ -212,7 +213,9 @@ def _scale(box, view) -> float:
     return float(2.0 ** -np.ceil(np.log2(reach)))
 
 
-def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, np.ndarray]:
+def trace_primary(
+    tree: BlockTree | Bvh, rays: CameraRays, threads: int | None = None, counters: NDArray[np.int64] | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest hits of the pixel-centre rays.
 
     Parameters
@@ -245,7 +248,7 @@ def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, 
     return hits.face, hits.t
 
 
-def picture_seen(rays, box: np.ndarray, hits: Hits) -> PrimaryPicture:
+def picture_seen(rays: CameraRays, box: NDArray[np.float32], hits: Hits) -> PrimaryPicture:
     """A camera's picture, prepared for tracing.
 
     Parameters
@@ -260,7 +263,9 @@ def picture_seen(rays, box: np.ndarray, hits: Hits) -> PrimaryPicture:
     return PrimaryPicture(rays, hits, view, direction_error(rays), _scale(box, view))
 
 
-def trace_hits(tree_list: TreeList, picture: PrimaryPicture, threads: int, counters=None) -> None:
+def trace_hits(
+    tree_list: TreeList, picture: PrimaryPicture, threads: int, counters: NDArray[np.int64] | None = None
+) -> None:
     """Trace pixel-centre rays through a tree list. Unless it is fresh, start from the rays' hits so far.
 
     Parameters

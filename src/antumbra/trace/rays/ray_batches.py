@@ -7,8 +7,9 @@ hits are computed together, vectorised by LLVM.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...bvh.wide import wide_tree_of
+from ...bvh.wide import WideBvh, wide_tree_of
 from ...kernels.arguments import packed
 from ...kernels.fields import F32Ptr, F64Ptr
 from ...kernels.jit import inlined, kernel
@@ -348,11 +349,18 @@ class _BatchScratch:
 class RayTracer:
     """Traces ray lists through a `WideBvh`, which is packed once. Safe to share between Python threads."""
 
-    def __init__(self, wide):
+    def __init__(self, wide: WideBvh) -> None:
         self.wide, self._tree = wide, packed(wide)
         self._spare: list[_BatchScratch] = []  # pop and append are atomic, so no two calls share an item
 
-    def trace(self, rays: RayArguments, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
+    def trace(
+        self,
+        rays: RayArguments,
+        any_hit: bool,
+        out: HitArrays,
+        threads: int | None = None,
+        counters: NDArray[np.int64] | None = None,
+    ) -> bool:
         """Trace rays and fill `out`.
 
         Return False, with `out` incomplete, if a ray is invalid: NaN, infinity, a zero direction, ... Closest-hit

@@ -7,8 +7,9 @@ the alpha test need all intersections of their rays.
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...bvh.nodes import Bvh, tree_of
+from ...bvh.nodes import LEFT_FIRST, Bvh, tree_of
 from ...bvh.rayset import Intersections
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -18,7 +19,8 @@ from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
 from ...query.ray_passes import RayPass, diffuse_rays
 from ...query.receivers import NOTHING, surface_receivers
 from ...query.shadow_query import Surfaces, surfaces_of
-from .ray_traversal import CLOSEST, LEFT_FIRST, HitList, walk
+from ...scene.triangles import Triangles
+from .ray_traversal import CLOSEST, HitList, walk
 
 # --- All triangles that segments meet ---------------------------------------------------------------------------------
 
@@ -50,7 +52,14 @@ def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spa
         spans[i, 0], spans[i, 1] = start, count
 
 
-def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cull_faces: int = 0) -> Intersections:
+def intersections(
+    bvh: Bvh,
+    origins: NDArray[np.float32],
+    ends: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+    cull_faces: int = 0,
+) -> Intersections:
     """All triangles that segments meet, by exact tests.
 
     origins, ends : (m, 3) float32
@@ -97,7 +106,13 @@ def _nearest(ticket, bvh, rays, faces, ts):
             faces[i], ts[i] = bvh.prim_ids[slot], t
 
 
-def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def nearest_hits(
+    bvh: Bvh,
+    origins: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest triangle that each ray of a `RayPass` meets: (face, t).
 
     face : (m,) int32, the lowest index among equal t; -1 on a miss
@@ -124,7 +139,14 @@ def _surfaces(ticket, rays, ts, out, corners):
             fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
 
 
-def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:
+def surfaces_met(
+    rays: RayPass,
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    shape: tuple[int, ...],
+    triangles: Triangles,
+    threads: int | None = None,
+) -> GBuffer:
     """The G-buffer of a picture's rays; its depth is t.
 
     face, t : from `nearest_hits`
@@ -136,11 +158,16 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
     out = GBuffer(zeros, zeros.copy(), face, *nothing, triangles.origin)
     corners = triangles.vertices.reshape(-1, 9)
     run(_surfaces, thread_count(threads), new_ticket(m, 4096), rays, t, out, corners)
-    return GBuffer(*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin)
+    return GBuffer._make((*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin))
 
 
 def nearest_surfaces(
-    passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None, show: Show | None = None
+    passes: Sequence[RayPass],
+    shape: tuple[int, ...],
+    bvh: Bvh,
+    triangles: Triangles,
+    threads: int | None = None,
+    show: Show | None = None,
 ) -> Iterator[Surfaces]:
     """Yield the nearest surfaces of each pass, in a picture of this shape and a BVH of all triangles.
 
@@ -153,7 +180,7 @@ def nearest_surfaces(
         yield surfaces_of(surfaces_met(rays, *hits, shape, triangles, threads), triangles)
 
 
-def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
+def bounced(gbuffer: GBuffer, triangles: Triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
     """The G-buffer of one random diffuse ray from each pixel's surface [Feltman et al. 2012, Sec. 4].
 
     It has the shape of `gbuffer`, and its depth is the length of the ray.
@@ -161,8 +188,10 @@ def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int |
     triangles : `Triangles`, all triangles of `bvh`
     """
     shape, m = gbuffer.face.shape, gbuffer.face.size
-    flat = (a.reshape(m, *a.shape[2:]) for a in (gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.side))
-    origins = surface_receivers(*flat, triangles.vertices.reshape(-1, 9), threads).reshape(*shape, 3)
+    points, normals = gbuffer.position.reshape(m, 3), gbuffer.normal.reshape(m, 3)
+    corners = triangles.vertices.reshape(-1, 9)
+    origins = surface_receivers(points, normals, gbuffer.face.reshape(m), gbuffer.side.reshape(m), corners, threads)
+    origins = origins.reshape(*shape, 3)
     u, v = np.random.default_rng(seed).random((m, 2)).T
     r, angle = np.sqrt(u), 2.0 * np.pi * v
     samples = np.stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)

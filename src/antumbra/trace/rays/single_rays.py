@@ -22,6 +22,7 @@ Rays are traced one by one, and the last blocker is not tested first.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.links import LINK, bvh_leaf
 from ...bvh.nodes import Bvh, Tree, parents_first, tree_of
@@ -55,7 +56,7 @@ from ...kernels.simd import (
 )
 from ...kernels.vec import scalars
 from ...query.receivers import NOTHING
-from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ...query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import (
     BELOW_HORIZON,
     BOX_TESTS,
@@ -64,6 +65,7 @@ from ..counters import (
     RAYS,
     REPEAT_HITS,
     TRIANGLE_TESTS,
+    Progress,
     add_counters,
     cleared_if,
     count,
@@ -216,7 +218,7 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
 TILE = 16  # side of a tile in pixels; a tile is traced by one thread
 
 
-def as_built(bvh, threads=None) -> Ordered:
+def as_built(bvh: Bvh, threads: int | None = None) -> Ordered:
     """A `Bvh` with the child order of its builder."""
     return Ordered(bvh, BUILT)
 
@@ -310,7 +312,14 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     add_counters(counters, mine)
 
 
-def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    prepared: Ordered | WideBvh,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -363,7 +372,7 @@ def _count_boxes(bvh, order, inner, depths):
                     depths[slot] = depth
 
 
-def leaf_depths(bvh: Bvh) -> np.ndarray:
+def leaf_depths(bvh: Bvh) -> NDArray[np.int32]:
     """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, including the leaf's."""
     depths = np.zeros(len(bvh.prim_ids), np.int32)
     _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
@@ -404,11 +413,17 @@ def _walk_rows(ticket, bvh, order, query, depths, steps):
                 _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
 
 
-def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
+def count_steps(
+    ordered: Ordered,
+    query: ShadowQuery,
+    n_triangles: int,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Steps:
     """Trace all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
-    planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
-    steps = Steps(*planes, np.zeros(n_triangles, np.int64))
+    triangles, rays, blocked = (np.zeros(shape, np.int64) for _ in range(3))
+    steps = Steps(np.zeros((*shape, 3), np.int64), triangles, rays, blocked, np.zeros(n_triangles, np.int64))
     ticket = new_ticket(shape[0], 1)
     order, depths = np.int64(ordered.order), leaf_depths(bvh)
     run(_walk_rows, thread_count(threads), ticket, bvh, order, query, depths, steps, progress=progress)
@@ -420,7 +435,7 @@ def add_steps(all_steps: list[Steps]) -> Steps:
     return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
 
 
-def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
+def hit_depths(bvh: Bvh, hits: NDArray[np.int64]) -> NDArray[np.int64]:
     """(k,) int64: the number of rays blocked at each depth of the BVH; hits: as in `Steps`."""
     depths = leaf_depths(bvh)
     return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)
