@@ -127,10 +127,14 @@ class RayArguments(NamedTuple):
         """The rays as rows of arrays."""
         points, number = (*self.shape, 3), (*self.shape, 1)
         return RayArrays(
-            _rows(self.origins, points), _rows(self.directions, points), _rows(np.asarray(self.tmin), number),
-            _rows(np.asarray(self.tmax), number), _rows(np.asarray(self.skip), number, np.int32),
-            np.array(self.frame), self.segments,
-        )  # fmt: skip
+            _rows(self.origins, points),
+            _rows(self.directions, points),
+            _rows(np.asarray(self.tmin), number),
+            _rows(np.asarray(self.tmax), number),
+            _rows(np.asarray(self.skip), number, np.int32),
+            np.array(self.frame),
+            self.segments,
+        )
 
 
 def _copied(value: np.ndarray | float) -> np.ndarray | float:

@@ -59,9 +59,7 @@ class TexelPointers(NamedTuple):
 @inlined
 def texel_pointers(texels):
     """`TexelPointers` of `AlphaTexels`."""
-    return TexelPointers(
-        ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels)
-    )  # fmt: skip
+    return TexelPointers(ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels))
 
 
 @inlined

@@ -54,7 +54,7 @@ TRIANGLES, CANDIDATES, COVERED, SHRINKS, TILE_GROUP_TILES, GROUP_STRATA, FAN_STR
 N_COUNTERS = len(COUNTERS)
 
 Progress = Callable[[int, int], None]
-"""Called with the number of finished items and the number of all items, as by `kernels.parallel.run`."""
+"""A function of (items handed out, items), as for `kernels.parallel.run`."""
 
 
 def new_counters() -> NDArray[np.int64]:

@@ -171,9 +171,13 @@ def keep_lanes(memory, lanes):
 def kept_lane(memory, k):
     """Lane k of stored `Lanes`, in all lanes."""
     return Lanes(
-        broadcasts(memory, k, 16), broadcasts(memory, 48 + k, 16), broadcasts(memory, 96 + k, 16),
-        broadcast16(memory, 144 + k), broadcast16(memory, 160 + k), broadcast16(memory, 176 + k),
-    )  # fmt: skip
+        broadcasts(memory, k, 16),
+        broadcasts(memory, 48 + k, 16),
+        broadcasts(memory, 96 + k, 16),
+        broadcast16(memory, 144 + k),
+        broadcast16(memory, 160 + k),
+        broadcast16(memory, 176 + k),
+    )
 
 
 @inlined

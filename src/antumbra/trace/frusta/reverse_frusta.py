@@ -66,9 +66,13 @@ class ReverseFrusta(NamedTuple):
 def reverse_frusta_at(memory):
     """The `ReverseFrusta` in FAN_FLOATS float32."""
     return ReverseFrusta(
-        memory, as_i32(ptr_at(memory, _FACES)), ptr_at(memory, _BOXES), as_i32(ptr_at(memory, _READY)),
-        ptr_at(memory, _REACH), ptr_at(memory, _INVERSES),
-    )  # fmt: skip
+        memory,
+        as_i32(ptr_at(memory, _FACES)),
+        ptr_at(memory, _BOXES),
+        as_i32(ptr_at(memory, _READY)),
+        ptr_at(memory, _REACH),
+        ptr_at(memory, _INVERSES),
+    )
 
 
 @inlined

@@ -130,10 +130,16 @@ class TileParts(NamedTuple):
 def parts_at(memory):
     """The `TileParts` in PARTS_INTS int32."""
     return TileParts(
-        ptr_at(memory, _UNLISTED), ptr_at(memory, _TILES), ptr_at(memory, _LANES), ptr_at(memory, _ORDER),
-        ptr_at(memory, _SORTED), ptr_at(memory, _KEYS), ptr_at(memory, _RANKS), as_f32(ptr_at(memory, _PLACES)),
+        ptr_at(memory, _UNLISTED),
+        ptr_at(memory, _TILES),
+        ptr_at(memory, _LANES),
+        ptr_at(memory, _ORDER),
+        ptr_at(memory, _SORTED),
+        ptr_at(memory, _KEYS),
+        ptr_at(memory, _RANKS),
+        as_f32(ptr_at(memory, _PLACES)),
         as_f32(ptr_at(memory, _RECEIVERS)),
-    )  # fmt: skip
+    )
 
 
 @inlined

@@ -109,9 +109,15 @@ class TileRays(NamedTuple):
 def scratch_in(floats, ints):
     """`RayTileScratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
     return RayTileScratch(
-        floats, ptr_at(ints, 16), ptr_at(floats, TILE_FLOATS), ptr_at(floats, TILE_FLOATS + POINTS),
-        ptr_at(ints, _STACK_AT), ptr_at(ints, 32), ints, ptr_at(ints, _STACK_AT + STACK),
-    )  # fmt: skip
+        floats,
+        ptr_at(ints, 16),
+        ptr_at(floats, TILE_FLOATS),
+        ptr_at(floats, TILE_FLOATS + POINTS),
+        ptr_at(ints, _STACK_AT),
+        ptr_at(ints, 32),
+        ints,
+        ptr_at(ints, _STACK_AT + STACK),
+    )
 
 
 @inlined

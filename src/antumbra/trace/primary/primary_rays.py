@@ -184,13 +184,22 @@ def _trace_tile(tree_list, begin, end, picture, tile, scratch, counters):
 def _trace_tiles(ticket, arrays, picture, across, counters):
     """Worker: trace whole tiles."""
     pixels = Pixels(
-        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
-        stack_i32(PIXELS), stack_i32(DEFERRED),
-    )  # fmt: skip
+        stack_f32(PIXELS),
+        stack_f32(PIXELS),
+        stack_i32(PIXELS),
+        stack_f32(CELLS),
+        stack_f32(16),
+        stack_i32(PIXELS),
+        stack_i32(PIXELS),
+        stack_i32(DEFERRED),
+    )
     resolution = ResolveScratch(
-        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
+        stack_f64(PLANE_FLOATS),
+        stack_i32(PIXELS),
+        stack_f64(KNOWN_FLOATS),
+        stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
-    )  # fmt: skip
+    )
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     scratch = _PrimaryScratch(pixels, resolution, stack_f32(FLOATS), stack_f32(WORK), waiting)
     tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))

@@ -250,8 +250,8 @@ def _load(args, first, last, block):
         finite &= absolute(load16(rows, OX + LANES * k)) <= _FINITE
     if block.segments:
         _point_at_targets(block)
-    moves = maximum(maximum(absolute(load16(rows, DX)), absolute(load16(rows, DX + LANES))),
-                    absolute(load16(rows, DX + 2 * LANES))) > f(0.0)  # fmt: skip
+    x, y, z = load16(rows, DX), load16(rows, DX + LANES), load16(rows, DX + 2 * LANES)
+    moves = maximum(maximum(absolute(x), absolute(y)), absolute(z)) > f(0.0)
     return good and all_lanes(finite) and (block.segments or all_lanes(moves)), bits(moves)
 
 
