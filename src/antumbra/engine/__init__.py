@@ -14,4 +14,7 @@
 - `primary_visibility`: the surfaces that a camera sees
 - `default_view`: what default pictures show
 - `precompilation`: compile jobs, run before anything is timed
+- `plan`: `Plan`, the methods that answer a query
+- `method_registry`: cullers, builders, optimisers, updaters and tracers by name
+- `auto/`: the choice of a strategy for each query
 """

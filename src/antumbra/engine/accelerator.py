@@ -12,25 +12,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..auto.choose import Memory, suited_ways
-from ..auto.facts import facts_of
-from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
-from ..auto.trace import Auto
-from ..bvh.blocks import block_tree
-from ..bvh.kept import part_of
+from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
-from ..bvh.srdh_rays import SrdhRays
+from ..bvh.refit import filter_tree
 from ..errors import InputError
-from ..methods import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
-from ..plan import Plan, parse_plan
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..scene.memory import MemoryData
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of
-from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector
+from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
+from .auto.cost_model import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, predicted_rate
+from .auto.query_features import features_of
+from .auto.strategies import AutoTracer, StrategyMemory, suitable_strategies
+from .method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
+from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -51,13 +49,13 @@ class Accelerated(NamedTuple):
         return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
-    def chosen(self) -> Auto | None:
+    def chosen(self) -> AutoTracer | None:
         """The state of the tracer `auto`; None for other tracers."""
-        return self.prepared if isinstance(self.prepared, Auto) else None
+        return self.prepared if isinstance(self.prepared, AutoTracer) else None
 
     def begin(self) -> None:
         """Tell the tracer that a new frame, or a new query of points, begins."""
-        if isinstance(self.prepared, (ChcRtState, Auto)):
+        if isinstance(self.prepared, (ChcRtState, AutoTracer)):
             self.prepared.begin()
 
 
@@ -163,7 +161,7 @@ class Accelerator:
             self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
         bvh = self._updated[1]
         left = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if left is None else part_of(bvh, left.kept, self.threads)
+        return bvh if left is None else filter_tree(bvh, left.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser
@@ -237,7 +235,7 @@ class AutoAccelerator(Accelerator):
 
     def __init__(self, plan: Plan, threads: int):
         super().__init__(plan, threads)
-        self.memory = Memory()
+        self.memory = StrategyMemory()
         self._tree_name = self._built = QUICK  # the next tree, and the last one
         self._rays_soon = self._later = 0  # rays of which only the number is known
 
@@ -266,8 +264,8 @@ class AutoAccelerator(Accelerator):
         n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
         lost = self.memory.lost + self._loss(self._later)
         for query in queries:
-            facts = facts_of(query, n, box)
-            cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
+            facts = features_of(query, n, box)
+            cost, way = min((predicted_rate(way, facts), way) for way in suitable_strategies(query, box))
             lost += cost * facts.rays / self.threads * lost_share(way)
         self._choose(lost, n)
         self._rays_soon = self._later = 0
@@ -324,7 +322,7 @@ class AutoAccelerator(Accelerator):
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
         better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
-        tracer = Auto(bvh, self.threads, self.memory, self._built, better)
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built, better)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
     def _better(self, triangles: Triangles) -> Bvh:

@@ -9,16 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..auto.rates import GOOD, QUICK
-from ..auto.ways import WAYS, Forms, answer
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
-from ..kernels import needs
-from ..kernels.crew import Wanted
 from ..kernels.parallel import thread_count
-from ..kernels.progress import in_turn, shown
-from ..methods import BUILDERS, UPDATERS
-from ..plan import Plan, parse_plan
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.compile_pool import KernelRequest
+from ..progress import show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -26,16 +22,18 @@ from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.hit import Hit, HitFaces
-from ..scene.light_list import in_full
+from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, QuadLight, check_lights
-from ..scene.memory import MemoryData
-from ..scene.triangles import Triangles
+from ..scene.scene_data import MemoryData, SceneData
+from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
 from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
+from .auto.cost_model import GOOD, QUICK
+from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
 from .in_memory_source import InMemory
+from .method_registry import BUILDERS, UPDATERS
+from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from .scene_reading import data_of
@@ -135,18 +133,18 @@ def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
     return f"{plan} ({gbuffer}{', counted' if counters else ''})"
 
 
-def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Wanted] | None]:
+def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[KernelRequest] | None]:
     """A function that gives the recorded kernels of pictures by a plan; None: there is no record.
 
     A plan without a record gets the kernels of recorded plans with its methods.
     """
-    plain = lambda p: needs.of_job(record_of(p, gbuffer, False)) or set()
+    plain = lambda p: needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
 
     def kernels():
-        found = needs.of_job(record_of(plan, gbuffer, counters))
+        found = needs.kernels_of_job(record_of(plan, gbuffer, counters))
         if found is not None:
             return found
-        tracing = needs.of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = needs.kernels_of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         usual = plain(Plan(trace="single"))
@@ -185,11 +183,11 @@ def trace_all_ways(counters: bool) -> None:
         triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
     )
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
-        forms = Forms(build(triangles.vertices, 2), 2)
-        for name, way in WAYS.items():
+        forms = TreeForms(build(triangles.vertices, 2), 2)
+        for name, way in STRATEGIES.items():
             for query in queries:
                 if way.suits(query, forms.box):
-                    answer(name, forms, query, 2, new_counters() if counters else None)
+                    answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 
 # --- The engine: the one door to all questions about a scene, and all that is remembered between them -----------------
@@ -362,12 +360,12 @@ class Engine:
         `antumbra.visibility` documents the parameters. Receivers are made by `Receivers.on_surface` and `in_space`.
         """
         instance(receivers, Receivers, "receivers")
-        lights = [in_full(light) for light in check_lights(lights, self.data.up)]
+        lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
                 raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-        with shown("tracing shadow rays", progress) as heard:
+        with show_progress("tracing shadow rays", progress) as heard:
             found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=heard)
         return visibility_of([bits for _, bits in found], [each.shape[1] for each in samples])
 
@@ -408,7 +406,7 @@ class Engine:
             if ready is None:  # the tree depends on the queries
                 ready = make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries))
             ready.begin()
-            return list(zip(queries, make.answer_all(ready, queries, None, in_turn(progress, len(queries)))))
+            return list(zip(queries, make.answer_all(ready, queries, None, split_progress(progress, len(queries)))))
 
     def queries(
         self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,

@@ -9,19 +9,18 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from ..auto.choose import Choice
-from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.ray_list import HitArrays, RayArguments
 from ..query.shadow_query import ShadowQuery, Surfaces
-from ..scene.camera import Camera, CameraRays
-from ..scene.data import SceneData
+from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.lights import Light
-from ..scene.listed_rays import ListedRays
+from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator
+from .auto.strategies import StrategyChoice
+from .plan import Plan
 
 # --- The memory of a question: an estimate by what is asked, so that the chunks of a store get all the rest -----------
 
@@ -132,7 +131,7 @@ class RenderSource(Protocol):
         ...
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None
     ) -> Surfaces:
         """The surfaces of the sub-pixels of selected pixels: see `query.pixel_refinement`; `whole`: as in `look`."""
         ...
@@ -168,7 +167,7 @@ class FrameMethods(NamedTuple):
     """The methods of a frame."""
 
     plan: str
-    choices: list[Choice] | None  # of the plan `auto`, one per query
+    choices: list[StrategyChoice] | None  # of the plan `auto`, one per query
     statistics: list[dict] | None  # of CHC+RT: cost of each query, see `techniques.chcrt.visibility_fronts.Statistics`
 
 
@@ -184,7 +183,7 @@ class FrameTracer:
     """
 
     triangles: Triangles
-    view: CameraRays | ListedRays
+    view: CameraRays | ExplicitRays
 
     def __init__(self, source: RenderSource, accelerator: Accelerator):
         self._source, self._accelerator = source, accelerator

@@ -13,25 +13,21 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
-from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
 from ..checks import byte_count
 from ..errors import InputError
+from ..kernels.exact.filters import single_weights
+from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.predicate.exact import ray_along
-from ..kernels.predicate.hits import single_weights
-from ..methods import BUILDERS
-from ..plan import Plan
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
 from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
-from ..scene.triangles import Triangles, joined
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.triangles import Triangles, concatenate
 from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
 from ..store.store_file import StoreData
 from ..store.store_format import Chunk
@@ -47,6 +43,8 @@ from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory
+from .method_registry import BUILDERS
+from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -398,7 +396,7 @@ class Paged:
             found.append(batch.triangles)
             n += len(batch.triangles.vertices)
         self.release()  # such questions are rare
-        return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
+        return concatenate(found or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
@@ -408,7 +406,7 @@ class Paged:
         return batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None = None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None = None
     ) -> Surfaces:
         """`triangles` and `whole` are not used: rays find the surfaces."""
         rays, shape = subpixel_rays(view, edge, self.threads)

@@ -14,17 +14,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..auto.ways import WAYS
 from ..bvh import lbvh
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
-from ..scene.areas import solid_vertices
 from ..scene.camera import CameraRays
+from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
@@ -32,6 +31,7 @@ from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutout
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
+from .auto.strategies import STRATEGIES
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility in memory: the surfaces that a camera sees ----------------------------------------------------
@@ -60,7 +60,7 @@ def primary_visibility(
     elif whole.scheduled is not None:
         face, t = primary_hits(whole.scheduled, rays, threads)
     else:
-        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
+        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(STRATEGIES["multifrusta"])
         tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
         face, t = trace_primary(tree, rays, threads)
     own = cutouts if whole is None else whole.cutouts
@@ -190,7 +190,7 @@ class PrimaryMethodChooser:
 def _has_blocks(whole: Accelerated) -> bool:
     """Has the tree the form that camera rays walk?"""
     if whole.chosen is not None:
-        return not whole.chosen.forms.missing(WAYS["multifrusta"])
+        return not whole.chosen.forms.missing(STRATEGIES["multifrusta"])
     return isinstance(whole.prepared, BlockTree)
 
 

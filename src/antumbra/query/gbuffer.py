@@ -9,13 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.predicate import ray_along
+from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.exact import ray_along
 from ..kernels.simd import get, ptr, put
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.triangles import Triangles
 from .receivers import NOTHING
 
@@ -185,11 +183,11 @@ class PictureSurfaces(NamedTuple):
     pixel: np.float32  # width of a pixel at depth 1
 
 
-def seen_by(gbuffer: GBuffer, rays: CameraRays | ListedRays) -> PictureSurfaces:
+def seen_by(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> PictureSurfaces:
     """The surfaces of a G-buffer computed with these rays."""
     depth = gbuffer.depth
     pixel: float
-    if not isinstance(rays, ListedRays):
+    if not isinstance(rays, ExplicitRays):
         pixel = float(np.linalg.norm(rays.dy))
     elif rays.extent is None:
         pixel = np.pi / rays.height

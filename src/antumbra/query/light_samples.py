@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..checks import choice, whole_number
 from ..kernels.jit import inlined, kernel
-from ..scene.light_list import N_SETS, LightList
+from ..scene.light_lists import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
 
 # --- Light samples in kernels -----------------------------------------------------------------------------------------

@@ -17,10 +17,9 @@ from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
-from ..scene.camera import CameraRays
-from ..scene.light_list import N_SETS
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, Light
-from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
 from .gbuffer import (
     GBuffer,
@@ -231,12 +230,12 @@ def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
 
 
 def subpixel_rays(
-    rays: CameraRays | ListedRays, mask: NDArray[np.bool_], threads: int | None = None
+    rays: CameraRays | ExplicitRays, mask: NDArray[np.bool_], threads: int | None = None
 ) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
     threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
-    if isinstance(rays, ListedRays):
+    if isinstance(rays, ExplicitRays):
         return _listed_subpixels(rays, pixels, shape), shape
     directions = np.zeros((*shape, 3), np.float32)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
@@ -247,7 +246,7 @@ def subpixel_rays(
     return RayPass(origins, directions.reshape(m, 3), np.full(m, -1, np.int32)), shape
 
 
-def _listed_subpixels(rays: ListedRays, pixels: np.ndarray, shape: tuple[int, int]) -> RayPass:
+def _listed_subpixels(rays: ExplicitRays, pixels: np.ndarray, shape: tuple[int, int]) -> RayPass:
     down, right = pixels.T[..., None, None].astype(np.float64)
     origins, directions = rays.through(right + OFFSETS[..., 0], down + OFFSETS[..., 1])
     return listed_pass(*(block_values(part, shape) for part in (origins, directions)))

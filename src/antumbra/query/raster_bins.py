@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.exact.filters import widest
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
-from ..kernels.predicate.filters import widest
 from ..kernels.simd import (
     absolute,
     as_i32,

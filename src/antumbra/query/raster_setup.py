@@ -32,9 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..kernels.exact.filters import hit_t, plane, widest
 from ..kernels.jit import inlined, kernel
-from ..kernels.predicate.filters import plane, widest
-from ..kernels.predicate.hits import hit_t
 from ..kernels.simd import get
 from ..scene.camera import CameraRays
 

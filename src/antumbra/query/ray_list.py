@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ..checks import as_array, choice
 from ..errors import InputError
-from ..kernels.arguments import Form, Packed, address_of
-from ..scene.recentre import settled
+from ..kernels.marshalling import ArgumentForm, Packed, address_of
+from ..scene.scene_bounds import flush_to_zero
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
 
@@ -70,9 +70,9 @@ class HitArrays(NamedTuple):
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
-_HITS = Form(_NONE)
+_HITS = ArgumentForm(_NONE)
 _POINTS, _NUMBERS = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0)
-_RAYS = Form(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, (0.0, 0.0, 0.0), 0, 0, False))
+_RAYS = ArgumentForm(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, (0.0, 0.0, 0.0), 0, 0, False))
 _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
 
 
@@ -259,9 +259,9 @@ class RayArrays(NamedTuple):
         """The origins in the scene's frame, and the directions, or the targets in this frame: (m, 3) float32 each."""
         vectors = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
         with np.errstate(over="ignore", invalid="ignore"):  # `check` reports these rays
-            origins = settled((self.origins.astype(np.float64) - self.frame).astype(np.float32))
+            origins = flush_to_zero((self.origins.astype(np.float64) - self.frame).astype(np.float32))
             vectors = np.ascontiguousarray(vectors, np.float32)
-        return origins, settled(vectors) if self.segments else vectors
+        return origins, flush_to_zero(vectors) if self.segments else vectors
 
     def rays(self) -> RayPass:
         """The rays in the scene's frame. The direction of a segment is the rounded difference of its ends."""

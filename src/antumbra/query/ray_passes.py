@@ -14,10 +14,9 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..scene.camera import CameraRays
-from ..scene.light_list import N_SETS
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, Light, is_bounced
-from ..scene.listed_rays import ListedRays
 from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
 from .receivers import NOTHING, SHIFT
@@ -43,7 +42,7 @@ def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
     return RayPass(o, d, np.full(directions.size // 3, -1, np.int32))
 
 
-def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
+def camera_pass(rays: ExplicitRays, rows: slice) -> RayPass:
     """The rays through the pixel centres in some rows of a camera's picture."""
     x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
     return listed_pass(*rays.through(x, y))
@@ -130,9 +129,9 @@ def _directions(ticket, pixels, rays, directions):
         directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
-def rays_through(rays: CameraRays | ListedRays, mask: NDArray[np.bool_], threads: int | None = None) -> RayPass:
+def rays_through(rays: CameraRays | ExplicitRays, mask: NDArray[np.bool_], threads: int | None = None) -> RayPass:
     """The rays through the centres of the pixels that are True in `mask`, (H, W) bool, row by row."""
-    if isinstance(rays, ListedRays):
+    if isinstance(rays, ExplicitRays):
         return RayPass(*(part[mask.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
     pixels = np.ascontiguousarray(np.argwhere(mask))
     m = len(pixels)

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.filters import plane, widest
+from ..kernels.exact.predicate import exact_plane_side
+from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.exact import exact_plane_side
-from ..kernels.predicate.filters import plane, widest
 from ..kernels.simd import get, popcount, ptr, put
 from ..scene.lights import AMBIENT, Light, LightPatch
 from ..scene.triangles import Triangles

@@ -16,9 +16,8 @@ import numpy as np
 
 from ..bvh import binned_sah
 from ..bvh.lbvh import cut_top
-from ..bvh.morton import Grid, write_codes
-from ..bvh.prepare import CHUNK
-from ..bvh.radix_sort import radix_sort
+from ..bvh.morton_sort import Grid, radix_sort, write_codes
+from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
 from ..kernels.parallel import new_ticket, run
 from .staging_files import Batches, Buckets, TriangleColumns, empty_columns, palette_of
 from .store_file import Encoded, encode_chunk
@@ -106,7 +105,7 @@ def _joined(batches: Iterator[TriangleColumns], n: int) -> TriangleColumns:
 def _codes(sorting: Sorting, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(codes, 0 to n - 1) of triangles."""
     codes, numbers = np.empty(len(corners), np.int64), np.empty(len(corners), np.int32)
-    ticket = new_ticket(len(corners), CHUNK)
+    ticket = new_ticket(len(corners), TRIANGLES_PER_SHARE)
     run(write_codes, sorting.threads, ticket, corners, sorting.grid, codes, numbers)
     return codes, numbers
 

@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..kernels.jit import kernel
-from ..scene.areas import with_area
-from ..scene.gather import gather
-from ..scene.source import Piece
-from ..scene.survey import Survey, faces_of
+from ..scene.mesh import Piece
+from ..scene.scene_bounds import Survey, faces_of
+from ..scene.triangle_setup import gather, rows_with_area
 from .store_format import index_dtype
 
 # --- Palettes: colours of triangles as indices of rows. Most scenes have few colours, so an index takes a byte --------
@@ -223,7 +222,7 @@ def gather_triangles(
 
 def _keep_areas(rows: TriangleColumns, first: bool, threads: int, left_out: np.ndarray) -> int:
     """Move the triangles that have an area to the front, and return their number; `first`: keep row 0, too."""
-    found = with_area(rows.corners.reshape(-1, 3, 3), threads)
+    found = rows_with_area(rows.corners.reshape(-1, 3, 3), threads)
     if found is None:
         return len(rows.ids)
     if first and not (len(found) and found[0] == 0):

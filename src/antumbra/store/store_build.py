@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..output import replacing
-from ..scene.generated import StreamedCity
-from ..scene.memory import MemoryData
-from ..scene.recentre import frame_origin
-from ..scene.source import Source
+from ..files import atomic_output
+from ..generate.generated_scene import StreamedCity
+from ..scene.mesh import Source
+from ..scene.scene_bounds import frame_origin
+from ..scene.scene_data import MemoryData
 from .chunk_sorting import Sorting, chunks_of, grid_over, groups
 from .staging_files import MOST, StagingFile, gather_triangles
 from .store_file import StoreData, Writer, top_tree
@@ -43,7 +43,7 @@ class BuildReport(NamedTuple):
 
 def build_compiled(scenes, path: Path, max_memory=LEAST_MEMORY, threads=1, chunk=CHUNK, progress=None) -> BuildReport:
     """`rendering.building.build_store`, after the arguments are checked and the kernels are compiled."""
-    with replacing(path, durable=True) as temporary:
+    with atomic_output(path, durable=True) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
 

@@ -7,7 +7,7 @@ Queries that shafts cannot handle well go to packets (`trace_shadow`).
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.blocks import BlockTree
+from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count

@@ -18,14 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.blocks import BlockTree
-from ...bvh.links import block_leaf
-from ...bvh.nodes import MAX_DEPTH, boxes_of
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.block_tree import BlockTree
+from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
-from ...kernels.vec import broadcasts, minus, rows
+from ...kernels.vec3 import broadcasts, minus, rows
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
 from ..counters import TRIANGLES, Progress, count, new_counters
