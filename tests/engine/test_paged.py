@@ -42,7 +42,7 @@ def _renderer(path, chunks=None, policy="lru"):
     renderer = Renderer(at.load(path), None, 2)
     if chunks is not None:
         paged = renderer.source
-        paged.residency = Residency(paged.store, paged.residency.least_budget() // 2 * chunks, policy)
+        paged.residency = Residency(paged.store, paged.residency.min_budget() // 2 * chunks, policy)
         scheduled = paged.accelerated.prepared
         scheduled.parts = scheduled.parts._replace(trees=paged.residency.trees, memory=paged.residency)
         paged.budget = lambda *_: paged.residency.budget
@@ -347,7 +347,7 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
     scene = at.load(path)
     camera, lights = scene.cameras[0].resized(256, 256), scene.lights
     renderer = _renderer(path, 0)
-    renderer.source.residency.budget = max(tenth, renderer.source.residency.least_budget())
+    renderer.source.residency.budget = max(tenth, renderer.source.residency.min_budget())
     assert renderer.source.residency.budget == tenth
     whole = at.procedural("city", triangles=5_000_000)
     expected = at.render(whole, camera, lights, spp=4, threads=2)

@@ -32,10 +32,10 @@ from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import CameraRays
 from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles, joined
-from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
+from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ..store.store_file import StoreData
 from ..store.store_format import Chunk
-from ..store.system_resources import release_freed, resident
+from ..store.system_resources import release_freed, resident_memory
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ..techniques.chcrt.occlusion_queries import Pairs, ask
@@ -308,8 +308,8 @@ class Paged:
         InputError
             If the budget does not hold two chunks and the least of such rays.
         """
-        free = self.max_memory - memory.fixed - _SPARE - (resident() - self.residency.held)
-        least = self.residency.least_budget() * 2
+        free = self.max_memory - memory.fixed - _SPARE - (resident_memory() - self.residency.held)
+        least = self.residency.min_budget() * 2
         if free < least:
             need = -(-(self.max_memory - free + least) >> 20)
             raise InputError(
@@ -427,7 +427,7 @@ class Paged:
             for each in hits:
                 mark_hits(each, first, marks, self.threads)
 
-        faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[Copies](), 0
+        faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[TriangleCopies](), 0
         chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
         for begin in range(0, len(chunks), _CHUNKS_AT_ONCE):
             some = chunks[begin : begin + _CHUNKS_AT_ONCE]
@@ -440,9 +440,11 @@ class Paged:
                 number_hits(each, first, numbers, face, self.threads)
         return self._triangles(copies), faces
 
-    def _triangles(self, copies: Sequence[Copies] = ()) -> Triangles:
+    def _triangles(self, copies: Sequence[TriangleCopies] = ()) -> Triangles:
         """Copied triangles in one `Triangles`; never empty, since kernels may read the first entry."""
-        none = Copies(_NONE, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32))
+        none = TriangleCopies(
+            _NONE, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32)
+        )
         _, vertices, colour, ids = (np.concatenate(arrays) for arrays in zip(*(copies or [none])))
         return Triangles(vertices, self.scene.origin.copy(), ids, colour)
 
@@ -465,7 +467,7 @@ def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndar
     """
     store = paged.store
     wanted = _reached(paged, queries)
-    need = int(store.chunks.triangles[wanted].sum()) * _BYTES + resident() - paged.residency.held
+    need = int(store.chunks.triangles[wanted].sum()) * _BYTES + resident_memory() - paged.residency.held
     if need > paged.max_memory:
         raise InputError(
             f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "

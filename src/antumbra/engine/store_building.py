@@ -11,7 +11,7 @@ from ..output import checked_output
 from ..scene.data import SceneData
 from ..scene.foreign import is_mesh
 from ..scene.generated import StreamedCity
-from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
+from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
 from ..temporary import temporary_folder
 from .precompilation import Job, fixed_job, precompile, small_scene
@@ -61,7 +61,7 @@ def build_store(
     """
     scenes = _each(scenes)
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
-    max_memory = byte_count(max_memory, "max_memory", LEAST_MEMORY)
+    max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     precompile(store_job)
     with shown(f"building {path.name}") as heard:
