@@ -115,7 +115,7 @@ class Accelerator:
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
     def build(
-        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
     ) -> Accelerated:
         """Prepare all triangles, or the culled set, for tracing; build a BVH unless the tracer walks none.
 
@@ -133,21 +133,21 @@ class Accelerator:
         InputError
             If the builder is ray-guided and `shown` is None.
         """
-        left = solid_of(triangles, culled, self.threads)
+        solid = solid_of(triangles, culled, self.threads)
         if not self.plan.tracer.builds:
-            return self.prepare(triangles, None, left)
+            return self.prepare(triangles, None, solid)
         if self.showing is not None:
-            if shown is None:
+            if sample_rays is None:
                 raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
-            kept = triangles.solid if left is None or self._kept is not None else left.kept
-            self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
+            indices = triangles.solid if solid is None or self._kept is not None else solid.kept
+            self._rays = lambda vertices, bvh: sample_rays.among(vertices, indices, self.threads, bvh)
         try:
-            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, left)
+            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, solid)
         finally:
             self._rays = None
         if self.showing is not None:
             self.showing.built(bvh)
-        return self.prepare(triangles, bvh, left)
+        return self.prepare(triangles, bvh, solid)
 
     def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
         """A new BVH of all triangles, or of those that are left."""
@@ -162,8 +162,8 @@ class Accelerator:
         if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
             self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
         bvh = self._updated[1]
-        left = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if left is None else part_of(bvh, left.kept, self.threads)
+        solid = solid_of(triangles, culled, self.threads) if culled is not None else None
+        return bvh if solid is None else part_of(bvh, solid.kept, self.threads)
 
     def _new_tree(self, vertices, threads) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser
@@ -196,8 +196,8 @@ class Accelerator:
 
         `culled`: the triangles left by culling; None: all.
         """
-        made = soup_of(triangles, culled, self.threads) if bvh is None else bvh
-        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads), self.cutouts_of(triangles))
+        geometry = soup_of(triangles, culled, self.threads) if bvh is None else bvh
+        return Accelerated(triangles, bvh, self.plan.tracer.prepare(geometry, self.threads), self.cutouts_of(triangles))
 
     def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
         """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
@@ -208,15 +208,15 @@ class Accelerator:
     ) -> list[np.ndarray]:
         """Trace several queries of receivers of the same shape: the bits of each, as from `answer`."""
         bits = [new_bits(query) for query in queries]
-        tracer, prepared, rest = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
+        tracer, prepared, arguments = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
         if tracer.trace_all is not None:
-            tracer.trace_all(prepared, queries, bits, *rest)
+            tracer.trace_all(prepared, queries, bits, *arguments)
         else:
-            for query, found in zip(queries, bits):
-                tracer.trace(prepared, query, found, *rest)
+            for query, words in zip(queries, bits):
+                tracer.trace(prepared, query, words, *arguments)
         if accelerated.cutouts is not None:
-            for query, found in zip(queries, bits):
-                add_shadows(accelerated.cutouts, query, found, self.threads)
+            for query, words in zip(queries, bits):
+                add_shadows(accelerated.cutouts, query, words, self.threads)
         return bits
 
 
@@ -267,8 +267,8 @@ class AutoAccelerator(Accelerator):
         lost = self.memory.lost + self._loss(self._later)
         for query in queries:
             facts = facts_of(query, n, box)
-            cost, way = min((rate(way, facts), way) for way in suited_ways(query, box))
-            lost += cost * facts.rays / self.threads * lost_share(way)
+            cost, strategy = min((rate(strategy, facts), strategy) for strategy in suited_ways(query, box))
+            lost += cost * facts.rays / self.threads * lost_share(strategy)
         self._choose(lost, n)
         self._rays_soon = self._later = 0
 
@@ -299,7 +299,7 @@ class AutoAccelerator(Accelerator):
             self._tree_name = GOOD
 
     def build(
-        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
     ) -> Accelerated:
         n = solid_count(triangles)
         self._choose(self._loss(self._rays_soon + self._later), n)
@@ -308,7 +308,7 @@ class AutoAccelerator(Accelerator):
         if self._kept is not None and best_pays(self.memory.in_good, n):
             self._optimise()
             self._keep_trees()
-        return super().build(triangles, culled, shown)
+        return super().build(triangles, culled, sample_rays)
 
     def _keep_trees(self) -> None:
         """Refit the trees of later moments to a new one, which the next moment gets."""
@@ -372,16 +372,16 @@ class SceneTrees:
                 self._triangles = self._data.triangles(time, threads)
             return self._triangles
 
-    def of(self, make: Accelerator, time: float) -> Accelerated:
+    def of(self, accelerator: Accelerator, time: float) -> Accelerated:
         """The tree of a plan at a time within 0 .. `duration`. Plans that differ only in their tracer share a BVH."""
         with self._lock:
-            triangles, plan = self.triangles(time, make.threads), make.plan
-            kept = self._made.get(plan)
-            if kept is None or make.outgrown(kept):
-                like = None if plan.chooses else next((t for p, t in self._made.items() if p.tree == plan.tree), None)
-                kept = make.build(triangles) if like is None else make.prepare(triangles, like.bvh)
-                self._made[plan] = kept
-            return kept
+            triangles, plan = self.triangles(time, accelerator.threads), accelerator.plan
+            accelerated = self._made.get(plan)
+            if accelerated is None or accelerator.outgrown(accelerated):
+                similar = None if plan.chooses else next((t for p, t in self._made.items() if p.tree == plan.tree), None)
+                accelerated = accelerator.build(triangles) if similar is None else accelerator.prepare(triangles, similar.bvh)
+                self._made[plan] = accelerated
+            return accelerated
 
     def forget(self, plan: Plan) -> None:
         """Make room for a better tree than that of this plan."""

@@ -68,13 +68,13 @@ class EnclosingBox(NamedTuple):
 
 def innermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
     """The innermost closed box of a scene; None if there is none, or nothing in it."""
-    found = None
+    innermost = None
     for _ in range(_LAYERS):
         layer = _opened(triangles, threads)
         if layer is None:
             break
-        found, triangles = layer, layer.content
-    return found
+        innermost, triangles = layer, layer.content
+    return innermost
 
 
 def content_room(wrapping: EnclosingBox, up: str) -> Room | None:
@@ -100,10 +100,10 @@ def content_room(wrapping: EnclosingBox, up: str) -> Room | None:
 
 def _opened(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
     """The outermost closed box of a scene."""
-    seen = _seen_from_outside(triangles, threads)
-    if seen is None:
+    visible = _seen_from_outside(triangles, threads)
+    if visible is None:
         return None
-    planes = _hull_planes(triangles.vertices[np.unique(seen)].reshape(-1, 3))
+    planes = _hull_planes(triangles.vertices[np.unique(visible)].reshape(-1, 3))
     if planes is None:
         return None
     size = float(np.ptp(triangles.vertices, axis=(0, 1)).max())
@@ -114,7 +114,7 @@ def _opened(triangles: Triangles, threads: int | None) -> EnclosingBox | None:
         if _area(triangles.vertices[on]) < _COVERED * area:
             return None
         wrap |= on
-    if wrap[seen].mean() < _COVERED or np.count_nonzero(~wrap) < len(planes):
+    if wrap[visible].mean() < _COVERED or np.count_nonzero(~wrap) < len(planes):
         return None
     inside = (array[~wrap] for array in (triangles.vertices, triangles.face_id, triangles.colour))
     vertices, ids, colours = inside
@@ -129,16 +129,16 @@ def _seen_from_outside(triangles: Triangles, threads: int | None) -> np.ndarray 
     solid = triangles._replace(cutouts=None)
     bounds = np.stack([triangles.vertices.min((0, 1)), triangles.vertices.max((0, 1))]).astype(np.float64)
     centre, radius = bounding_sphere(bounds)
-    away, found = radius / np.sin(np.radians(_LENS / 2.0)), []
+    away, faces = radius / np.sin(np.radians(_LENS / 2.0)), []
     for corner in np.array(list(np.ndindex(2, 2, 2))) * 2.0 - 1.0:
         place = centre + away / 3.0**0.5 * corner + triangles.origin
-        shown = primary_visibility(
+        gbuffer = primary_visibility(
             solid, Camera(place, centre + triangles.origin, (0, 1, 0), _LENS, _VIEWS, _VIEWS), None, threads
         )
-        found.append(shown.face[shown.face >= 0])
-        if not len(found[-1]) or _many_planes(triangles.vertices[np.unique(found[-1])], radius):
+        faces.append(gbuffer.face[gbuffer.face >= 0])
+        if not len(faces[-1]) or _many_planes(triangles.vertices[np.unique(faces[-1])], radius):
             return None
-    return np.concatenate(found)
+    return np.concatenate(faces)
 
 
 def _many_planes(corners: np.ndarray, radius: float) -> bool:
@@ -229,15 +229,15 @@ def room_of(scene: MemoryData, outside: Camera, box: np.ndarray, threads: int | 
     if room is not None:
         return room
     cameras = outside, view_of_box(scene.bounds, scene.up).camera(1, 1)
-    shown = max(_fronts(triangles, camera, threads) for camera in cameras)
-    if wrapping is None and shown >= _RICH:
+    n_outside = max(_fronts(triangles, camera, threads) for camera in cameras)
+    if wrapping is None and n_outside >= _RICH:
         return None
     up = axes(scene.up)[1]
     if wrapping is not None:
         box = detail(wrapping.sample) + scene.origin
     points = _tried(triangles if wrapping is None else wrapping.content, box, up)
     places = [(point, _look_around(triangles, point, scene.up, threads)) for point in points]
-    rooms = [place for place in places if _encloses(place[1], shown)]
+    rooms = [place for place in places if _encloses(place[1], n_outside)]
     if wrapping is not None:
         rooms = [(point, _content(around, triangles, wrapping)) for point, around in rooms or places]
     if not rooms:
@@ -260,8 +260,8 @@ def _moving(scene: MemoryData) -> np.ndarray:
 
 def _fronts(triangles: Triangles, outside: Camera, threads: int | None) -> int:
     """The number of triangles whose front sides a camera sees."""
-    seen = primary_visibility(triangles, outside.resized(_OUTSIDE, _OUTSIDE), None, threads)
-    return len(np.unique(seen.face[seen.side > 0]))
+    gbuffer = primary_visibility(triangles, outside.resized(_OUTSIDE, _OUTSIDE), None, threads)
+    return len(np.unique(gbuffer.face[gbuffer.side > 0]))
 
 
 def _tried(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
@@ -278,23 +278,23 @@ def _look_around(triangles: Triangles, point: np.ndarray, up: str, threads: int 
     right, upward, towards = axes(up)
     parts = []
     for ahead, above in ((right, upward), (towards, upward), (upward, right)):
-        for way in ahead, -ahead:
-            camera = Camera(point, point + way, above, 90.0, _SIDE, _SIDE)
-            seen, rays = primary_visibility(triangles, camera, None, threads), camera.rays(triangles.origin)
+        for axis in ahead, -ahead:
+            camera = Camera(point, point + axis, above, 90.0, _SIDE, _SIDE)
+            gbuffer, rays = primary_visibility(triangles, camera, None, threads), camera.rays(triangles.origin)
             y, x = np.mgrid[:_SIDE, :_SIDE][..., None] + 0.5
             directions = (rays.corner + x * rays.dx + y * rays.dy).reshape(-1, 3)
             length = np.linalg.norm(directions, axis=1)
             parts.append(
-                (directions / length[:, None], seen.depth.ravel() * length, seen.face.ravel(), seen.side.ravel() > 0)
+                (directions / length[:, None], gbuffer.depth.ravel() * length, gbuffer.face.ravel(), gbuffer.side.ravel() > 0)
             )
     return _Around(*(np.concatenate(arrays) for arrays in zip(*parts)))
 
 
-def _encloses(around: _Around, shown: int) -> bool:
+def _encloses(around: _Around, n_outside: int) -> bool:
     met = around.faces >= 0
     if met.mean() < _CLOSED or around.facing[met].mean() < _FACING:
         return False
-    return _n_faces(around) > _MORE * shown
+    return _n_faces(around) > _MORE * n_outside
 
 
 def _n_faces(around: _Around, chosen: np.ndarray | bool = True) -> int:
@@ -307,8 +307,8 @@ def _room(point: np.ndarray, around: _Around, up: np.ndarray) -> Room:
     east, north = tangents(up)
     ways = 2.0 * np.pi * np.arange(_STEPS) / _STEPS
     horizontal = np.cos(ways)[:, None] * east + np.sin(ways)[:, None] * north
-    free = np.array([_free_way(around, way) for way in horizontal])
-    rich = np.array([_n_faces(around, around.directions @ way > _AHEAD) for way in horizontal])
+    free = np.array([_free_way(around, direction) for direction in horizontal])
+    rich = np.array([_n_faces(around, around.directions @ direction > _AHEAD) for direction in horizontal])
     # The way behind the camera counts less than the way ahead: it is only there to stand back.
     best = int(np.argmax((free + 0.8 * np.roll(free, _STEPS // 2)) * np.sqrt(rich + 1.0)))
     eye = point - _FREE * free[(best + _STEPS // 2) % _STEPS] * horizontal[best]
@@ -324,11 +324,11 @@ def _ceiling(around: _Around, up: np.ndarray) -> float:
     return float(np.quantile(above, 0.9)) if len(above) else 0.0
 
 
-def _free_way(around: _Around, way: np.ndarray) -> float:
+def _free_way(around: _Around, direction: np.ndarray) -> float:
     """How far nothing is met about a direction. A few thin things in the way do not count."""
-    near = around.distances[around.directions @ way > 0.98]
-    near = near[np.isfinite(near)]
-    return float(np.quantile(near, 0.2)) if len(near) else 0.0
+    distances = around.distances[around.directions @ direction > 0.98]
+    distances = distances[np.isfinite(distances)]
+    return float(np.quantile(distances, 0.2)) if len(distances) else 0.0
 
 
 # ---------------------------------------------------------------------------------------------------------------------

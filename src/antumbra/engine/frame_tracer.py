@@ -118,7 +118,7 @@ class RenderSource(Protocol):
         ...
 
     def look(
-        self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows: slice | None = None
+        self, camera, triangles: Triangles, tree: Accelerated | None, progress=None, rows: slice | None = None
     ) -> Surfaces:
         """The surfaces that a camera sees.
 
@@ -127,12 +127,12 @@ class RenderSource(Protocol):
         """
         ...
 
-    def nearest_in(self, whole: Accelerated) -> Nearest:
+    def nearest_in(self, tree: Accelerated) -> Nearest:
         """A closest-hit function: it finds the first surfaces that passes of diffuse rays meet."""
         ...
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None
     ) -> Surfaces:
         """The surfaces of the sub-pixels of selected pixels: see `query.pixel_refinement`; `whole`: as in `look`."""
         ...
@@ -249,9 +249,9 @@ class FrameTracer:
         samples: Sequence[np.ndarray], facing: int,
     ) -> None:  # fmt: skip
         """Take the sample rays of a ray-guided builder from a picture's queries; a no-op for other builders."""
-        make, whole = self._accelerator, self._whole
-        bounce = bounced_queries(make.showing, self.triangles, gbuffer, lights, samples, facing)
-        self._shown = make.show(self.triangles, queries, None if whole is None else whole.bvh, bounce)
+        accelerator, tree = self._accelerator, self._whole
+        bounce = bounced_queries(accelerator.showing, self.triangles, gbuffer, lights, samples, facing)
+        self._shown = accelerator.show(self.triangles, queries, None if tree is None else tree.bvh, bounce)
 
     def prepare(self, queries: Sequence[ShadowQuery], lap: Callable[[str], None]) -> None:
         """Cull for the first queries of a frame or band, and build their tree unless an earlier frame kept it.
@@ -265,13 +265,13 @@ class FrameTracer:
         """Cull for further queries; if nothing is culled, the last tree serves."""
         self._prepare(queries, self._ready, lap)
 
-    def _prepare(self, queries, ready: Accelerated | None, lap: Callable[[str], None]) -> None:
+    def _prepare(self, queries, accelerated: Accelerated | None, lap: Callable[[str], None]) -> None:
         culled = self._accelerator.culled(self.triangles, queries)
         if culled is not None:
             lap("cull")
-        if culled is not None or ready is None:
-            ready = self._accelerator.build(self.triangles, culled, self._shown)
-        self._ready = ready
+        if culled is not None or accelerated is None:
+            accelerated = self._accelerator.build(self.triangles, culled, self._shown)
+        self._ready = accelerated
         lap("build")
 
     def trace(
@@ -283,23 +283,23 @@ class FrameTracer:
 
     def reuse_tree(self) -> None:
         """Trace the next band of the same picture in this band's tree, if the plan allows it."""
-        make = self._accelerator
-        if self._ready is not None and make.one_tree and not make.plan.cull:
-            self._whole = None if make.outgrown(self._ready) else self._ready
+        accelerator = self._accelerator
+        if self._ready is not None and accelerator.one_tree and not accelerator.plan.cull:
+            self._whole = None if accelerator.outgrown(self._ready) else self._ready
         if self._whole is not None:
             self._whole.begin()
 
     def closest_hits(self, lap: Callable[[str], None]) -> Nearest:
         """A closest-hit function over all triangles. Later queries are traced in a tree of all of them, too."""
         if self._open is None:
-            make = self._accelerator
-            if make.plan.cull:
-                own = self._whole if make.one_tree else None
-                self._ready = own or make.build(self.triangles, None, self._shown)
-            whole = self._ready if make.one_tree else self._whole or make.for_camera(self.triangles)
-            assert whole is not None and self._ready is not None
+            accelerator = self._accelerator
+            if accelerator.plan.cull:
+                shadow_tree = self._whole if accelerator.one_tree else None
+                self._ready = shadow_tree or accelerator.build(self.triangles, None, self._shown)
+            tree = self._ready if accelerator.one_tree else self._whole or accelerator.for_camera(self.triangles)
+            assert tree is not None and self._ready is not None
             lap("build")
-            self._open = self._source.nearest_in(whole), self._ready
+            self._open = self._source.nearest_in(tree), self._ready
         nearest, self._ready = self._open
         return nearest
 

@@ -113,9 +113,9 @@ class RayLists:
                 plan = parse_plan(PLANS[1])
             else:  # another thread was faster
                 return ready
-            made = self._trees.of(Accelerator(plan, self._threads), time)
+            accelerated = self._trees.of(Accelerator(plan, self._threads), time)
             until = seconds_before_best(self._data.n_triangles) if str(plan) == PLANS[0] else np.inf
-            self._ready = _Ready(time, plan, until, made, RayTracer(made.prepared))
+            self._ready = _Ready(time, plan, until, accelerated, RayTracer(accelerated.prepared))
             return self._ready
 
 
@@ -208,8 +208,8 @@ class InMemory:
             method, camera.width * camera.height, lambda: seen(whole if method == RAYS else None)
         )
 
-    def nearest_in(self, whole: Accelerated) -> Nearest:
-        return nearest_in(whole, self.threads)
+    def nearest_in(self, tree: Accelerated) -> Nearest:
+        return nearest_in(tree, self.threads)
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         return self.ray_lists.trace_rays(rays, any_hit, time, threads)
@@ -218,12 +218,12 @@ class InMemory:
         return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None
     ) -> Surfaces:
         if isinstance(view, ListedRays):
-            assert whole is not None
+            assert tree is not None
             rays, shape = subpixel_rays(view, edge, self.threads)
-            return next(self.nearest_in(whole)([rays], shape))
+            return next(self.nearest_in(tree)([rays], shape))
         cutouts = self._accelerator.cutouts_of(triangles)
         return surfaces_of(subpixel_visibility(triangles, view, edge, self.threads, cutouts), triangles)
 

@@ -79,10 +79,10 @@ class Bands:
         """
         self._pause -= 1
         banded = needed and self._pause <= 0
-        first, kept, self._kept = 0, self._kept if banded else {}, {}
+        first, fitting, self._kept = 0, self._kept if banded else {}, {}
         self._rows = _FIRST if banded else height
         while first < height:
-            rows = self._rows = min(kept.get(first, self._rows), height - first)
+            rows = self._rows = min(fitting.get(first, self._rows), height - first)
             yield slice(first, first + rows)
             if self._fit:
                 self._kept[first] = rows
@@ -291,9 +291,9 @@ class Paged:
         self.residency.trim()
 
     def together(self, size: int) -> int:
-        n, kept = self.at_once(size), self._together.get(size, 0)
-        if 3 * n <= 4 * kept <= 5 * n:  # as in the frame before: its states are of the same questions
-            return kept
+        n, previous = self.at_once(size), self._together.get(size, 0)
+        if 3 * n <= 4 * previous <= 5 * n:  # as in the frame before: its states are of the same questions
+            return previous
         self._together[size] = n
         return n
 
@@ -342,13 +342,13 @@ class Paged:
             yield rows
             self._bands.read(self._looked - before, self.residency.paging.bytes - self._looked, budget)
 
-    def look(self, camera, triangles=None, whole=None, progress=None, rows: slice | None = None) -> Surfaces:
+    def look(self, camera, triangles=None, tree=None, progress=None, rows: slice | None = None) -> Surfaces:
         """The surfaces that a camera sees; `triangles` and `whole` are not used."""
         if camera.listed:
             rows = rows or slice(0, camera.height)
             passes, shape = [camera_pass(camera.view(self.scene.origin), rows)], (rows.stop - rows.start, camera.width)
-            found = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
-            surfaces = next(self._met(passes, found, shape))
+            listed_hits = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
+            surfaces = next(self._met(passes, listed_hits, shape))
             self._looked = self.residency.paging.bytes
             return surfaces
         rays = camera.rays(self.scene.origin)
@@ -358,7 +358,7 @@ class Paged:
         self._looked = self.residency.paging.bytes
         return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
 
-    def nearest_in(self, whole: Accelerated) -> Nearest:
+    def nearest_in(self, tree: Accelerated) -> Nearest:
         return self.nearest
 
     def nearest(
@@ -374,9 +374,9 @@ class Paged:
     def _met(self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]) -> Iterator[Surfaces]:
         """Yield the surfaces of the hits of passes, the question that has just ended."""
         triangles, faces = self.hit_triangles(hits)
-        for rays, met, face in zip(passes, hits, faces):
-            gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
-            yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
+        for rays, hit, face in zip(passes, hits, faces):
+            gbuffer = surfaces_met(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
+            yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         """`threads` is not used: those of the engine trace."""
@@ -392,13 +392,13 @@ class Paged:
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
         """The same rays find the triangles again: a store has none in memory."""
-        faces, found, n = np.full(rays.n, -1), [], 0
+        faces, parts, n = np.full(rays.n, -1), [], 0
         for batch in self._batches(rays.arrays(), False, rays.cull_faces):
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
-            found.append(batch.triangles)
+            parts.append(batch.triangles)
             n += len(batch.triangles.vertices)
         self.release()  # such questions are rare
-        return joined(found or [self.accelerated.triangles]), faces.reshape(face.shape)
+        return joined(parts or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
@@ -408,7 +408,7 @@ class Paged:
         return batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, whole: Accelerated | None = None
+        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None = None
     ) -> Surfaces:
         """`triangles` and `whole` are not used: rays find the surfaces."""
         rays, shape = subpixel_rays(view, edge, self.threads)
@@ -466,16 +466,16 @@ def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndar
         If memory does not hold the tree.
     """
     store = paged.store
-    wanted = _reached(paged, queries)
-    need = int(store.chunks.triangles[wanted].sum()) * _BYTES + resident_memory() - paged.residency.held
+    reached = _reached(paged, queries)
+    need = int(store.chunks.triangles[reached].sum()) * _BYTES + resident_memory() - paged.residency.held
     if need > paged.max_memory:
         raise InputError(
             f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
             "much, or a smaller view"
         )
-    chunks = [store.chunk(int(k)) for k in wanted]
+    chunks = [store.chunk(int(k)) for k in reached]
     ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
-    bvh = _joined(store.top.nodes, len(store), wanted, chunks, ids)
+    bvh = _joined(store.top.nodes, len(store), reached, chunks, ids)
     if leaf_depths(bvh).max(initial=0) > MAX_DEPTH:
         raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels, so no steps can be counted")
     return bvh, ids
@@ -484,7 +484,7 @@ def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndar
 def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
     """The chunks whose boxes segments meet, whether or not something blocks them before."""
     scheduled, k = paged.accelerated.prepared, len(paged.store)
-    met = np.zeros(k, np.bool_)
+    reached = np.zeros(k, np.bool_)
     for query in queries:
         bits = new_bits(query)
         for step in segments_of(scheduled.parts, query):
@@ -493,11 +493,11 @@ def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that is the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                met |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
-    return np.flatnonzero(met)
+                reached |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+    return np.flatnonzero(reached)
 
 
-def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
+def _joined(top: np.ndarray, k: int, reached: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
     """One tree of a top tree and some of k chunks; `top`: see `store.store_file.TopTree`."""
     m = len(top) if k > 1 else 0  # the top tree of one chunk is not needed
     sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
@@ -511,16 +511,16 @@ def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], id
         return Bvh(nodes[:1], nodes[:1].view(np.int32), np.empty(0, np.int32), np.empty((0, 9), np.float32))
     if m:
         root_of = np.full(k, EMPTY, np.int64)
-        root_of[wanted] = firsts[:-1]
+        root_of[reached] = firsts[:-1]
         nodes[:m] = top
         leaf = (links[:m] < 0) & (links[:m] != EMPTY)
         links[:m][leaf] = root_of[bvh_leaf(links[:m][leaf]).first]
     for first, end, chunk in zip(firsts[:-1], firsts[1:], chunks):
         nodes[first:end] = chunk.bvh.nodes
-        own = links[first:end]
-        is_full, leaf = (own < 0) & (own != EMPTY), bvh_leaf(own)
+        chunk_links = links[first:end]
+        is_full, leaf = (chunk_links < 0) & (chunk_links != EMPTY), bvh_leaf(chunk_links)
         moved = bvh_link(leaf.first + slots, leaf.count)
-        own[...] = np.where(is_full, moved, np.where(own >= 0, own + int(first), own))
+        chunk_links[...] = np.where(is_full, moved, np.where(chunk_links >= 0, chunk_links + int(first), chunk_links))
         slots += len(chunk.bvh.prim_ids)
     prim_ids = np.searchsorted(ids, np.concatenate([chunk.bvh.prim_ids for chunk in chunks])).astype(np.int32)
     corners = np.concatenate([chunk.bvh.corners for chunk in chunks])

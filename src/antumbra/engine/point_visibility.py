@@ -63,7 +63,7 @@ def visibility(
     points = as_array(points, "points")
     alone = isinstance(light, Light)
     receivers = Receivers.of(points, normals, scene.origin)
-    found = engine.visibility(
+    answer = engine.visibility(
         receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
     )
-    return found.reshaped(points.shape[:-1], alone)
+    return answer.reshaped(points.shape[:-1], alone)

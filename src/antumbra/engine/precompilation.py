@@ -46,29 +46,29 @@ def fixed_job(name: str, work: Callable[[], object]) -> Job:
 def precompile(job_of: Callable[..., Job], *about) -> None:
     """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
     job = job_of(*about)
-    wanted = job.kernels()
-    if wanted is None:
+    kernels = job.kernels()
+    if kernels is None:
         job.work()
-    elif missing := missing_of(wanted):
+    elif missing := missing_of(kernels):
         compile_missing(missing)
         job.work()
 
 
-def precompile_all(wanted: Iterable[Job]) -> int:
+def precompile_all(jobs: Iterable[Job]) -> int:
     """Compile the missing kernels of several jobs together; returns how many were compiled."""
-    wanted = list(wanted)
-    missing = missing_of({each for job in wanted for each in job.kernels() or ()})
+    jobs = list(jobs)
+    missing = missing_of({each for job in jobs for each in job.kernels() or ()})
     if missing:
         compile_missing(missing)
     before = len(events)
-    for job in wanted:
+    for job in jobs:
         job.work()
     return len(missing) + sum(event.source == "compiled" for event in events[before:])
 
 
-def missing_of(wanted: Iterable[Wanted]) -> set[Wanted]:
+def missing_of(kernels: Iterable[Wanted]) -> set[Wanted]:
     """The kernels that are not on disk."""
-    return {each for each in wanted if not is_kept(named(each.kernel), each.key)}
+    return {each for each in kernels if not is_kept(named(each.kernel), each.key)}
 
 
 def compile_missing(missing: set[Wanted]) -> None:

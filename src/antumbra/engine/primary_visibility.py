@@ -40,7 +40,7 @@ from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene
 def primary_visibility(
     triangles: Triangles,
     camera,
-    whole: Accelerated | None = None,
+    tree: Accelerated | None = None,
     threads: int | None = None,
     cutouts: CutoutTree | None = None,
 ) -> GBuffer:
@@ -52,22 +52,22 @@ def primary_visibility(
     """
     if camera.listed:
         listed = camera_pass(camera.view(triangles.origin), slice(0, camera.height))
-        whole = whole or _any_tree(triangles, threads)
-        return next(nearest_in(whole, threads)([listed], (camera.height, camera.width))).gbuffer
+        tree = tree or _any_tree(triangles, threads)
+        return next(nearest_in(tree, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
-    if whole is None:
+    if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)
-    elif whole.scheduled is not None:
-        face, t = primary_hits(whole.scheduled, rays, threads)
+    elif tree.scheduled is not None:
+        face, t = primary_hits(tree.scheduled, rays, threads)
     else:
-        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(WAYS["multifrusta"])
-        tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
-        face, t = trace_primary(tree, rays, threads)
-    own = cutouts if whole is None else whole.cutouts
-    if own is None:
-        own = cutout_tree(triangles, threads)
-    if own is not None:
-        _show(own, rays, face, t, _in_front(own, rays, face, t, threads), threads)
+        blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(WAYS["multifrusta"])
+        blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
+        face, t = trace_primary(blocks_or_bvh, rays, threads)
+    alpha_tree = cutouts if tree is None else tree.cutouts
+    if alpha_tree is None:
+        alpha_tree = cutout_tree(triangles, threads)
+    if alpha_tree is not None:
+        _show(alpha_tree, rays, face, t, _in_front(alpha_tree, rays, face, t, threads), threads)
     return from_hits(face, t, triangles, rays, threads)
 
 
@@ -77,19 +77,19 @@ def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
     return Accelerated(triangles, bvh, None, cutout_tree(triangles, threads))
 
 
-def nearest_in(whole: Accelerated, threads: int | None = None) -> Nearest:
+def nearest_in(tree: Accelerated, threads: int | None = None) -> Nearest:
     """The closest-hit function of a tree of all triangles."""
-    cutouts, triangles = whole.cutouts, whole.triangles
+    cutouts, triangles = tree.cutouts, tree.triangles
     show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
-    if whole.scheduled is not None:
-        scheduled = partial(nearest_scheduled, scheduled=whole.scheduled, show=show)
+    if tree.scheduled is not None:
+        scheduled = partial(nearest_scheduled, scheduled=tree.scheduled, show=show)
         return partial(scheduled, triangles=triangles, threads=threads)
-    assert whole.bvh is not None
-    return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads, show=show)
+    assert tree.bvh is not None
+    return partial(nearest_surfaces, bvh=tree.bvh, triangles=triangles, threads=threads, show=show)
 
 
 def subpixel_visibility(
-    triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
+    triangles: Triangles, rays: CameraRays, selected: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels: see `query.pixel_refinement`."""
     solid = solid_vertices(triangles, threads)
@@ -97,10 +97,10 @@ def subpixel_visibility(
     def hits(shifted: CameraRays):
         face, t = _rasterised(triangles, solid, shifted, threads)
         if cutouts is not None:
-            _show(cutouts, shifted, face, t, wanted, threads)
+            _show(cutouts, shifted, face, t, selected, threads)
         return face, t
 
-    return subpixel_gbuffer(triangles, rays, wanted, threads, hits)
+    return subpixel_gbuffer(triangles, rays, selected, threads, hits)
 
 
 def _rasterised(triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
@@ -117,11 +117,11 @@ def _in_front(cutouts: CutoutTree, rays: CameraRays, face, t, threads) -> np.nda
     return (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
 
 
-def _show(cutouts: CutoutTree, rays: CameraRays, face, t, wanted: np.ndarray, threads) -> None:
+def _show(cutouts: CutoutTree, rays: CameraRays, face, t, selected: np.ndarray, threads) -> None:
     """Replace the hits of selected pixels by those on cut-outs that are nearer."""
-    faces, ts = face[wanted], t[wanted]
-    show_cutouts(cutouts, rays_through(rays, wanted, threads), faces, ts, threads)
-    face[wanted], t[wanted] = faces, ts
+    faces, ts = face[selected], t[selected]
+    show_cutouts(cutouts, rays_through(rays, selected, threads), faces, ts, threads)
+    face[selected], t[selected] = faces, ts
 
 
 def cutouts_job() -> Job:
@@ -164,9 +164,9 @@ class PrimaryMethodChooser:
         self._seconds: dict[str, float] = {}  # method -> seconds for a pixel in its last frame
         self._frames = 0
 
-    def choose(self, whole: Accelerated | None) -> str:
+    def choose(self, tree: Accelerated | None) -> str:
         """The method of the next frame; `whole`: a tree of all triangles that an earlier frame has kept."""
-        if whole is None or not _has_blocks(whole):
+        if tree is None or not _has_blocks(tree):
             return RASTER
         if self._calls[RAYS] == 0 and not _rays_are_compiled():
             return RASTER
@@ -180,23 +180,23 @@ class PrimaryMethodChooser:
     def timed(self, method: str, pixels: int, look: Callable[[], _T]) -> _T:
         """The result of `look`, whose time is noted. The first call of a method is not, since it loads kernels."""
         start = perf_counter()
-        seen = look()
+        result = look()
         self._calls[method] += 1
         if self._calls[method] > 1:
             self._seconds[method] = (perf_counter() - start) / pixels
-        return seen
+        return result
 
 
-def _has_blocks(whole: Accelerated) -> bool:
+def _has_blocks(tree: Accelerated) -> bool:
     """Has the tree the form that camera rays walk?"""
-    if whole.chosen is not None:
-        return not whole.chosen.forms.missing(WAYS["multifrusta"])
-    return isinstance(whole.prepared, BlockTree)
+    if tree.chosen is not None:
+        return not tree.chosen.forms.missing(WAYS["multifrusta"])
+    return isinstance(tree.prepared, BlockTree)
 
 
 def _rays_are_compiled() -> bool:
-    wanted = camera_rays_job().kernels()
-    return wanted is not None and not missing_of(wanted)
+    kernels = camera_rays_job().kernels()
+    return kernels is not None and not missing_of(kernels)
 
 
 def camera_rays_job() -> Job:

@@ -83,9 +83,9 @@ class AnyScene:
     @classmethod
     def of_data(cls, data: SceneData) -> Self:
         """The scene with this data: as from a pickle."""
-        made = cls.__new__(cls)
-        made.__setstate__({"data": data})
-        return made
+        scene = cls.__new__(cls)
+        scene.__setstate__({"data": data})
+        return scene
 
     def __getstate__(self) -> dict[str, Any]:
         return {"data": self.data}
@@ -184,8 +184,8 @@ class AnyScene:
         A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
         """
         time = self.clamped(time)
-        own = [self.light(i, time) for i in range(len(self.lights))]
-        return own + skies_with(own, self.up) if own else self.view.lights()
+        file_lights = [self.light(i, time) for i in range(len(self.lights))]
+        return file_lights + skies_with(file_lights, self.up) if file_lights else self.view.lights()
 
     def default_light(self):
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""

@@ -66,11 +66,11 @@ def load(
         Once for each kind of `Scene.notes`, such as missing textures or lights that are only partly supported, with
         their number.
     """
-    asked = None if crs is None else checked_crs(crs)
+    given_crs = None if crs is None else checked_crs(crs)
     scene = _face(read_scene_data(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
-    scene.crs = asked or scene.crs
+    scene.crs = given_crs or scene.crs
     for note in by_kind(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene

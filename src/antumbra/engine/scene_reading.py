@@ -73,8 +73,8 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
         known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
         checked_file(path, name)
-        shown = f"format {suffix!r}" if suffix else "format, no suffix"
-        raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
+        description = f"format {suffix!r}" if suffix else "format, no suffix"
+        raise InputError(f"{name}: unknown {description}; use one of {known}, or a folder")
     checked_file(path, name)
     if suffix in GLTF_SUFFIXES:
         from ..scene.gltf import read_gltf
@@ -89,9 +89,9 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Memory
     from ..scene.cityjson.read import read_cityjson
 
     checked_file(path, name)
-    found = read_cityjson(path, lod)
-    name, city = path.stem.removesuffix(".city"), found.city
-    return MemoryData(found.source, name=name, up=up or "z", notes=tuple(found.notes), city=city, crs=city.crs)
+    city_file = read_cityjson(path, lod)
+    name, city = path.stem.removesuffix(".city"), city_file.city
+    return MemoryData(city_file.source, name=name, up=up or "z", notes=tuple(city_file.notes), city=city, crs=city.crs)
 
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:

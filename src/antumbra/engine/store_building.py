@@ -64,8 +64,8 @@ def build_store(
     max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     precompile(store_job)
-    with shown(f"building {path.name}") as heard:
-        bar = None if heard is None else lambda text, done, total: heard(done, total)
+    with shown(f"building {path.name}") as callback:
+        bar = None if callback is None else lambda text, done, total: callback(done, total)
         return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
