@@ -21,7 +21,7 @@ def compiled(monkeypatch):
     """All kernels are compiled; trees are kept, however slow the machine, and have the form that camera rays walk."""
     monkeypatch.setattr(looking, "_rays_are_compiled", lambda: True)
     monkeypatch.setattr(looking, "_has_blocks", lambda whole: True)
-    monkeypatch.setattr(AutoAccelerator, "outgrown", lambda self, accelerated: False)
+    monkeypatch.setattr(AutoAccelerator, "needs_rebuild", lambda self, accelerated: False)
 
 
 def _used(monkeypatch):

@@ -369,5 +369,5 @@ def test_rays_for_a_plan_that_wants_none(scene, camera):
 
 
 def test_a_tree_for_nobody_in_particular(scene):
-    with pytest.raises(at.InputError, match=r"plan 'srdh\+single': its builder wants rays of a picture, or of points"):
+    with pytest.raises(at.InputError, match=r"plan 'srdh\+single': its builder needs sample rays"):
         Renderer(scene, "srdh+single").accelerate()

@@ -396,7 +396,7 @@ class Engine:
             self.source.begin(FrameMemory(0, 0, 0))
             triangles, tree = self.source.moment(self._moment(time))
             if tree is None and (camera.listed or self.source.gbuffer == "rays"):
-                tree = self.accelerator.of_all(triangles)
+                tree = self.accelerator.prepare_all(triangles)
             surfaces = self.source.look(camera, triangles, tree)
             return surfaces.gbuffer._replace(face=surfaces.ids)
 

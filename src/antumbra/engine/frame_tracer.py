@@ -225,7 +225,7 @@ class FrameTracer:
         """Build a tree of all triangles if the camera's rays need one; whether one was built."""
         needed = self._whole is None and (self._source.gbuffer == "rays" or camera.listed)
         if needed:
-            self._whole = self._accelerator.of_all(self.triangles)
+            self._whole = self._accelerator.prepare_all(self.triangles)
         return needed
 
     def bands(self, height: int) -> Iterator[slice]:
@@ -285,7 +285,7 @@ class FrameTracer:
         """Trace the next band of the same picture in this band's tree, if the plan allows it."""
         accelerator = self._accelerator
         if self._ready is not None and accelerator.one_tree and not accelerator.plan.cull:
-            self._whole = None if accelerator.outgrown(self._ready) else self._ready
+            self._whole = None if accelerator.needs_rebuild(self._ready) else self._ready
         if self._whole is not None:
             self._whole.begin()
 
@@ -308,7 +308,7 @@ class FrameTracer:
         assert self._ready is not None
         chosen, scheduled = self._ready.chosen, self._ready.scheduled
         return FrameMethods(
-            str(self._accelerator.ran(self._ready)), None if chosen is None else chosen.choices,
+            str(self._accelerator.executed_plan(self._ready)), None if chosen is None else chosen.choices,
             None if scheduled is None else scheduled.statistics,
         )  # fmt: skip
 

@@ -109,7 +109,7 @@ class RayLists:
                 self.spent, plan = 0.0, parse_plan(PLANS[0])
             elif self.spent > ready.until:
                 precompile(best_tree_job)
-                self._trees.forget(ready.plan)
+                self._trees.evict(ready.plan)
                 plan = parse_plan(PLANS[1])
             else:  # another thread was faster
                 return ready
@@ -177,7 +177,7 @@ class InMemory:
         return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        if self._last is None or self._accelerator.outgrown(self._last):
+        if self._last is None or self._accelerator.needs_rebuild(self._last):
             self._last = None
             return self._trees.triangles(time, self.threads), None
         return self._last.triangles, self._last
