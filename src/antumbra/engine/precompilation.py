@@ -1,13 +1,13 @@
 """Compile kernels on all cores before anything is timed, and report it.
 
 A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` records which kernels a job
-calls. Several processes compile the kernels that are missing on disk. Then the job runs on a small scene, which
-compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
+calls. Several processes compile those that are missing on disk. Then the job runs on a small scene, which compiles any
+unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
 
-Each module defines the jobs of its work; `warm` lists all jobs.
+Each module defines its own jobs; `rendering.warm` lists all of them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from ..kernels.crew import Wanted, compile_all
 from ..kernels.loading import events, is_kept, user_cache
 from ..kernels.progress import reported
 from ..scene.camera import Camera
-from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
+from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
 from ..scene.made import data_of_arrays
 from ..scene.materials import MASK, Material, Texture
 from ..scene.memory import MemoryData
@@ -43,9 +43,9 @@ def fixed_job(name: str, work: Callable[[], object]) -> Job:
 
 
 @cache
-def precompile(job_of: Callable[..., Job], *about) -> None:
-    """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
-    job = job_of(*about)
+def precompile(job_of: Callable[..., Job], *arguments: Hashable) -> None:
+    """Compile those kernels of the job ``job_of(*arguments)`` that are missing on disk, once per process."""
+    job = job_of(*arguments)
     kernels = job.kernels()
     if kernels is None:
         job.work()
@@ -55,7 +55,7 @@ def precompile(job_of: Callable[..., Job], *about) -> None:
 
 
 def precompile_all(jobs: Iterable[Job]) -> int:
-    """Compile the missing kernels of several jobs together; returns how many were compiled."""
+    """Compile the missing kernels of several jobs together. Returns the number of kernels compiled."""
     jobs = list(jobs)
     missing = missing_of({each for job in jobs for each in job.kernels() or ()})
     if missing:
@@ -72,7 +72,7 @@ def missing_of(kernels: Iterable[Wanted]) -> set[Wanted]:
 
 
 def compile_missing(missing: set[Wanted]) -> None:
-    """Compile kernels on all cores, and tell the user. Does nothing if the cache is read-only; `loading` warns then."""
+    """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():
         return
     with reported(f"compiling {len(missing)} kernels for this machine, once") as progress:
@@ -80,9 +80,9 @@ def compile_missing(missing: set[Wanted]) -> None:
 
 
 def small_scene(dressed: bool = False) -> MemoryData:
-    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes.
+    """Hills of about 10,000 triangles, enough for builders to take every code path of large scenes.
 
-    dressed : whether they have a texture, colours of vertices and normals
+    dressed : whether they have a texture, vertex colours and normals
     """
     x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
     a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
@@ -96,16 +96,18 @@ def small_scene(dressed: bool = False) -> MemoryData:
     )
 
 
-def small_view(quality=False, sky=True) -> tuple[Camera, list]:
-    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: ambient occlusion as well."""
+def small_view(quality: bool = False, sky: bool = True) -> tuple[Camera, list[Light]]:
+    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: add ambient occlusion."""
     above = np.array([0, 2, 0])
     light = SphereLight(above, 0.1) if quality else PointLight(above)
-    lights = [light, PointLights(above[None], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]
+    lights: list[Light] = [light, PointLights(above[None], interleave=quality)]
+    if sky:
+        lights.append(AmbientOcclusion(1.0))
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
 def small_scene_with_cutouts() -> MemoryData:
-    """The small scene with a sheet of paper full of holes above it."""
+    """The small scene below a perforated sheet of paper."""
     corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
     pixels = np.full((8, 8, 4), 255, np.uint8)
     pixels[..., 3] = 255 * np.eye(8)
