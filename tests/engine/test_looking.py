@@ -81,10 +81,10 @@ def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, 
     def look(method):
         clock[0] += 100.0 * (method not in used) + {slow: 2.0, fast: 1.0}[method]  # first calls take much longer
 
-    for _ in range(4 + looking._AGAIN):
+    for _ in range(4 + looking._RETRY_PERIOD):
         method = chooser.choose(object())
         chooser.timed(method, 10, lambda method=method: look(method))
         used.append(method)
     assert used[:4] == [RASTER, RASTER, RAYS, RAYS]
-    assert used[4:-1] == [fast] * (looking._AGAIN - 1) and used[-1] == slow
+    assert used[4:-1] == [fast] * (looking._RETRY_PERIOD - 1) and used[-1] == slow
     assert PrimaryMethodChooser().choose(None) == RASTER

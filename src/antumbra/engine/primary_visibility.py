@@ -1,10 +1,8 @@
-"""Primary visibility in memory: the surfaces that a camera sees, by rasterisation or by rays through a tree.
+"""Primary visibility in memory: the surfaces visible to a camera, by rasterisation or by rays through a tree.
 
-If no method is named, the faster one is chosen once a tree is cached.
-
-Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays are
-tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method is used
-that took less time for a pixel.
+If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if a tree of blocks exists, but building
+one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and their kernels
+are compiled. From then on, the method with the lower time per pixel is used.
 """
 
 from collections.abc import Callable
@@ -13,6 +11,7 @@ from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..auto.ways import WAYS
 from ..bvh import lbvh
@@ -24,7 +23,7 @@ from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.areas import solid_vertices
-from ..scene.camera import CameraRays
+from ..scene.camera import Camera, CameraRays
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
@@ -34,21 +33,21 @@ from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
-# --- Primary visibility in memory: the surfaces that a camera sees ----------------------------------------------------
+# --- Primary visibility -----------------------------------------------------------------------------------------------
 
 
 def primary_visibility(
     triangles: Triangles,
-    camera,
+    camera: Camera,
     tree: Accelerated | None = None,
     threads: int | None = None,
     cutouts: CutoutTree | None = None,
 ) -> GBuffer:
-    """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None.
+    """The G-buffer of a camera by rays through `tree`, a BVH of all triangles, or by rasterisation if it is None.
 
     For a camera that is not perspective, a BVH is built if there is none.
 
-    cutouts : of `whole`, or of the triangles if there is no `whole`; None: they are found if there are any
+    cutouts : the alpha-masked faces of the triangles, if there is no `tree`; None: they are searched for
     """
     if camera.listed:
         listed = camera_pass(camera.view(triangles.origin), slice(0, camera.height))
@@ -67,12 +66,12 @@ def primary_visibility(
     if alpha_tree is None:
         alpha_tree = cutout_tree(triangles, threads)
     if alpha_tree is not None:
-        _show(alpha_tree, rays, face, t, _in_front(alpha_tree, rays, face, t, threads), threads)
+        _show_cutouts(alpha_tree, rays, face, t, _cutouts_in_front(alpha_tree, rays, face, t, threads), threads)
     return from_hits(face, t, triangles, rays, threads)
 
 
 def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
-    """A tree that is built soon."""
+    """A tree that is quick to build."""
     bvh = solid_tree(lbvh.build, triangles, threads)
     return Accelerated(triangles, bvh, None, cutout_tree(triangles, threads))
 
@@ -91,43 +90,50 @@ def nearest_in(tree: Accelerated, threads: int | None = None) -> Nearest:
 def subpixel_visibility(
     triangles: Triangles, rays: CameraRays, selected: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
-    """The G-buffer of the sub-pixels of selected pixels: see `query.pixel_refinement`."""
+    """The G-buffer of the sub-pixels of selected pixels, see `query.pixel_refinement`."""
     solid = solid_vertices(triangles, threads)
 
-    def hits(shifted: CameraRays):
+    def hits(shifted: CameraRays) -> tuple[np.ndarray, np.ndarray]:
         face, t = _rasterised(triangles, solid, shifted, threads)
         if cutouts is not None:
-            _show(cutouts, shifted, face, t, selected, threads)
+            _show_cutouts(cutouts, shifted, face, t, selected, threads)
         return face, t
 
     return subpixel_gbuffer(triangles, rays, selected, threads, hits)
 
 
-def _rasterised(triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest solid triangle at each pixel centre: (face, t); `solid`: their `solid_vertices`."""
+def _rasterised(
+    triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest solid triangle at each pixel centre: (face, t); `solid`: the `solid_vertices` of the triangles."""
     face, t = rasterise(solid.reshape(-1, 9), rays, threads)
     if triangles.solid is not None:
         face = np.append(triangles.solid, np.int32(-1))[face]  # the last entry is that of face -1
     return face, t
 
 
-def _in_front(cutouts: CutoutTree, rays: CameraRays, face, t, threads) -> np.ndarray:
-    """(H, W) bool: where the triangle of a cut-out, holes and all, is nearer than what is seen."""
+def _cutouts_in_front(
+    cutouts: CutoutTree, rays: CameraRays, face: np.ndarray, t: np.ndarray, threads: int | None
+) -> NDArray[np.bool_]:
+    """(H, W) bool: where an alpha-masked triangle, including its holes, is in front of the visible surface."""
     nearest, depth = trace_primary(cutouts.blocks, rays, threads)
-    return (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+    in_front: NDArray[np.bool_] = (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+    return in_front
 
 
-def _show(cutouts: CutoutTree, rays: CameraRays, face, t, selected: np.ndarray, threads) -> None:
-    """Replace the hits of selected pixels by those on cut-outs that are nearer."""
+def _show_cutouts(
+    cutouts: CutoutTree, rays: CameraRays, face: np.ndarray, t: np.ndarray, selected: np.ndarray, threads: int | None
+) -> None:
+    """Replace the hits of selected pixels by nearer hits on alpha-masked faces."""
     faces, ts = face[selected], t[selected]
     show_cutouts(cutouts, rays_through(rays, selected, threads), faces, ts, threads)
     face[selected], t[selected] = faces, ts
 
 
 def cutouts_job() -> Job:
-    """The additional job of scenes with cut-outs."""
+    """The additional job of scenes with alpha-masked faces."""
 
-    def work():
+    def work() -> None:
         scene, (camera, lights) = small_scene_with_cutouts(), small_view()
         triangles = scene.triangles(0.0, 2)
         tree = cutout_tree(triangles, 2)
@@ -139,33 +145,29 @@ def cutouts_job() -> Job:
     return fixed_job("cut-outs", work)
 
 
-# --- How a camera's surfaces are found where no method was named: by rasterisation, or by rays through a tree ---------
-#
-# Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays
-# are tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method
-# is used that took less time for a pixel.
+# --- Choose between rasterisation and primary rays --------------------------------------------------------------------
 
 
 RASTER, RAYS, AUTO = METHODS = "raster", "rays", "auto"
-_AGAIN = 64  # frames after which the slower method is tried again
+_RETRY_PERIOD = 64  # frames after which the slower method is tried again
 _T = TypeVar("_T")
 
 
 def compiled_for(method: str) -> str:
-    """The method whose kernels are compiled before the first frame."""
+    """The method whose kernels are compiled before the first frame, given the `gbuffer` option."""
     return RASTER if method == AUTO else method
 
 
 class PrimaryMethodChooser:
-    """What the methods have taken in the frames so far."""
+    """Chooses a method by the time per pixel of earlier frames."""
 
     def __init__(self) -> None:
         self._calls = {RASTER: 0, RAYS: 0}
-        self._seconds: dict[str, float] = {}  # method -> seconds for a pixel in its last frame
+        self._seconds: dict[str, float] = {}  # method -> seconds per pixel in its last frame
         self._frames = 0
 
     def choose(self, tree: Accelerated | None) -> str:
-        """The method of the next frame; `whole`: a tree of all triangles that an earlier frame has kept."""
+        """The method of the next frame; `tree`: a tree of all triangles, cached by an earlier frame."""
         if tree is None or not _has_blocks(tree):
             return RASTER
         if self._calls[RAYS] == 0 and not _rays_are_compiled():
@@ -175,10 +177,10 @@ class PrimaryMethodChooser:
                 return method
         self._frames += 1
         slower, faster = sorted(self._seconds, key=self._seconds.__getitem__, reverse=True)
-        return slower if self._frames % _AGAIN == 0 else faster
+        return slower if self._frames % _RETRY_PERIOD == 0 else faster
 
     def timed(self, method: str, pixels: int, look: Callable[[], _T]) -> _T:
-        """The result of `look`, whose time is noted. The first call of a method is not, since it loads kernels."""
+        """Call `look` and record its time, except in the first call of a method, which loads kernels."""
         start = perf_counter()
         result = look()
         self._calls[method] += 1
@@ -188,7 +190,7 @@ class PrimaryMethodChooser:
 
 
 def _has_blocks(tree: Accelerated) -> bool:
-    """Has the tree the form that camera rays walk?"""
+    """Whether the tree exists in the form that camera rays traverse."""
     if tree.chosen is not None:
         return not tree.chosen.forms.missing(WAYS["multifrusta"])
     return isinstance(tree.prepared, BlockTree)
@@ -200,9 +202,9 @@ def _rays_are_compiled() -> bool:
 
 
 def camera_rays_job() -> Job:
-    """The job of camera rays through a tree of blocks."""
+    """The job of tracing camera rays through a tree of blocks."""
 
-    def work():
+    def work() -> None:
         triangles, (camera, _) = small_scene().triangles(0.0, 2), small_view()
         bvh = lbvh.build(triangles.vertices, 2)
         primary_visibility(triangles, camera, Accelerated(triangles, bvh, block_tree(bvh, 2)), 2)
