@@ -1,14 +1,14 @@
 """Primary visibility in memory: the surfaces visible to a camera, by rasterisation or by rays through a tree.
 
-If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if a tree of blocks exists, but building
-one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and their kernels
-are compiled. From then on, the method with the lower time per pixel is used.
+If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if there is a tree of blocks, but
+building one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and
+their kernels are compiled. From then on, the method with the lower time per pixel is used.
 """
 
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
 from ..scene.areas import solid_vertices
 from ..scene.camera import Camera, CameraRays
+from ..scene.listed_rays import ListedRays
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
@@ -47,10 +48,10 @@ def primary_visibility(
 
     For a camera that is not perspective, a BVH is built if there is none.
 
-    cutouts : the alpha-masked faces of the triangles, if there is no `tree`; None: they are searched for
+    cutouts : the tree of alpha-masked faces, used if `tree` is None; None: build it if there are such faces
     """
     if camera.listed:
-        listed = camera_pass(camera.view(triangles.origin), slice(0, camera.height))
+        listed = camera_pass(cast(ListedRays, camera.view(triangles.origin)), slice(0, camera.height))
         tree = tree or _any_tree(triangles, threads)
         return next(nearest_in(tree, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
