@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,14 +22,14 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl")
 CITY_SUFFIXES = (".json", ".jsonl")
 
 
-def data_of(value) -> SceneData:
-    """What a scene holds: one that is loaded, or anything that `antumbra.load` takes."""
+def data_of(value: Any) -> SceneData:
+    """The data of a scene, or of anything else that `antumbra.load` accepts."""
     data = getattr(value, "data", value)
     return data if isinstance(data, SceneData) else read_scene_data(value)
 
 
-def read_scene_data(value, up: str | None = None, lod: str | None = None) -> SceneData:
-    """What is in the scene of a path or of a mesh of another library."""
+def read_scene_data(value: Any, up: str | None = None, lod: str | None = None) -> SceneData:
+    """Read the data of a scene from a path or a mesh of another library."""
     if up is not None:
         checked_up(up)
     if lod is not None:
@@ -42,7 +43,7 @@ def read_scene_data(value, up: str | None = None, lod: str | None = None) -> Sce
 
 
 def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
-    """The scene of a file or folder; errors of libraries become an `InputError`."""
+    """Read a file or folder. Errors of libraries become an `InputError`."""
     try:
         with np.errstate(all="ignore"):
             return _read(path, up, lod)
@@ -97,5 +98,5 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Memory
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
     scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
     if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
-        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
+        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
     return scene
