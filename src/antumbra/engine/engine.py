@@ -237,7 +237,7 @@ class Engine:
         For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
         limit, or 4 GiB.
     gbuffer : "raster", "rays" or "auto"
-        The method of `surfaces`; all give the same bits. "auto": rasterize; once a tree is cached, use whichever is
+        The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
         faster. Stores, and cameras that are not perspective, always use rays.
 
     Raises

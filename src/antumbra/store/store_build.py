@@ -100,7 +100,7 @@ class _Build:
             if isinstance(scene, StoreData):
                 raise scene.refusal()
             if not isinstance(scene, MemoryData | StreamedCity):
-                raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as antumbra.load gives")
+                raise InputError(f"a scene is {type(scene).__name__}; it must be a Scene, as returned by antumbra.load")
             check_disk_space(
                 self.folder, staging.survey.file, staging.survey.n_triangles + scene.n_triangles, staging.size
             )
