@@ -24,10 +24,10 @@ from time import monotonic
 
 import numpy as np
 
-from antumbra.cli import render
-from antumbra.cli.sharing import begin
+from antumbra.cli import render_command as render
+from antumbra.cli.shards import begin
 from antumbra.cluster import Cluster, connected
-from antumbra.jobs.engines import Asked, numbered
+from antumbra.jobs.executors import UnitCollector, numbered
 from common import arguments, machine
 
 SIMULATED = 8, 64, 512  # nodes
@@ -50,7 +50,7 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     try:
         with connected(cluster.address):
             home, given = asked_of(words)
-            own = Asked(folder / f"{nodes}.shards")
+            own = UnitCollector(folder / f"{nodes}.shards")
             begin(home, given, {}, 1, own)
             engine = Cluster(own.folder, cluster.address, partial(begin, home, given), {}, given.plan)
             start = monotonic()
@@ -67,7 +67,7 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
 
 def asked_of(words: list[str]):
     """The home and the arguments of ``antumbra render`` with these words."""
-    from antumbra.cli.renderarguments import RenderArguments
+    from antumbra.cli.picture_spec import RenderArguments
 
     names = dict(zip(words[1::2], words[2::2]))
     values = {"scene": words[0], "size": names["--size"], "spp": int(names["--spp"]), "output": Path("a.exr")}

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import antumbra
-from antumbra.cli.about import about
+from antumbra.cli.installation_commands import about
 from antumbra.papers.peers import embree
 
 SCENES = Path(os.environ.get("ANTUMBRA_SCENES", Path(__file__).resolve().parents[2] / "shared" / "scenes"))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.contest import CLOCKS, OURS, summary
+from antumbra.papers.peers.ray_contest import CLOCKS, OURS, summary
 from common import machine
 from peer_contenders import describe_embree
 from views import VIEWS, views

@@ -24,8 +24,8 @@ import numpy as np
 from PIL import Image
 
 import antumbra as at
-from antumbra.image import filter
-from antumbra.image.tonemap import automatic_exposure, to_srgb8
+from antumbra.picture import discontinuity_filter as filter
+from antumbra.picture.image_files import automatic_exposure, to_srgb8
 from antumbra.query.gbuffer import seen_by
 from antumbra.query.pixel_refinement import edges
 from common import SCENES, arguments, machine

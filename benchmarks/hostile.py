@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 
 import antumbra as at
+from antumbra.engine.plan import covering_plans
 from antumbra.kernels.parallel import thread_count
-from antumbra.plan import covering_plans
 from common import arguments, machine
 
 MOST = 10.0

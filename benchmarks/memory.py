@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.plan import Plan
+from antumbra.engine.plan import Plan
 from common import SCENES
 
 

@@ -11,8 +11,8 @@ import json
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from antumbra.extras import needed
-from antumbra.papers.peers.contest import OURS
+from antumbra.extras import import_extra
+from antumbra.papers.peers.ray_contest import OURS
 
 COLOURS = {OURS: "#d9480f", "Embree": "#1c7ed6", "Mitsuba": "#7048e8", "Open3D": "#868e96"}
 PACKAGES = {"embreex": "Embree", "mitsuba": "Mitsuba", "open3d": "Open3D"}
@@ -43,7 +43,7 @@ def told(about: dict) -> str:
 
 def draw(rows: list[dict], about: dict, output: Path) -> None:
     """Write the chart."""
-    pyplot = needed("matplotlib.pyplot", "the chart", "plot")
+    pyplot = import_extra("matplotlib.pyplot", "the chart", "plot")
     cases = best(rows)
     families = [name for name in COLOURS if any(name in case for case in cases.values())]
     threads = {threads for _, threads in cases}

@@ -2,10 +2,9 @@
 
 from contextlib import contextmanager
 
-from antumbra.papers.peers import contenders
-from antumbra.papers.peers.contenders import EmbreeModes, built_embree
-from antumbra.papers.peers.contest import Contender
-from antumbra.papers.peers.ray_sets import ORDERS, RaySet, one_by_one, packets
+from antumbra.papers.peers import peer_measurements as contenders
+from antumbra.papers.peers.peer_measurements import EmbreeModes, built_embree
+from antumbra.papers.peers.ray_contest import ORDERS, Contender, PeerRays, one_by_one, packets
 from common import has_embree, installed
 from peers import mitsuba_rays, open3d_rays
 
@@ -25,7 +24,7 @@ def describe_embree(isa: str | None) -> str:
     return contenders.describe_embree(isa) if has_embree() else "not installed"
 
 
-def mitsuba_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
+def mitsuba_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
     """Contenders that call ray_test in both orders, coherent and not."""
     mitsuba_rays.set_threads(threads)
     return [
@@ -42,7 +41,7 @@ def mitsuba_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
     ]
 
 
-def open3d_contenders(scene, rays: RaySet, threads: int) -> list[Contender]:
+def open3d_contenders(scene, rays: PeerRays, threads: int) -> list[Contender]:
     """The contender that calls test_occlusions, with all samples of a pixel in sequence."""
     ids = one_by_one(packets(rays, "samples"))
     return [

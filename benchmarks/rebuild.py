@@ -23,18 +23,18 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from antumbra.cli import report
+from antumbra.cli import console as report
 from antumbra.cli.arguments import parse_count
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.output import replacing
+from antumbra.files import atomic_output
+from antumbra.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.papers.peers import embree
-from antumbra.papers.ray_hierarchy.views import default_names, named_view, times_of, with_point
-from antumbra.papers.views import View, own_view
+from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import default_names, named_view, times_of, with_point
+from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import ShadowQuery, shadow_queries
-from antumbra.rendering.renderer import Renderer
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
 from peers.embree_frames import Hits, Shadow, light_points, shadows
@@ -89,7 +89,7 @@ class _Method(Protocol):
 class _Ours:
     """One of our plans."""
 
-    def __init__(self, plan: str, view: View, threads: int):
+    def __init__(self, plan: str, view: BenchmarkView, threads: int):
         self.name = self.how = plan
         self.accelerator = Renderer(view.scene, plan, threads).accelerator
 
@@ -130,7 +130,9 @@ class _Embree:
         self.scene.close()
 
 
-def rebuild(view: View, made: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]) -> list[Rebuilt]:
+def rebuild(
+    view: BenchmarkView, made: str, frames: int, threads: int, rounds: int, say: Callable[[str], None]
+) -> list[Rebuilt]:
     """Measure all methods in one scene; without Embree if it is not installed.
 
     made : name of the scene if it is made in several sizes
@@ -173,7 +175,7 @@ def embree_version() -> str:
         return ""
 
 
-def _ask(common: Renderer, view: View, time: float) -> tuple[Asked, float]:
+def _ask(common: Renderer, view: BenchmarkView, time: float) -> tuple[Asked, float]:
     """(input of all methods at a time, seconds of everything except culling, building and tracing)."""
     frame = common.render(view.camera, view.lights, spp=1, time=time)
     triangles = view.scene.triangles(time, common.threads)
@@ -185,7 +187,7 @@ def _ask(common: Renderer, view: View, time: float) -> tuple[Asked, float]:
     return Asked(triangles, frame.gbuffer, query), seconds + sum(frame.timings[phase] for phase in _COMMON)
 
 
-def _points(asked: Asked, view: View) -> np.ndarray:
+def _points(asked: Asked, view: BenchmarkView) -> np.ndarray:
     return light_points(view.lights[0], asked.triangles.origin, 1)
 
 
@@ -198,7 +200,7 @@ def _opened(device, build, way, asked, view, threads) -> Iterator[_Embree]:
         peer.close()
 
 
-def _fastest(device, asked: Asked, view: View, threads: int) -> list[tuple[tuple[str, int], Shadow]]:
+def _fastest(device, asked: Asked, view: BenchmarkView, threads: int) -> list[tuple[tuple[str, int], Shadow]]:
     """The fastest build and way to trace, for single rays, and for the widest packets that Embree has kernels for."""
     seconds: dict[int, list] = {lanes: [] for lanes in dict.fromkeys((1, device.width))}
     for build in BUILDS:
@@ -210,9 +212,9 @@ def _fastest(device, asked: Asked, view: View, threads: int) -> list[tuple[tuple
     return [min(found)[1:] for found in seconds.values()]
 
 
-def sized(name: str, triangles: int, size: tuple[int, int]) -> View:
+def sized(name: str, triangles: int, size: tuple[int, int]) -> BenchmarkView:
     """A procedural scene of about `triangles` triangles, with one point light."""
-    return with_point(own_view(f"{name}, {triangles:,}", procedural(name, triangles), size))
+    return with_point(scene_view(f"{name}, {triangles:,}", procedural(name, triangles), size))
 
 
 def ratio(rows: Iterable[Rebuilt], row: Rebuilt) -> float | None:
@@ -305,7 +307,7 @@ def write_plot(rows: list[Rebuilt], path: Path) -> None:
 
     sheet = Figure(figsize=(14.0, 5.5), layout="constrained")
     _draw_rebuild(sheet.subplots(), rows)
-    with replacing(path) as temporary:
+    with atomic_output(path) as temporary:
         sheet.savefig(temporary, format="png", dpi=110)
 
 

@@ -4,7 +4,7 @@
 
 A scene is sponza_crytek, sanmiguel_lite, bart_robots ($ANTUMBRA_SCENES), forest (procedural), or a file that
 `antumbra.load` reads. Each has a small and a large square light. The small light's edge is 1/40 of the scene's diagonal
-(`antumbra.papers.views` has the exception), or that of the forest's own light. The large light's edge is four times as
+(`antumbra.papers.benchmark_views` has the exception), or that of the forest's own light. The large light's edge is four times as
 long.
 
 Timed for ours: from a ShadowQuery to its bits, as a frame is rendered, with making the array of bits.
@@ -27,14 +27,12 @@ import time
 
 import numpy as np
 
+from antumbra.engine.method_registry import BUILDERS, OPTIMISERS, TRACERS
+from antumbra.engine.plan import Plan, parse_plan
 from antumbra.kernels.parallel import thread_count
-from antumbra.methods import BUILDERS, OPTIMISERS, TRACERS
-from antumbra.papers.peers.contenders import embree_contenders, our_contender
-from antumbra.papers.peers.contest import contest, rows
-from antumbra.papers.peers.queries import query_of
-from antumbra.papers.peers.ray_sets import ORDERS, shadow_rays
-from antumbra.plan import Plan, parse_plan
-from antumbra.rendering.render_jobs import warm_up
+from antumbra.papers.peers.peer_measurements import embree_contenders, our_contender
+from antumbra.papers.peers.ray_contest import ORDERS, contest, query_of, rows, shadow_rays
+from antumbra.picture.render_kernels import precompile_plan
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes, other_peers
@@ -105,7 +103,7 @@ def main() -> None:
     options = options_of(parser)
     options.plans = [parse_plan(plan) for plan in options.plans]
     for plan in options.plans:
-        warm_up(plan, "raster", False)
+        precompile_plan(plan, "raster", False)
     compare(options, measure)
 
 

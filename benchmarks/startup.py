@@ -34,7 +34,7 @@ assert 0 < blocked.sum() < 1000
 print(time.perf_counter() - start)
 """
 EDITS = {
-    "image/shade.py": (
+    "picture/shading.py": (
         "tests/image/test_shade.py",
         "    h, w = face.shape\n",
         "    if len(tints) == -{i}:\n        return\n",
@@ -44,7 +44,7 @@ EDITS = {
         "    scratch = Scratch(\n",
         "    if n_samples == -{i}:\n        return\n",
     ),
-    "kernels/predicate/exact.py": (
+    "kernels/exact/predicate.py": (
         "tests/kernels/predicate",
         "    side = 0\n",
         "    if i == -{i}:\n        return 0\n",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import antumbra
-from antumbra.papers.views import square, told_view
+from antumbra.papers.benchmark_views import info_view, square
 from antumbra.scene.camera import Camera
 from antumbra.scene.lights import Light, QuadLight
 from antumbra.scene.triangles import Triangles
@@ -64,12 +64,12 @@ def moving_views(named, size: tuple[int, int]):
         if name in missing:
             sys.exit(f"{name} is not in {SCENES}: set ANTUMBRA_SCENES")
         path = SCENES / name if name in MOVING else Path(name)
-        told = told_view(path.stem, path, size, square(40))
+        told = info_view(path.stem, path, size, square(40))
         yield Moving(told.name, told.scene, told.camera, told.lights[0])
 
 
 def _real(path: Path, size) -> View:
-    told = told_view(path.parent.name if path.stem == "scene" else path.stem, path, size, square(40))
+    told = info_view(path.parent.name if path.stem == "scene" else path.stem, path, size, square(40))
     light = told.lights[0] if isinstance(told.lights[0], QuadLight) else told.scene.default_light()
     return View(told.name, told.scene.triangles(0.0), told.camera, _two_sizes(light))
 

@@ -23,8 +23,9 @@ import numpy as np
 
 import antumbra as at
 from antumbra.errors import InputError
-from antumbra.papers.peers import embree, embree_rays
-from antumbra.papers.peers.ray_sets import ray_set
+from antumbra.papers.peers import embree
+from antumbra.papers.peers import embree as embree_rays
+from antumbra.papers.peers.ray_contest import ray_set
 from common import has_embree, installed, machine
 from comparison import start
 from peers import mitsuba_rays, open3d_rays, warp_rays

@@ -69,7 +69,7 @@ def _lights(scene) -> list:
 
 def plans() -> list[str]:
     """Each method of the registries once, in an otherwise plain plan; `auto` first."""
-    from antumbra import methods
+    from antumbra.engine import method_registry as methods
 
     own, build = methods.own_methods, ("bsah", "multifrusta")
     tracers = [name if name == "auto" or not methods.TRACERS[name].builds else f"{build[0]}+{name}"

@@ -22,7 +22,7 @@ _LEVELS = {"x86_64": _X86, "amd64": _X86, "aarch64": ["aarch64"], "arm64": ["aar
 
 
 class PackHook(BuildHookInterface):
-    """Adds the packs of `antumbra.kernels.pack`, and tags the wheel for this system and Python."""
+    """Adds the packs of `antumbra.kernels.toolchain.kernel_manifest`, and tags the wheel for this system and Python."""
 
     def initialize(self, version, build_data):
         if version == "editable":
@@ -34,7 +34,14 @@ class PackHook(BuildHookInterface):
             raise RuntimeError(f"no packs can be made on {platform.machine()}: build a pure wheel")
         chosen = [word for level in levels for word in ("--level", level)]
         environment = dict(os.environ, PYTHONPATH=str(Path(self.root) / "src"))
-        command = [sys.executable, "-m", "antumbra.kernels.pack", "--out", self._folder.name, *chosen]
+        command = [
+            sys.executable,
+            "-m",
+            "antumbra.kernels.toolchain.kernel_manifest",
+            "--out",
+            self._folder.name,
+            *chosen,
+        ]
         subprocess.run(command, env=environment, check=True)
         build_data["force_include"][self._folder.name] = "antumbra/kernels/packs"
         build_data["pure_python"] = False

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from PIL import Image, ImageDraw
 
 from antumbra.cli import main as antumbra
-from antumbra.scene.procedural import PROCEDURAL
+from antumbra.generate.procedural_scenes import PROCEDURAL
 
 GAP, BEHIND, INK = 4, (40, 40, 40), (255, 80, 60)
 

@@ -15,26 +15,26 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from antumbra.jobs.warm import jobs
-from antumbra.kernels.needs import FILE, recorded
-from antumbra.papers.methods import NEEDS as PAPERS
+from antumbra.jobs.job_kernels import all_jobs
+from antumbra.kernels.toolchain.kernel_manifest import MANIFEST, recorded_kernels
+from antumbra.papers.published_methods import NEEDS as PAPERS
 
 JOB = """
 import json, sys
-from antumbra.kernels.loading import events
-from antumbra.jobs.warm import jobs
+from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.jobs.job_kernels import jobs
 
 jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
 import json, sys
-from antumbra.kernels.numba_import import import_numba
+from antumbra.kernels.toolchain.compile_pool import import_numba
 import_numba()
 from time import process_time
 from antumbra.kernels import compiling, machine
-from antumbra.kernels.arguments import named
-from antumbra.kernels.processor import level
+from antumbra.kernels.marshalling import named
+from antumbra.kernels.machine_code import level
 
 for name, key in json.load(sys.stdin):
     start = process_time()
@@ -75,20 +75,20 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
-    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
+    kernels = sorted({kernel for name in all_jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     said = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in all_jobs},
     }
     file.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
+    print(f"{len(kernels)} kernels of {len(all_jobs)} jobs in {file}")
 
 
 def kept(only: str) -> tuple[dict, dict]:
     """What is recorded of jobs whose names do not contain `only`: (calls, sizes)."""
     calls, sizes = {}, {}
-    for file in (FILE, PAPERS):
+    for file in (MANIFEST, PAPERS):
         said = json.loads(file.read_text())
         kernels = [(name, key) for name, key, _ in said["kernels"]]
         sizes |= {(name, key): size for name, key, size in said["kernels"]}
@@ -101,9 +101,9 @@ def main() -> int:
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
-    known = {(each.kernel, each.key) for each in recorded().kernels}
-    own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
-    known |= {(each.kernel, each.key) for each in recorded().kernels}  # by now, kernels of the papers are added
+    known = {(each.kernel, each.key) for each in recorded_kernels().kernels}
+    own, names = [job.name for job in all_jobs()], [job.name for job in all_jobs(papers=True)]
+    known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # by now, kernels of the papers are added
     calls, sizes = kept(options.only) if options.only else ({}, {})
     wanted = [i for i, name in enumerate(names) if name not in calls]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -114,7 +114,7 @@ def main() -> int:
         print("\n".join(f"not recorded: {name} {key}" for name, key in new) or "all that jobs call is recorded")
         return bool(new)
     sizes |= measured([kernel for kernel in kernels if kernel not in sizes])
-    written(FILE, own, calls, sizes)
+    written(MANIFEST, own, calls, sizes)
     written(PAPERS, [name for name in names if name not in own], calls, sizes)
     return 0
 

@@ -7,10 +7,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core for each test pro
 import pytest
 from hypothesis import settings
 
+from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
-from antumbra.kernels import needs
-from antumbra.methods import add_plugins
-from antumbra.scene.procedural import add_scenes
+from antumbra.generate.procedural_scenes import add_scenes
+from antumbra.kernels.toolchain import kernel_manifest as needs
 
 pytest_plugins = ["command_line"]
 add_scenes()
@@ -27,5 +27,5 @@ def pytest_configure(config):
     all_tests = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if getattr(config.option, "numprocesses", None) and all_tests:
         own = "not papers" in config.option.markexpr
-        if missing := missing_of((needs.read(needs.FILE) if own else needs.recorded()).kernels):
+        if missing := missing_of((needs.read_manifests(needs.MANIFEST) if own else needs.recorded_kernels()).kernels):
             compile_missing(missing)

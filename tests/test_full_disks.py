@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli.export import SUFFIXES, write_scene
-from antumbra.image.film import write_film
-from antumbra.image.save import save_png
-from antumbra.jobs.formats import WRITERS
-from antumbra.scene.procedural import generate
+from antumbra.cli.scene_export import SUFFIXES, write_scene
+from antumbra.generate.procedural_scenes import generate
+from antumbra.jobs.result_table import WRITERS
+from antumbra.picture.image_files import save_png, write_film
 from small_disk import small_disk
 
 RNG = np.random.default_rng(0)

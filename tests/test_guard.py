@@ -2,8 +2,8 @@
 
 import pytest
 
-from antumbra.methods import KINDS, own_methods
-from antumbra.plan import parse_plan
+from antumbra.engine.method_registry import KINDS, own_methods
+from antumbra.engine.plan import parse_plan
 from repository import ROOT, tool
 
 guard = tool(ROOT / "scripts" / "guard.py")

@@ -4,7 +4,7 @@ import sys
 import pytest
 
 from antumbra import InputError
-from antumbra.output import checked_output, replacing
+from antumbra.files import atomic_output, checked_output
 
 SUFFIXES = (".png", ".exr")
 
@@ -58,7 +58,7 @@ def test_a_file_without_permission(tmp_path, monkeypatch):
 def test_what_is_written_becomes_the_file(tmp_path):
     path = tmp_path / "a.png"
     for content in (b"one", b"two"):
-        with replacing(path) as temporary:
+        with atomic_output(path) as temporary:
             assert temporary.parent == tmp_path and temporary != path
             temporary.write_bytes(content)
         assert path.read_bytes() == content
@@ -71,7 +71,7 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
     path.write_bytes(b"old")
     with (
         pytest.raises(InputError if isinstance(error, OSError) else type(error)) as caught,
-        replacing(path) as temporary,
+        atomic_output(path) as temporary,
     ):
         temporary.write_bytes(b"half")
         raise error
@@ -82,7 +82,7 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
 
 
 def test_a_folder_that_vanished_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="cannot be written"), replacing(tmp_path / "gone" / "a.png") as temporary:
+    with pytest.raises(InputError, match="cannot be written"), atomic_output(tmp_path / "gone" / "a.png") as temporary:
         temporary.write_bytes(b"x")
 
 
@@ -92,6 +92,6 @@ def test_a_link_stays_a_link(tmp_path):
     link = tmp_path / "a.png"
     link.symlink_to(tmp_path / "there" / "b.png")
     assert checked_output(link, SUFFIXES) == link
-    with replacing(link) as temporary:
+    with atomic_output(link) as temporary:
         temporary.write_bytes(b"x")
     assert link.is_symlink() and (tmp_path / "there" / "b.png").read_bytes() == b"x"

@@ -14,7 +14,7 @@ import zipfile
 import pytest
 
 import antumbra as at
-from antumbra.scene.procedural import PROCEDURAL
+from antumbra.generate.procedural_scenes import PROCEDURAL
 from repository import ROOT, tool
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -216,7 +216,7 @@ def test_cited_works_are_in_the_bibliography():
 
 
 def test_papers_of_the_registries_are_in_the_bibliography():
-    from antumbra.methods import KINDS
+    from antumbra.engine.method_registry import KINDS
 
     labels = set(_labels())
     papers = [method.paper for _, registry in KINDS.values() for method in registry.values()]

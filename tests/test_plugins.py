@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
-from antumbra import plugins
+from antumbra import extras as plugins
 
 
 class Point:
@@ -15,7 +15,7 @@ class Point:
     def load(self):
         def add():
             before = self.calls
-            plugins.add("a test's")  # looking something up while adding asks again
+            plugins.load_plugins("a test's")  # looking something up while adding asks again
             self.calls = before + 1
 
         return add
@@ -28,7 +28,7 @@ def test_threads_that_ask_at_once_add_once(monkeypatch):
 
     def ask(_):
         start.wait()
-        plugins.add("a test's")
+        plugins.load_plugins("a test's")
         return point.calls
 
     with ThreadPoolExecutor(8) as pool:
@@ -36,5 +36,5 @@ def test_threads_that_ask_at_once_add_once(monkeypatch):
 
 
 def test_commands_come_by_name():
-    found = plugins.announced("antumbra.bench")
+    found = plugins.plugins_of("antumbra.bench")
     assert list(found) == sorted(found) and {"srdh", "multi-frusta"} <= set(found)

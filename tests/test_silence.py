@@ -8,8 +8,8 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.kernels import progress
-from antumbra.kernels.progress import shown
+from antumbra import progress
+from antumbra.progress import show_progress
 
 CALLS = {
     "area_sensors": "at.area_sensors(scene, [[(-1, -1), (1, -1), (1, 1)]])",
@@ -82,9 +82,9 @@ def test_progress_is_a_function_or_a_bool(name):
 def test_false_silences_what_is_called_too(monkeypatch):
     monkeypatch.setattr(progress, "_watched", lambda: True)
 
-    @progress.hushed
+    @progress.with_quiet_progress
     def work(progress=None):
-        with shown("a", progress) as heard:
+        with show_progress("a", progress) as heard:
             return progress, heard is None
 
     assert [work(progress=asked) for asked in (False, True, None)] == [(False, True), (None, False), (None, False)]

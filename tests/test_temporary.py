@@ -9,16 +9,16 @@ import sys
 
 import pytest
 
-from antumbra import InputError, temporary
-from antumbra.output import replacing
-from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
+from antumbra import InputError
+from antumbra import files as temporary
+from antumbra.files import atomic_output, remove_abandoned, temporary_folder, temporary_name
 from repository import ROOT
 
 fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
 LIVING = """
 import sys
-from antumbra.output import replacing
+from antumbra.files import replacing
 
 with replacing(sys.argv[1]) as temporary:
     temporary.write_bytes(b"half")
@@ -28,7 +28,7 @@ with replacing(sys.argv[1]) as temporary:
 """
 BUSY = """
 import os, sys
-from antumbra.temporary import remove_abandoned, temporary_folder, temporary_name
+from antumbra.files import remove_abandoned, temporary_folder, temporary_name
 
 for _ in range(200):
     with temporary_name(".") as path:
@@ -60,7 +60,7 @@ def test_the_next_writer_removes_what_the_dead_left(tmp_path):
     dead(tmp_path)
     (tmp_path / ".antumbra-aaaaaaaaaaaa.tmp").write_bytes(b"its lock was removed before")
     (tmp_path / ".antumbra-bbbbbbbbbbbb.lock").write_bytes(b"")  # killed before it made its file
-    with replacing(tmp_path / "a.png") as path:
+    with atomic_output(tmp_path / "a.png") as path:
         assert len(files(tmp_path)) == 1  # the lock; the writer makes the file itself
         path.write_bytes(b"x")
     assert files(tmp_path) == ["a.png"]
@@ -71,7 +71,7 @@ def test_files_of_a_living_process_stay(tmp_path):
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as living:
         assert living.stdout.readline() == "ready\n"
         dead(tmp_path)
-        with replacing(tmp_path / "b.png") as path:
+        with atomic_output(tmp_path / "b.png") as path:
             path.write_bytes(b"x")
         left = files(tmp_path)
         assert [os.path.splitext(name)[1] for name in left] == [".lock", ".tmp", ".png"] and left[2] == "b.png"
@@ -147,7 +147,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     before = files(tmp_path)
     with monkeypatch.context() as patched:
         patched.setattr(fcntl, "flock", flock)
-        with replacing(tmp_path / "a.png") as path:
+        with atomic_output(tmp_path / "a.png") as path:
             assert files(tmp_path) == before  # it is unknown whether their maker still runs
             path.write_bytes(b"x")
             remove_abandoned.cache_clear()
@@ -208,7 +208,7 @@ def test_no_permission(tmp_path, monkeypatch, function):
 
 
 def test_a_folder_that_nobody_can_write_in(tmp_path):
-    with pytest.raises(InputError, match=r"a\.png: cannot be written"), replacing(tmp_path / "gone" / "a.png"):
+    with pytest.raises(InputError, match=r"a\.png: cannot be written"), atomic_output(tmp_path / "gone" / "a.png"):
         raise AssertionError("there is no such folder")
     remove_abandoned(str(tmp_path / "gone"))
 
@@ -225,8 +225,8 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 MAKERS = {
     "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
-    "a process": "from antumbra.kernels.private import private_folder\nfolder = private_folder('inputs')",
-    "a node of a cluster": "from antumbra.cluster.node import Node\nnode = Node(1)\nfolder = node._own",
+    "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
+    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._own",
 }
 
 

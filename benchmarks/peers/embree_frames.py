@@ -30,8 +30,7 @@ from antumbra.kernels.simd import (
     splat16,
     store,
 )
-from antumbra.papers.peers.denormals import FLUSH, control, set_control
-from antumbra.papers.peers.embree import HIT_WORDS, EmbreeScene, arguments, functions
+from antumbra.papers.peers.embree import FLUSH, HIT_WORDS, EmbreeScene, arguments, control, functions, set_control
 from antumbra.query.gbuffer import FaceNormal, GBuffer, face_normal, fill_pixel, pixel_direction, surface_of
 from antumbra.query.light_samples import light_samples
 from antumbra.query.receivers import NOTHING

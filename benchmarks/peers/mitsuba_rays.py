@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_sets import RaySet, gathered
+from antumbra.papers.peers.ray_contest import PeerRays, gathered
 
 VARIANT = "llvm_ad_rgb"
 
@@ -57,11 +57,11 @@ class MitsubaScene:
         self._scene = mitsuba.load_dict({"type": "scene", "triangles": mesh, "embree_use_robust_intersections": robust})
         drjit.sync_thread()
         self.build_seconds = time.perf_counter() - start
-        one = RaySet((1, 1, 1), np.zeros((1, 3), "f4"), 1, np.ones((1, 3), "f4"), 1.0, np.ones(1, bool))
+        one = PeerRays((1, 1, 1), np.zeros((1, 3), "f4"), 1, np.ones((1, 3), "f4"), 1.0, np.ones(1, bool))
         for coherent in (False, True):  # compile before timing
             self.trace(self.write(one, np.zeros(1, np.int32)), coherent)
 
-    def write(self, rays: RaySet, ids: np.ndarray):
+    def write(self, rays: PeerRays, ids: np.ndarray):
         """The rays with these ids, (n,), as a Mitsuba ray. 16 consecutive rays are a packet (8 without AVX-512)."""
         mitsuba, drjit = library()
         columns = [mitsuba.Float(np.ascontiguousarray(column)) for column in gathered(rays, ids).T]
@@ -84,7 +84,7 @@ def set_threads(threads) -> None:
     library()[1].set_thread_count(thread_count(threads))
 
 
-def occluded_of(rays: RaySet, ids: np.ndarray, blocked) -> np.ndarray:
+def occluded_of(rays: PeerRays, ids: np.ndarray, blocked) -> np.ndarray:
     """(rays,) bool by ray id: the answers of `MitsubaScene.trace`; False for a ray that was not asked."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = np.array(blocked)

@@ -7,7 +7,7 @@ import numpy as np
 
 from antumbra.errors import InputError
 from antumbra.kernels.parallel import thread_count
-from antumbra.papers.peers.ray_sets import RaySet, gathered
+from antumbra.papers.peers.ray_contest import PeerRays, gathered
 
 
 @cache
@@ -39,7 +39,7 @@ class Open3DScene:
         self._scene.test_occlusions(o3d.core.Tensor(np.ones((1, 6), np.float32)))  # the first query builds
         self.build_seconds = time.perf_counter() - start
 
-    def write(self, rays: RaySet, ids: np.ndarray):
+    def write(self, rays: PeerRays, ids: np.ndarray):
         """The rays with these ids, (n,), as an Open3D tensor."""
         return library().core.Tensor(gathered(rays, ids))
 
@@ -48,7 +48,7 @@ class Open3DScene:
         return self._scene.test_occlusions(tensor, 0.0, tmax, thread_count(threads))
 
 
-def occluded_of(rays: RaySet, ids: np.ndarray, blocked) -> np.ndarray:
+def occluded_of(rays: PeerRays, ids: np.ndarray, blocked) -> np.ndarray:
     """(rays,) bool by ray id: the answers of `Open3DScene.trace`; False for a ray that was not asked."""
     out = np.zeros(len(rays.directions), bool)
     out[ids] = blocked.numpy()

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 import antumbra as at
-from antumbra.image.tonemap import to_srgb8
+from antumbra.picture.image_files import to_srgb8
 
 SIZE = 640, 800
 SPP = 16

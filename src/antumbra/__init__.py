@@ -10,53 +10,49 @@
 import importlib
 import typing
 
-from .fielddocs import describe as _describe
+from .field_docs import describe as _describe
 from .version import VERSION as _VERSION
 
 if typing.TYPE_CHECKING:
     from . import cluster
-    from .bvh.srdh_rays import SrdhRays
     from .engine.engine import Engine, Visibility
     from .engine.paged_scene import PagedScene
+    from .engine.plan import Plan
     from .engine.point_visibility import visibility
     from .engine.scene import Scene, procedural
     from .engine.scene_loading import load
     from .engine.store_building import build_store
     from .errors import InputError
-    from .jobs.areas import area_sensors
+    from .formats.cityjson.attribute_writer import write_attributes
     from .jobs.bake import Baked, bake
-    from .jobs.dataset.make import Dataset, dataset
-    from .jobs.raster import Raster
-    from .jobs.readsensors import sensors_of
+    from .jobs.dataset.dataset_job import Dataset, dataset
+    from .jobs.ground_areas import area_sensors
+    from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
+    from .jobs.line_of_sight.viewshed import Viewshed, viewshed
+    from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
+    from .jobs.raster_grid import Raster
+    from .jobs.result_table import Column, Table
+    from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
-    from .jobs.sight.matrix import VisibilityMatrix, visibility_matrix
-    from .jobs.sight.pairs import Sightlines, line_of_sight
-    from .jobs.sight.viewshed import Viewshed, viewshed
-    from .jobs.sun.place import Place, place_of
-    from .jobs.sun.positions import Suns, suns_of
-    from .jobs.sun.sky import sky_view
-    from .jobs.sun.study import sun_hours
-    from .jobs.sun.times import times_of
-    from .jobs.table import Column, Table
-    from .plan import Plan
+    from .jobs.sun.location import Place, place_of
+    from .jobs.sun.sun_hours import sky_view, sun_hours
+    from .jobs.sun.sun_positions import Suns, suns_of, times_of
+    from .picture.frame import Frame
+    from .picture.render_options import RenderOptions
+    from .picture.renderer import Renderer, render
+    from .picture.virtual_point_lights import virtual_point_lights
     from .query.gbuffer import GBuffer
     from .query.receivers import Receivers
-    from .rendering.frame import Frame
-    from .rendering.options import RenderOptions
-    from .rendering.renderer import Renderer, render
-    from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
-    from .scene.cityjson.model import CityModel
-    from .scene.cityjson.write import write_attributes
-    from .scene.directional_lights import DirectionalLights
-    from .scene.hit import Hit
+    from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
     from .scene.mesh import MeshInfo, ObjectInfo
-    from .scene.point_lights import PointLights
+    from .scene.scene_data import CityModel
     from .scene.sky import Sky
-    from .scene.triangles import Triangles
+    from .scene.triangles import Hit, Triangles
     from .store.store_build import BuildReport
-    from .viewer.show import Viewer, view
+    from .techniques.srdh.representative_rays import SrdhRays
+    from .viewer.viewer_page import Viewer, view
 
 __version__ = _VERSION
 
@@ -132,7 +128,7 @@ __all__ = [
 
 # Names are imported on first use: `antumbra --help` must start faster than Numba can be imported.
 _HOMES = {
-    "bvh.srdh_rays": ["SrdhRays"],
+    "techniques.srdh.representative_rays": ["SrdhRays"],
     "engine.engine": ["Engine", "Visibility"],
     "engine.paged_scene": ["PagedScene"],
     "engine.point_visibility": ["visibility"],
@@ -140,33 +136,33 @@ _HOMES = {
     "engine.scene_loading": ["load"],
     "engine.store_building": ["build_store"],
     "errors": ["InputError"],
-    "jobs.areas": ["area_sensors"],
+    "jobs.ground_areas": ["area_sensors"],
     "jobs.bake": ["Baked", "bake"],
-    "jobs.dataset.make": ["Dataset", "dataset"],
-    "jobs.raster": ["Raster"],
-    "jobs.readsensors": ["sensors_of"],
+    "jobs.dataset.dataset_job": ["Dataset", "dataset"],
+    "jobs.raster_grid": ["Raster"],
+    "jobs.sensor_files": ["sensors_of"],
     "jobs.sensors": ["Sensors", "face_sensors", "grid_sensors", "point_sensors", "raster_sensors", "vertex_sensors"],
-    "jobs.sight.matrix": ["VisibilityMatrix", "visibility_matrix"],
-    "jobs.sight.pairs": ["Sightlines", "line_of_sight"],
-    "jobs.sight.viewshed": ["Viewshed", "viewshed"],
-    "jobs.sun.place": ["Place", "place_of"],
-    "jobs.sun.positions": ["Suns", "suns_of"],
-    "jobs.sun.sky": ["sky_view"],
-    "jobs.sun.study": ["sun_hours"],
-    "jobs.sun.times": ["times_of"],
-    "jobs.table": ["Column", "Table"],
+    "jobs.line_of_sight.visibility_matrix": ["VisibilityMatrix", "visibility_matrix"],
+    "jobs.line_of_sight.sightlines": ["Sightlines", "line_of_sight"],
+    "jobs.line_of_sight.viewshed": ["Viewshed", "viewshed"],
+    "jobs.sun.location": ["Place", "place_of"],
+    "jobs.sun.sun_positions": ["Suns", "suns_of"],
+    "jobs.sun.sun_hours": ["sky_view"],
+    "jobs.sun.sun_hours": ["sun_hours"],
+    "jobs.sun.sun_positions": ["times_of"],
+    "jobs.result_table": ["Column", "Table"],
     "plan": ["Plan"],
     "query.gbuffer": ["GBuffer"],
     "query.receivers": ["Receivers"],
-    "rendering.frame": ["Frame"],
-    "rendering.options": ["RenderOptions"],
-    "rendering.renderer": ["Renderer", "render"],
-    "rendering.virtual_lights": ["virtual_point_lights"],
+    "picture.frame": ["Frame"],
+    "picture.render_options": ["RenderOptions"],
+    "picture.renderer": ["Renderer", "render"],
+    "picture.virtual_point_lights": ["virtual_point_lights"],
     "scene.camera": ["Camera"],
-    "scene.cityjson.model": ["CityModel"],
-    "scene.cityjson.write": ["write_attributes"],
-    "scene.directional_lights": ["DirectionalLights"],
-    "scene.hit": ["Hit"],
+    "scene.scene_data": ["CityModel"],
+    "formats.cityjson.attribute_writer": ["write_attributes"],
+    "scene.light_lists": ["DirectionalLights"],
+    "scene.triangles": ["Hit"],
     "scene.lights": [
         "AmbientOcclusion",
         "DirectionalLight",
@@ -177,11 +173,11 @@ _HOMES = {
         "SphereLight",
     ],
     "scene.mesh": ["MeshInfo", "ObjectInfo"],
-    "scene.point_lights": ["PointLights"],
+    "scene.light_lists": ["PointLights"],
     "scene.sky": ["Sky"],
     "scene.triangles": ["Triangles"],
     "store.store_build": ["BuildReport"],
-    "viewer.show": ["Viewer", "view"],
+    "viewer.viewer_page": ["Viewer", "view"],
 }
 _MODULES = ("cluster",)  # parts of the public face that are modules
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

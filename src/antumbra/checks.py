@@ -19,7 +19,7 @@ _ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]
 """How messages write intervals."""
 
 
-def near(name, known: Iterable[str]) -> str:
+def spelling_hint(name, known: Iterable[str]) -> str:
     """``"did you mean 'x'? "`` if a known name is like `name`, else nothing: for errors about unknown names."""
     text, names = str(name), list(known)
     found = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
@@ -104,7 +104,7 @@ def choice(value, what: str, names: Iterable[str | None]) -> Any:
         return value
     words = ["None" if name is None else f'"{name}"' for name in known]
     listed = " or ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
-    hint = near(value, filter(None, known)) if isinstance(value, str) else ""
+    hint = spelling_hint(value, filter(None, known)) if isinstance(value, str) else ""
     raise InputError(f"{what} is {quoted(value)}; {hint}it must be {listed}")
 
 

@@ -1,12 +1,21 @@
-"""Optional packages: each is imported when it is needed, and a missing one gets an error that names its extra."""
+"""Optional packages and plugins.
+
+An optional package is imported when it is needed, and a missing one raises an error that names its extra. A plugin is a
+function that another package announces under an entry point, as pyproject.toml does; it adds to a registry.
+"""
 
 import importlib
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from threading import RLock
 from types import ModuleType
 
 from .errors import InputError
 
+# --- Optional packages: each is imported when it is needed, and a missing one gets an error that names its extra ------
 
-def needed(package: str, what: str, extra: str) -> ModuleType:
+
+def import_extra(package: str, what: str, extra: str) -> ModuleType:
     """Import an optional package.
 
     Parameters
@@ -28,3 +37,30 @@ def needed(package: str, what: str, extra: str) -> ModuleType:
     except ImportError:
         name = package.partition(".")[0]
         raise InputError(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
+
+
+# --- Packages that add to a registry: each announces a function under an entry point, as pyproject.toml does ----------
+
+
+_lock = RLock()
+_added: set[str] = set()
+
+
+@cache
+def plugins_of(group: str) -> dict[str, EntryPoint]:
+    """Name -> entry point of a group, in the order of the names."""
+    return {point.name: point for point in sorted(entry_points(group=group))}
+
+
+def load_plugins(group: str) -> None:
+    """Call every function announced under a group of entry points; once per process, whichever thread asks first."""
+    with _lock:
+        if group in _added:
+            return
+        _added.add(group)  # first, for a function that looks something up while it adds
+        try:
+            for point in plugins_of(group).values():
+                point.load()()
+        except BaseException:
+            _added.discard(group)  # so that whoever asks next hears it too
+            raise

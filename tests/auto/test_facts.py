@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.auto.facts import facts_of, if_sorted, size_of, tile_size
-from antumbra.auto.rates import rate, terms, weights
-from antumbra.auto.sample import halves_of, sample_of
-from antumbra.auto.ways import WAYS
+from antumbra.engine.auto.cost_model import predicted_rate, terms, weights
+from antumbra.engine.auto.query_features import features_of, halves_of, if_sorted, sample_of, size_of, tile_size
+from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.query.query_bounds import bounds
 from asking import query_of
 
@@ -24,7 +23,7 @@ def scene():
 
 def _facts(scene, light, size=(64, 48), spp=16):
     triangles, query = query_of(scene, scene.cameras[0].resized(*size), light, spp)
-    return query, facts_of(query, len(triangles.vertices), np.stack(bounds(triangles.vertices)))
+    return query, features_of(query, len(triangles.vertices), np.stack(bounds(triangles.vertices)))
 
 
 @pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
@@ -32,10 +31,10 @@ def test_every_light_has_facts_and_rates(scene, light):
     query, facts = _facts(scene, light)
     assert facts.rays == np.count_nonzero(query.sides) * query.samples.shape[1] > 0
     assert 0.0 < facts.tile < 1.0 and 0.0 < facts.stratum <= facts.chunk < 4.0
-    assert np.isfinite(terms(facts)).all() and set(weights()) == set(WAYS)
-    for way in WAYS:
+    assert np.isfinite(terms(facts)).all() and set(weights()) == set(STRATEGIES)
+    for way in STRATEGIES:
         assert len(weights()[way]) == len(terms(facts))
-        assert 1e-10 < rate(way, facts) < 1e-3
+        assert 1e-10 < predicted_rate(way, facts) < 1e-3
 
 
 def test_larger_pictures_have_smaller_tiles_and_larger_lights_larger_strata(scene):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.auto.facts import tile_size
-from antumbra.auto.order import in_order, sorted_places
+from antumbra.engine.auto.query_features import reorder_query, spatial_order, tile_size
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import ShadowQuery
 
@@ -23,21 +22,21 @@ def _row(n, seed=0):
 
 @pytest.mark.parametrize("n", [0, 1, 3, 4, 5, 1000, 1003])
 def test_every_receiver_keeps_its_set(n):
-    places = sorted_places(_row(n).origins[0])
+    places = spatial_order(_row(n).origins[0])
     assert sorted(places.tolist()) == list(range(n))
     np.testing.assert_array_equal(places % 4, np.arange(n) % 4)
 
 
 def test_neighbours_are_near_each_other():
     query = _row(4000)
-    ordered = in_order(query, sorted_places(query.origins[0]))
+    ordered = reorder_query(query, spatial_order(query.origins[0]))
     assert tile_size(ordered) < tile_size(query) / 2
 
 
 def test_everything_of_a_receiver_moves_with_it():
     query = _row(101)
-    places = sorted_places(query.origins[0])
-    ordered = in_order(query, places)
+    places = spatial_order(query.origins[0])
+    ordered = reorder_query(query, places)
     for name in ("origins", "faces", "sides", "normals", "ids"):
         np.testing.assert_array_equal(getattr(ordered, name)[0], getattr(query, name)[0][places])
     assert ordered.samples is query.samples and ordered.corners is query.corners
@@ -45,4 +44,4 @@ def test_everything_of_a_receiver_moves_with_it():
 
 def test_points_without_normals():
     query = _row(50)._replace(normals=np.empty((0, 0, 3)))
-    assert in_order(query, sorted_places(query.origins[0])).normals.size == 0
+    assert reorder_query(query, spatial_order(query.origins[0])).normals.size == 0

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.auto import choose, trace
-from antumbra.auto.rates import GOOD, QUICK
-from antumbra.auto.ways import WAYS
-from antumbra.methods import BUILDERS
-from antumbra.plan import parse_plan
-from antumbra.rendering.renderer import Renderer
+from antumbra.engine.auto import strategies as choose
+from antumbra.engine.auto import strategies as trace
+from antumbra.engine.auto.cost_model import GOOD, QUICK
+from antumbra.engine.auto.strategies import STRATEGIES
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.engine.plan import parse_plan
+from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 
@@ -31,18 +32,18 @@ def _forced(monkeypatch, way):
     monkeypatch.setattr(choose, "_TRY", 1e9)
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", STRATEGIES)
 @pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
 def test_every_way_gives_the_bits_of_brute_force(scene, monkeypatch, way, light):
     _forced(monkeypatch, way)
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
     truth, asked = true_occlusion(triangles, query)
-    auto = trace.Auto(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
     bits, counters = np.zeros((16, 20, -(-query.samples.shape[1] // 64)), np.uint64), new_counters()
     trace.trace_shadow(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
     (choice,) = auto.choices
-    assert choice.way == (way if WAYS[way].suits(query, auto.forms.box) else choice.way)
+    assert choice.way == (way if STRATEGIES[way].suits(query, auto.forms.box) else choice.way)
     assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[asked].size
 
 
@@ -65,7 +66,7 @@ def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, 
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
     (choice,) = first.choices
-    assert choice.tried and set(choice.tried) <= set(WAYS) and choice.way in choice.tried
+    assert choice.tried and set(choice.tried) <= set(STRATEGIES) and choice.way in choice.tried
     second = renderer.render(camera, [LAMP], spp=16)
     assert not second.choices[0].tried
     assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "earlier query"]
@@ -86,10 +87,10 @@ def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
     monkeypatch.setattr(choose, "answer", first_takes_long)
     monkeypatch.setattr(choose, "perf_counter", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
-    auto = trace.Auto(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
-    facts = trace.facts_of(query, auto.forms.triangles, auto.forms.box)
-    found = choose.try_ways(query, auto.forms, list(WAYS), facts, 1e-7, 2)
-    assert set(found) == set(WAYS) and max(found.values()) < 1e4
+    auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
+    facts = trace.features_of(query, auto.forms.triangles, auto.forms.box)
+    found = choose.try_strategies(query, auto.forms, list(STRATEGIES), facts, 1e-7, 2)
+    assert set(found) == set(STRATEGIES) and max(found.values()) < 1e4
 
 
 def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
@@ -101,8 +102,8 @@ def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
 
 
 def test_rates_are_forgotten_when_the_rays_change():
-    memory, key = choose.Memory(), (1,)
-    measured = choose.Choice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
+    memory, key = choose.StrategyMemory(), (1,)
+    measured = choose.StrategyChoice("wide", 1000, "sample", 1.0, {"wide": 100.0, "packet16": 200.0}, seconds=1e-4)
     memory.learn(key, measured, None)
     assert memory.rates(key) == {"wide": pytest.approx(100.0), "packet16": 200.0}
     memory.learn(key, measured._replace(tried={}, seconds=1.5e-4), None)
@@ -138,7 +139,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, asked = true_occlusion(triangles, query)
     better = lambda: BUILDERS[GOOD].build(triangles.vertices, 2)
-    auto = trace.Auto(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
+    auto = trace.AutoTracer(BUILDERS[QUICK].build(triangles.vertices, 2), 2, None, QUICK, better)
     bits = np.zeros((16, 20, 1), np.uint64)
     trace.trace_shadow(auto, query, bits, 2)
     np.testing.assert_array_equal(unpack(bits, 4)[asked], truth[asked])

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from antumbra.cli.export import write_scene
-from antumbra.scene.procedural import generate
+from antumbra.cli.scene_export import write_scene
+from antumbra.generate.procedural_scenes import generate
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 WITHOUT = """

@@ -5,7 +5,7 @@ import json
 import pytest
 
 import wrong_elsewhere
-from antumbra.methods import BUILDERS, own_methods
+from antumbra.engine.method_registry import BUILDERS, own_methods
 
 SMALL = ("--size", 24, 24, "--rounds", 1, "--threads", 1)
 PLANS = ("bsah+single", "bsah+multifrusta")

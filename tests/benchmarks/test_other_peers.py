@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.papers.peers.ray_sets import ORDERS, one_by_one, packets
+from antumbra.papers.peers.ray_contest import ORDERS, one_by_one, packets
 from peer_scenes import rays_through, soup, truth
 from peers import mitsuba_rays, open3d_rays
 

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 
 from antumbra.bvh.binned_sah import build
-from antumbra.bvh.bins import BINS, bin_count
+from antumbra.bvh.binned_split import BINS, bin_count, must_halve
 from antumbra.bvh.nodes import MAX_DEPTH
-from antumbra.bvh.quality import sah_cost, statistics
-from antumbra.bvh.splits import must_halve
+from antumbra.bvh.tree_quality import sah_cost, statistics
 from bvh_scenes import terrain
 from reference_sah import binned_sah, half_area, least_sah_cost
 from strategies import point_arrays

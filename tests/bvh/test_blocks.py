@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh.blocks import BLOCK, block_tree
-from antumbra.methods import BUILDERS
+from antumbra.bvh.block_tree import BLOCK, block_tree
+from antumbra.engine.method_registry import BUILDERS
 from strategies import soups
 
 

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 
 import antumbra
 from antumbra.bvh import lbvh
-from antumbra.bvh.bounds import MAX_COORDINATE
 from antumbra.bvh.nodes import EMPTY, MAX_DEPTH
-from antumbra.bvh.quality import sah_cost, statistics, validate
+from antumbra.bvh.tree_quality import sah_cost, statistics, validate
+from antumbra.bvh.triangle_bounds import MAX_COORDINATE
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.methods import BUILDERS
 from bvh_scenes import HAZARDS, LARGE, integer_grid, scattered, terrain
 from reference_sah import binned_sah
 from scenes import scene_path

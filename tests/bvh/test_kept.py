@@ -5,19 +5,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import binned_sah, kept
-from antumbra.bvh import cut as cutting
-from antumbra.bvh.kept import part_of
+from antumbra.bvh import binned_sah
+from antumbra.bvh import refit as kept
+from antumbra.bvh import tree_layout as cutting
 from antumbra.bvh.nodes import MAX_LEAF
-from antumbra.bvh.quality import validate
-from antumbra.methods import BUILDERS
+from antumbra.bvh.refit import filter_tree
+from antumbra.bvh.tree_quality import validate
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS, terrain
 from strategies import soups
 
 
 def check(bvh, vertices, chosen, threads=1):
     """Take the part of a tree with the chosen triangles, and validate it; returns the part."""
-    part, before = part_of(bvh, chosen, threads), [array.copy() for array in bvh]
+    part, before = filter_tree(bvh, chosen, threads), [array.copy() for array in bvh]
     assert sorted(part.prim_ids) == sorted(chosen)
     validate(part._replace(prim_ids=np.searchsorted(chosen, part.prim_ids).astype(np.int32)), vertices[chosen])
     assert all(a.tobytes() == b.tobytes() for a, b in zip(before, bvh, strict=True))
@@ -65,4 +66,4 @@ def test_same_bits_for_any_number_of_threads():
     bvh, chosen = binned_sah.build(vertices), np.arange(0, 20_000, 2, dtype=np.int32)
     first = check(bvh, vertices, chosen)
     for threads in (2, 3):
-        assert all(a.tobytes() == b.tobytes() for a, b in zip(first, part_of(bvh, chosen, threads), strict=True))
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(first, filter_tree(bvh, chosen, threads), strict=True))

@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.bvh import lbvh
 from antumbra.bvh.nodes import MAX_DEPTH
-from antumbra.bvh.quality import statistics, validate
+from antumbra.bvh.tree_quality import statistics, validate
 from bvh_scenes import LARGE, integer_grid, scattered, terrain
 from reference_morton import depth_of, karras_tree, morton_codes
 

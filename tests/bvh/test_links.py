@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import antumbra
-from antumbra.bvh import links
-from antumbra.bvh.blocks import BLOCK
-from antumbra.bvh.nodes import EMPTY, MAX_LEAF
-from antumbra.bvh.wide import NO_CHILD, WIDTH
+from antumbra.bvh import nodes as links
+from antumbra.bvh.block_tree import BLOCK
+from antumbra.bvh.nodes import EMPTY, MAX_LEAF, NO_CHILD, WIDTH
 from antumbra.kernels.jit import kernel
 
 SOURCES = Path(antumbra.__file__).parent

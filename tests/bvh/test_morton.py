@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh.morton import grid_of, write_codes
-from antumbra.bvh.prepare import scene_bounds
+from antumbra.bvh.morton_sort import grid_of, write_codes
+from antumbra.bvh.triangle_bounds import scene_bounds
 from antumbra.kernels.parallel import new_ticket, run
 from bvh_scenes import integer_grid, scattered, terrain
 from reference_morton import morton_codes

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import MAX_DEPTH
-from antumbra.bvh.quality import sah_cost, statistics, validate
-from antumbra.methods import BUILDERS, OPTIMISERS
+from antumbra.bvh.tree_quality import sah_cost, statistics, validate
+from antumbra.engine.method_registry import BUILDERS, OPTIMISERS
 from bvh_scenes import HAZARDS, chain, scattered, terrain
 from shadow_rays import met_in
 from strategies import point_arrays, soups

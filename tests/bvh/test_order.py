@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from antumbra.bvh import binned_sah, srdh
-from antumbra.bvh.blocks import block_tree
-from antumbra.bvh.nodes import LEFT_FIRST
-from antumbra.bvh.order import sooner_first
-from antumbra.bvh.quality import validate
-from antumbra.bvh.wide import LINKS, NO_CHILD, WIDTH
-from antumbra.bvh.widen import widen
-from antumbra.methods import BUILDERS
+from antumbra.bvh import binned_sah
+from antumbra.bvh.block_tree import block_tree
+from antumbra.bvh.child_order import sooner_first
+from antumbra.bvh.nodes import LEFT_FIRST, LINKS, NO_CHILD, WIDTH
+from antumbra.bvh.tree_quality import validate
+from antumbra.bvh.wide_bvh import widen
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.techniques.srdh import srdh_builder as srdh
 from bvh_scenes import HAZARDS, scattered, terrain
 from shadow_rays import met_in, nested
 

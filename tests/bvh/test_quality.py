@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.bvh.binned_sah import build
 from antumbra.bvh.nodes import EMPTY, MAX_DEPTH, aligned_empty
-from antumbra.bvh.quality import sah_cost, statistics, validate
+from antumbra.bvh.tree_quality import sah_cost, statistics, validate
 from bvh_scenes import chain, scattered, terrain
 
 VERTICES = terrain(300)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.bvh.radix_sort import radix_sort
+from antumbra.bvh.morton_sort import radix_sort
 
 
 def keys_of(kind, n, bits):

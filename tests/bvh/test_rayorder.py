@@ -8,9 +8,9 @@ from hypothesis import given, settings
 import oracle
 from antumbra.bvh import binned_sah
 from antumbra.bvh.nodes import LEFT_FIRST, UNORDERED
-from antumbra.bvh.quality import sah_cost, validate
-from antumbra.bvh.rayorder import order_by_rays
-from antumbra.methods import BUILDERS, OPTIMISERS
+from antumbra.bvh.tree_quality import sah_cost, validate
+from antumbra.engine.method_registry import BUILDERS, OPTIMISERS
+from antumbra.techniques.srdh.srdh_builder import order_by_rays
 from antumbra.trace.rays.ray_traversal import RANDOM, SRDH
 from bvh_scenes import HAZARDS, scattered, terrain
 from reference_srdh import box_of, pierces, scene_of

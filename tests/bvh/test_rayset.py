@@ -6,14 +6,12 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh.bins import make_mapping
+from antumbra.bvh.binned_split import Split, make_mapping
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, aligned_empty
-from antumbra.bvh.prepare import make_records
-from antumbra.bvh.rayset import HIT, RAY, ShownRays, Side, divide_rays, rays_of, shown_rays
-from antumbra.bvh.splits import Split
-from antumbra.bvh.srdh_cost import RaySplit
+from antumbra.bvh.triangle_bounds import make_records
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load8, ptr
+from antumbra.techniques.srdh.ray_split import HIT, RAY, RayHitSet, RaySplit, SetSize, divide_rays, ray_hit_set, rays_of
 from bvh_scenes import scattered
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, box_of, left_first, pierces, ray_sets, scene_of
 from shadow_rays import met, segments_in
@@ -25,7 +23,7 @@ ORDERS |= {FAR: (BACK_TO_FRONT, False), None: (UNORDERED, False)}
 
 @kernel
 def _divide(set_, n, centroids, split, order, swapped, boxes, left, right):
-    none = Side(np.int64(0), np.int64(0))
+    none = SetSize(np.int64(0), np.int64(0))
     mapping = make_mapping(load8(ptr(centroids), 0), n)
     chosen = RaySplit(split, order, swapped, np.float32(0.0))
     return divide_rays(
@@ -46,11 +44,11 @@ def divide(vertices, found, axis, place, order, swapped):
     boxes = np.zeros((2, 8), np.float32)
     for box, side in zip(boxes, (left, ~left)):
         box[:3], box[4:7] = vertices[side].min((0, 1)), -vertices[side].max((0, 1))
-    set_ = shown_rays(found, flat)
-    out = [ShownRays(np.full_like(set_.rays, np.nan), np.full_like(set_.hits, np.nan)) for _ in range(2)]
+    set_ = ray_hit_set(found, flat)
+    out = [RayHitSet(np.full_like(set_.rays, np.nan), np.full_like(set_.hits, np.nan)) for _ in range(2)]
     split = Split(np.int64(axis), np.int64(place), f(0.0))
     counts = _divide(set_, len(vertices), centroids, split, np.int64(order), swapped, boxes, *out)
-    return left, *(ShownRays(o.rays[: c.rays], o.hits[: c.hits]) for o, c in zip(out, counts))
+    return left, *(RayHitSet(o.rays[: c.rays], o.hits[: c.hits]) for o, c in zip(out, counts))
 
 
 def listed(set_):
@@ -77,7 +75,7 @@ def test_rays_that_come_to_a_child_of_any_soup(vertices, seed, m, axis, place, o
     if left is None:
         return
     scene = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends))
-    every = listed(shown_rays(found, vertices.reshape(-1, 9)))
+    every = listed(ray_hit_set(found, vertices.reshape(-1, 9)))
     slack, boxes = (
         1e-5 * max(abs(a).max() for a in (vertices, origins, ends)),
         [box_of(scene, s) for s in (left, ~left)],
@@ -108,7 +106,7 @@ def test_ray_sets_are_those_of_the_paper(order):
         origins, ends = origins[free], ends[free]
     found = met(vertices, origins, ends)
     scene, ids = scene_of(vertices, origins, ends, oracle.all_hits(vertices, origins, ends)), np.arange(200)
-    every = shown_rays(found, vertices.reshape(-1, 9))
+    every = ray_hit_set(found, vertices.reshape(-1, 9))
     sizes = []
     for axis in range(3):
         left, *sets = divide(vertices, found, axis, 8, *ORDERS[order])
@@ -126,7 +124,7 @@ def test_words_of_a_set():
     vertices = scattered(50)
     origins, ends = segments_in(vertices, 30, 1)
     found = met(vertices, origins, ends)
-    set_ = shown_rays(found, vertices.reshape(-1, 9))
+    set_ = ray_hit_set(found, vertices.reshape(-1, 9))
     assert set_.rays.shape == (30, RAY) and set_.hits.shape == (len(found.prims), HIT)
     np.testing.assert_array_equal(set_.rays[:, :3], origins)
     np.testing.assert_allclose(set_.rays[:, 3:6], 1 / (ends - origins), rtol=1e-6)
@@ -138,4 +136,4 @@ def test_reciprocals_are_finite():
     origins = np.zeros((4, 3), np.float32)
     ends = np.float32([[0, 0, 0], [1e-30, 0, 0], [1, 0, -1e-30], [1e38, 1, 0]])
     found = met(np.zeros((0, 3, 3), np.float32), origins, ends)
-    assert np.isfinite(shown_rays(found, np.zeros((0, 9), np.float32)).rays[:, 3:6]).all()
+    assert np.isfinite(ray_hit_set(found, np.zeros((0, 9), np.float32)).rays[:, 3:6]).all()

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 
 from antumbra.bvh import binned_sah
-from antumbra.bvh import cut as cutting
-from antumbra.bvh.quality import sah_cost, validate
-from antumbra.bvh.refit import LIMIT, Deforming, refit
+from antumbra.bvh import tree_layout as cutting
+from antumbra.bvh.refit import LIMIT, DeformingTree, refit
+from antumbra.bvh.tree_quality import sah_cost, validate
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.methods import BUILDERS
 from bvh_scenes import HAZARDS, scattered, terrain
 from strategies import soups
 
@@ -78,7 +78,7 @@ class Count:
 
 def test_small_changes_are_refitted_and_large_ones_built():
     count, vertices = Count(), terrain(2000)
-    deforming = Deforming(count)
+    deforming = DeformingTree(count)
     for shift in (0.0, 1.0, 2.0):  # a rigid move costs nothing
         after = (vertices + np.float32(shift)).astype(np.float32)
         validate(deforming.update(after), after)
@@ -92,7 +92,7 @@ def test_small_changes_are_refitted_and_large_ones_built():
 
 def test_another_number_of_triangles_is_built():
     count = Count()
-    deforming = Deforming(count)
+    deforming = DeformingTree(count)
     for n in (50, 51, 51, 1, 1, 0, 0, 50):
         vertices = scattered(n)
         validate(deforming.update(vertices), vertices)
@@ -100,7 +100,7 @@ def test_another_number_of_triangles_is_built():
 
 
 def test_after_an_error_all_goes_on():
-    deforming, vertices = Deforming(Count()), scattered(50)
+    deforming, vertices = DeformingTree(Count()), scattered(50)
     deforming.update(vertices)
     with pytest.raises(InputError):
         deforming.update(np.full_like(vertices, np.nan))

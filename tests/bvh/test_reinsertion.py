@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.bvh import reinsertion
 from antumbra.bvh.binned_sah import build
-from antumbra.bvh.quality import sah_cost, validate
+from antumbra.bvh.tree_quality import sah_cost, validate
 from bvh_scenes import scattered
 
 

@@ -6,20 +6,19 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given, settings
 
-from antumbra.bvh import cut as cutting
+from antumbra.bvh import tree_layout as cutting
 from antumbra.bvh.binned_sah import build
-from antumbra.bvh.cut import PART, cut
 from antumbra.bvh.nodes import aligned_empty
-from antumbra.bvh.quality import sah_cost, statistics, validate
-from antumbra.bvh.relayout import cheapest_leaves, relayout
-from antumbra.methods import BUILDERS
+from antumbra.bvh.tree_layout import PART, cheapest_leaves, cut_tree, relayout
+from antumbra.bvh.tree_quality import sah_cost, statistics, validate
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import scattered, terrain
 from strategies import soups
 
 
 def relaid(bvh, max_leaf=4, threads=1, largest=PART):
     with patch.object(cutting, "PART", largest):
-        pieces = cut(bvh)
+        pieces = cut_tree(bvh)
     return relayout(bvh, pieces, cheapest_leaves(bvh, pieces, max_leaf, threads), threads)
 
 
@@ -38,7 +37,7 @@ def test_any_tree_and_cut(soup, max_leaf, largest, name):
 def test_parts_hold_all_nodes_and_no_more_than_allowed():
     bvh = build(terrain(5000))
     with patch.object(cutting, "PART", 50):
-        pieces = cut(bvh)
+        pieces = cut_tree(bvh)
     counts = [end - root for root, end, _ in pieces.parts if root >= 0]
     assert sum(counts) + len(pieces.numbers) == len(bvh.nodes) and max(counts) <= 50
     assert len(pieces.parts) == len(pieces.numbers) + 1
@@ -62,7 +61,7 @@ def test_nodes_in_any_order():
     links = nodes.view(np.int32)
     links[:, 12:14] = np.where(links[:, 12:14] >= 0, to[np.maximum(links[:, 12:14], 0)], links[:, 12:14])
     links[:, 14:] = 12345
-    pieces = cut(bvh)
+    pieces = cut_tree(bvh)
     shuffled = bvh._replace(nodes=nodes, links=links)
     new = relayout(shuffled, pieces, cheapest_leaves(shuffled, pieces, 4, 1), 1)
     for a, b in zip(new, relaid(bvh), strict=True):

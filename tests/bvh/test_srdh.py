@@ -6,14 +6,15 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh import binned_sah, srdh, top_down
+from antumbra.bvh import binned_sah, top_down
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED
-from antumbra.bvh.quality import statistics, validate
-from antumbra.bvh.rayset import Intersections
 from antumbra.bvh.refit import refit
-from antumbra.bvh.srdh import KERNELS
+from antumbra.bvh.tree_quality import statistics, validate
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
-from antumbra.methods import BUILDERS
+from antumbra.techniques.srdh import srdh_builder as srdh
+from antumbra.techniques.srdh.ray_split import Intersections
+from antumbra.techniques.srdh.srdh_builder import KERNELS
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain

@@ -6,14 +6,13 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.bvh.bins import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
+from antumbra.bvh.binned_split import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, aligned_empty
-from antumbra.bvh.prepare import make_records, power_of_two_for
-from antumbra.bvh.rayset import Side, rays_of, shown_rays
-from antumbra.bvh.srdh import KERNELS
-from antumbra.bvh.srdh_cost import HeuristicSettings, ray_split
+from antumbra.bvh.triangle_bounds import make_records, power_of_two_for
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load8, ptr, stack_f32, stack_i32
+from antumbra.techniques.srdh.ray_split import HeuristicSettings, SetSize, ray_hit_set, ray_split, rays_of
+from antumbra.techniques.srdh.srdh_builder import KERNELS
 from bvh_scenes import scattered, terrain
 from reference_srdh import FAR, LEFT, NEAR, RIGHT, candidates, scene_of, srdh
 from shadow_rays import met, segments_in
@@ -31,7 +30,7 @@ def _split(records, bounds, set_, settings):
     mapping = make_mapping(load8(ptr(bounds), 8), len(records))
     clear_bins(bins, mapping.n_bins)
     fill_bins(ptr(records), 0, len(records), mapping, bins)
-    rays, box = rays_of(set_, Side(np.int64(0), np.int64(0))), load8(ptr(bounds), 0)
+    rays, box = rays_of(set_, SetSize(np.int64(0), np.int64(0))), load8(ptr(bounds), 0)
     chosen = ray_split(bins, rays, np.int64(len(set_.rays)), mapping, box, settings)
     return chosen.split.axis, chosen.split.place, chosen.order, chosen.swapped, chosen.cost, mapping.n_bins
 
@@ -42,7 +41,7 @@ def split(vertices, found, kernels, prior, linear):
     box, centroids = make_records(flat, records, 1)
     chosen = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     axis, place, order, swapped, cost, n_bins = _split(
-        records, np.concatenate([box, centroids]), shown_rays(found, flat), chosen
+        records, np.concatenate([box, centroids]), ray_hit_set(found, flat), chosen
     )
     if axis < 0:
         return None, order, swapped, cost

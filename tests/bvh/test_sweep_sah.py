@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from antumbra.bvh import binned_sah, sweep_sah
-from antumbra.bvh.quality import sah_cost, validate
+from antumbra.bvh.tree_quality import sah_cost, validate
 from bvh_scenes import HAZARDS, LARGE, integer_grid, nested_clusters, scattered, terrain
 from reference_sah import swept_sah
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from antumbra.bvh import cut as cutting
 from antumbra.bvh import lbvh
+from antumbra.bvh import tree_layout as cutting
 from antumbra.bvh.nodes import MAX_DEPTH
-from antumbra.bvh.quality import sah_cost, statistics, validate
-from antumbra.bvh.tl_lbvh import build, restructure
-from antumbra.bvh.treelet import LEAVES
+from antumbra.bvh.tl_lbvh import LEAVES, build, restructure
+from antumbra.bvh.tree_quality import sah_cost, statistics, validate
 from bvh_scenes import HAZARDS, chain, scattered, terrain
 from reference_sah import half_area, least_sah_cost
 from strategies import point_arrays, soups

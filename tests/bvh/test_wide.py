@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh.wide import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
-from antumbra.bvh.widen import widen
-from antumbra.methods import BUILDERS
+from antumbra.bvh.nodes import GROUP_WORDS, LINKS, NO_CHILD, WIDTH
+from antumbra.bvh.wide_bvh import widen
+from antumbra.engine.method_registry import BUILDERS
 from bvh_scenes import HAZARDS
 from strategies import point_arrays, soups
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.techniques.chcrt.occlusion_queries import Answers, tiles_of
 from antumbra.techniques.chcrt.tree_parts import _order, lists_of, parts_of
 from antumbra.techniques.chcrt.visibility_fronts import INNER, INVISIBLE, VISIBLE, Fronts, trace_frame

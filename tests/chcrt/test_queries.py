@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import boxes_of
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.query.ray_passes import RayPass
 from antumbra.query.shadow_query import segments
 from antumbra.techniques.chcrt.occlusion_queries import Pairs

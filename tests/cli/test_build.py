@@ -27,7 +27,7 @@ def test_for_people(cli, square_obj):
 
 
 def test_a_city_is_streamed(cli, monkeypatch):
-    monkeypatch.setattr("antumbra.cli.build.open_scene", None)  # the city is not made in memory
+    monkeypatch.setattr("antumbra.cli.scene_commands.open_scene", None)  # the city is not made in memory
     told = cli("build", "procedural:city?triangles=20k&seed=2", "-o", "c.antumbra", "--json").json()
     assert told["triangles"] == at.procedural("city", triangles=20_000, seed=2).n_triangles
 

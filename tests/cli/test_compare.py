@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.cli.comparearguments import CompareArguments
-from antumbra.cli.comparesummary import milliseconds, number, ratio
+from antumbra.cli.compare_command import CompareArguments, milliseconds, number, ratio
 from antumbra.engine.accelerator import Accelerator
 
 SMALL = "procedural:atrium?triangles=2000"

@@ -1,8 +1,8 @@
 """What ``antumbra doctor`` says, and the groups of options in help."""
 
 import antumbra as at
-from antumbra.cli import doctor
-from antumbra.cli.panels import PANELS
+from antumbra.cli import installation_commands as doctor
+from antumbra.cli.app import PANELS
 
 
 def test_an_installation_in_order(cli):

@@ -8,8 +8,8 @@ import pytest
 import typer
 
 import antumbra as at
-from antumbra.cli import info as info_command
-from antumbra.cli.failures import explained
+from antumbra.cli import scene_commands as info_command
+from antumbra.cli.console import explained
 
 ANTUMBRA = [sys.executable, "-m", "antumbra"]
 
@@ -132,7 +132,7 @@ def test_control_c(tmp_path):
     script = f"""
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli.console import ProgressDisplay
 signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
 ProgressDisplay.parts = lambda self, text, count: lambda done, total: os.kill(os.getpid(), {int(signal.SIGINT)})
 sys.exit(main(["render", "procedural:atrium?triangles=2000", "--size", "32"]))

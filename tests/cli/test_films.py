@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.image import save
+from antumbra.picture import image_files as save
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 

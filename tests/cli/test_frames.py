@@ -7,12 +7,12 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli import frames
-from antumbra.cli import picturespec as asked
-from antumbra.cli.arguments import Sequence, parse_frames
-from antumbra.cli.progress import ProgressDisplay
-from antumbra.image.save import note_of
-from antumbra.rendering.renderer import Renderer
+from antumbra.cli import picture_spec as asked
+from antumbra.cli import render_command as frames
+from antumbra.cli.arguments import FrameSequence, parse_frames
+from antumbra.cli.console import ProgressDisplay
+from antumbra.picture.image_files import note_of
+from antumbra.picture.renderer import Renderer
 from gltf_files import Gltf
 
 FLOOR = [[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]]
@@ -82,7 +82,7 @@ def test_every_frame_is_the_picture_of_its_moment(film, cli, moving):
 def test_numbers_and_moments():
     assert list(parse_frames("0:4").numbers) == [0, 1, 2, 3, 4] and parse_frames("0:4").fps == 24
     assert list(parse_frames("3:8:2").numbers) == [3, 5, 7] and list(parse_frames("7:7").numbers) == [7]
-    assert Sequence(range(1), 24.0).time(12) == 0.5
+    assert FrameSequence(range(1), 24.0).time(12) == 0.5
     assert str(frames.numbered(Path("a#/f.###.v##.png"), 7)) == os.path.join("a#", "f.###.v07.png")
     assert frames.numbered(Path("f#.exr"), 123).name == "f123.exr"
 
@@ -138,7 +138,7 @@ def test_files_that_are_no_frames_of_ours_are_replaced(film, content):
 
 def test_all_frames_have_the_exposure_of_the_first(film, monkeypatch):
     chosen = iter((2.0, 7.0, 9.0))
-    monkeypatch.setattr("antumbra.image.save.frame_exposure", lambda frame: next(chosen))
+    monkeypatch.setattr("antumbra.picture.image_files.frame_exposure", lambda frame: next(chosen))
     assert [line["exposure"] for line in lines(film("--json", numbers="1:3"))] == [2.0] * 4
     # Frame 0 now comes before finished frames, as after a failure. It gets their exposure.
     done = film("--json")
@@ -163,7 +163,7 @@ def test_a_frame_that_fails_is_named_and_the_others_go_on(film, moving):
 
 
 def test_a_full_disk_fails_the_frame(film, monkeypatch, tmp_path):
-    from antumbra.image import save
+    from antumbra.picture import image_files as save
 
     write_png, calls = save._write_png, []
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.cli import info as command
+from antumbra.cli import scene_commands as command
 from city_files import building, city, put, solid, surfaces
 from gltf_files import single
 

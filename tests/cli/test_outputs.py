@@ -11,10 +11,11 @@ import pytest
 
 import antumbra as at
 import city_files
-from antumbra.cli import bench, outputs
+from antumbra.cli import bench_command as bench
+from antumbra.cli import options as outputs
 from antumbra.cli.app import app
-from antumbra.jobs import formats
-from antumbra.plugins import announced
+from antumbra.extras import plugins_of
+from antumbra.jobs import result_table as formats
 from small_disk import fill, small_disk
 
 READ = {"areas", "epw", "observers", "targets", "merge", "folders", "store", "sponza"}
@@ -43,7 +44,7 @@ def commands():
         yield (command.name,), command.callback
     for command in bench.app.registered_commands:
         yield ("bench", command.name), command.callback
-    for name, entry in announced("antumbra.bench").items():
+    for name, entry in plugins_of("antumbra.bench").items():
         yield ("bench", name), entry.load()
 
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli.console import ProgressDisplay
 
 
 class Terminal(io.StringIO):

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli.console import ProgressDisplay
 from gltf_files import png
 
 
@@ -337,7 +337,7 @@ def test_bad_scenes(cli, render, tmp_path):
 
 
 def test_what_is_wrong_is_said_before_the_scene_is_read(render, monkeypatch):
-    from antumbra.cli import render as command
+    from antumbra.cli import render_command as command
 
     monkeypatch.setattr(command, "open_scene", lambda *_: pytest.fail("the scene was read"))
     for bad in (
@@ -361,7 +361,7 @@ def test_a_failing_save_leaves_no_file(render, monkeypatch, tmp_path):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("antumbra.image.save._write_png", full)
+    monkeypatch.setattr("antumbra.picture.image_files._write_png", full)
     render().refused("antumbra.png", "No space left on device")
     assert os.listdir(tmp_path) == []
 

@@ -7,10 +7,12 @@ from contextlib import redirect_stdout
 import pytest
 import typer
 
-from antumbra.cli import about, bench, report
+from antumbra.cli import bench_command as bench
+from antumbra.cli import console as report
+from antumbra.cli import installation_commands as about
+from antumbra.cli.bench_command import Results, benchmark
+from antumbra.cli.console import Record
 from antumbra.cli.options import Json, Quiet
-from antumbra.cli.record import Record
-from antumbra.cli.results import Results, benchmark
 from antumbra.errors import InputError
 
 

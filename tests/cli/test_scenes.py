@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 import antumbra as at
-from antumbra.cli import export
-from antumbra.scene.procedural import PROCEDURAL, generate
+from antumbra.cli import scene_export as export
+from antumbra.generate.procedural_scenes import PROCEDURAL, generate
 
 
 def test_the_list(cli):

@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 import antumbra as at
 import oracle
-from antumbra.methods import CULLERS
-from antumbra.papers.pre_bvh_culling.convex import mark_convex
-from antumbra.papers.pre_bvh_culling.lines import mark_lines
+from antumbra.engine.method_registry import CULLERS
+from antumbra.papers.pre_bvh_culling.cell_marking import mark_convex, mark_lines
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import reach
 from antumbra.query.receivers import FREE, NOTHING

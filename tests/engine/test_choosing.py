@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.auto import rates
-from antumbra.auto.rates import BEST, GOOD, QUICK
-from antumbra.auto.ways import WAYS
-from antumbra.plan import parse_plan
-from antumbra.rendering import calibration
-from antumbra.rendering.renderer import Renderer
+from antumbra.engine import calibration
+from antumbra.engine.auto import cost_model as rates
+from antumbra.engine.auto.cost_model import BEST, GOOD, QUICK
+from antumbra.engine.auto.strategies import STRATEGIES
+from antumbra.engine.plan import parse_plan
+from antumbra.picture.renderer import Renderer
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 
@@ -133,19 +133,19 @@ def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
     monkeypatch.setattr(rates, "machine_file", lambda: tmp_path / "kernels" / "rates.json")
     monkeypatch.setattr(calibration, "_TRIANGLES", 2000)
     monkeypatch.setattr(calibration, "_SIZE", (16, 16))
-    rates.machine.cache_clear()
+    rates.machine_rates.cache_clear()
     try:
-        assert rates.machine() == rates.SHIPPED
+        assert rates.machine_rates() == rates.SHIPPED
         measured = calibration.calibrate()
-        assert set(measured.slower) == set(WAYS) == set(rates.reference())
+        assert set(measured.slower) == set(STRATEGIES) == set(rates.reference())
         assert set(measured.builds) == {QUICK, GOOD, BEST}
         assert all(0.0 < x < 1e6 for found in measured for x in found.values())
-        assert rates.machine() == measured
+        assert rates.machine_rates() == measured
         (tmp_path / "kernels" / "rates.json").write_text(json.dumps({"of another": "version"}))
-        rates.machine.cache_clear()
-        assert rates.machine() == rates.SHIPPED
+        rates.machine_rates.cache_clear()
+        assert rates.machine_rates() == rates.SHIPPED
     finally:
-        rates.machine.cache_clear()
+        rates.machine_rates.cache_clear()
 
 
 def test_nothing_pays_twice():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.auto import rates
+from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.in_memory_source import PLANS
-from antumbra.plan import parse_plan
+from antumbra.engine.plan import parse_plan
 
 FIRST, BETTER = map(parse_plan, PLANS)
 

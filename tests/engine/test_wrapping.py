@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.engine.default_view import innermost_box
 from antumbra.engine.primary_visibility import primary_visibility
-from antumbra.scene.view import KINDS
+from antumbra.scene.default_picture import KINDS
 from scene.test_default_view import block, blocks
 
 SIZES = (64, 64), (1024, 1024), (400, 1000), (1600, 200)

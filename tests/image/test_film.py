@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from antumbra import InputError
-from antumbra.image.film import check_film, write_film
+from antumbra.picture.image_files import check_film, write_film
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.filter import filtered, filtered_shares, smoothed
-from antumbra.image.fraction import occluded_samples
+from antumbra.picture.discontinuity_filter import filter_fractions, filter_shares, smooth_irradiance
+from antumbra.picture.light_visibility import occluded_samples
 from antumbra.query.gbuffer import PictureSurfaces
 from antumbra.query.receivers import NOTHING
 
@@ -38,7 +38,7 @@ def _by_hand(counts):
 @pytest.mark.parametrize("faces", [None, np.zeros((H, W), np.int32)])
 def test_a_flat_surface_is_averaged_whatever_its_faces(faces):
     counts = _noise(8)
-    out = filtered(_wall(faces), counts, SPP)
+    out = filter_fractions(_wall(faces), counts, SPP)
     assert out.dtype == np.float32
     np.testing.assert_array_equal(out[2:-2, 2:-2], _by_hand(counts))
     plain = 1 - counts / SPP
@@ -50,7 +50,7 @@ def test_every_sample_set_counts_once():
     y, x = np.mgrid[:H, :W]
     for k in range(16):
         counts = ((x % 4 + 4 * (y % 4)) == k).astype(int)
-        out = filtered(_wall(), counts, SPP)
+        out = filter_fractions(_wall(), counts, SPP)
         np.testing.assert_array_equal(out[2:-2, 2:-2], np.float32(255 / 256))
 
 
@@ -61,27 +61,27 @@ def test_shares_are_averaged_over_the_pixels_whose_counts_are():
     seen.normal[:, 10:] = (0, 1, 0)
     weights = rng.random((H, W)).astype(np.float32)
     for shares in ((1 - counts / SPP).astype(np.float32), weights):
-        fraction, smooth = filtered_shares(seen, counts, shares, SPP)
-        np.testing.assert_array_equal(fraction, filtered(seen, counts, SPP))
-        np.testing.assert_array_equal(smooth, filtered_shares(seen, counts, shares, SPP, threads=2)[1])
+        fraction, smooth = filter_shares(seen, counts, shares, SPP)
+        np.testing.assert_array_equal(fraction, filter_fractions(seen, counts, SPP))
+        np.testing.assert_array_equal(smooth, filter_shares(seen, counts, shares, SPP, threads=2)[1])
         if shares is not weights:
             np.testing.assert_allclose(smooth, fraction, atol=1e-6)
         assert 0.0 < smooth.std() < shares.std()
     flat = np.full((H, W), 8)
-    assert filtered_shares(seen, flat, weights, SPP)[1][:, 2:8].std() < 0.5 * weights.std()
+    assert filter_shares(seen, flat, weights, SPP)[1][:, 2:8].std() < 0.5 * weights.std()
 
 
 @pytest.mark.parametrize("count", [0, 5, SPP])
 def test_what_is_constant_stays_so(count):
     seen = _wall()
     seen.normal[:] = np.random.default_rng(1).normal(size=seen.normal.shape)  # on any surface
-    out = filtered(seen, np.full((H, W), count), SPP)
+    out = filter_fractions(seen, np.full((H, W), count), SPP)
     np.testing.assert_array_equal(out, np.float32(1 - count / SPP))
 
 
 def test_a_steady_slope_stays_so():
     counts = np.broadcast_to(4 * np.arange(W), (H, W))
-    out = filtered(_wall(), counts, 4 * W)
+    out = filter_fractions(_wall(), counts, 4 * W)
     np.testing.assert_array_equal(out[2:-2, 2:-2], np.float32(1 - counts / (4 * W))[2:-2, 2:-2])
 
 
@@ -110,10 +110,10 @@ def test_surfaces_do_not_mix(change):
     counts = _noise(8)
     changed = counts.copy()
     changed[half] = 6
-    out, other = filtered(seen, counts, SPP), filtered(seen, changed, SPP)
+    out, other = filter_fractions(seen, counts, SPP), filter_fractions(seen, changed, SPP)
     np.testing.assert_array_equal(out[:, : W // 2], other[:, : W // 2])
     same = _wall()
-    assert (filtered(same, counts, SPP) != filtered(same, changed, SPP))[:, : W // 2].any()
+    assert (filter_fractions(same, counts, SPP) != filter_fractions(same, changed, SPP))[:, : W // 2].any()
     assert (out[:, : W // 2] != np.float32(1 - counts / SPP)[:, : W // 2]).any()  # the left half is filtered by itself
     if change is _nothing:
         np.testing.assert_array_equal(out[half], np.float32(1 - counts / SPP)[half])
@@ -122,7 +122,7 @@ def test_surfaces_do_not_mix(change):
 def test_one_face_is_one_surface_however_its_positions_were_rounded():
     seen, counts = _wall(np.zeros((H, W), np.int32)), _noise(8)
     seen.position[...] = np.random.default_rng(2).normal(size=seen.position.shape)
-    np.testing.assert_array_equal(filtered(seen, counts, SPP)[2:-2, 2:-2], _by_hand(counts))
+    np.testing.assert_array_equal(filter_fractions(seen, counts, SPP)[2:-2, 2:-2], _by_hand(counts))
 
 
 def test_smooth_curves_are_one_surface():
@@ -131,18 +131,18 @@ def test_smooth_curves_are_one_surface():
     radius, angle = PIXEL / np.radians(2.0), np.radians(2.0) * (np.arange(W) - W / 2)
     seen.normal[...] = np.stack([np.sin(angle), 0 * angle, np.cos(angle)], -1)
     seen.position[..., 0], seen.position[..., 2] = radius * np.sin(angle), radius * np.cos(angle)
-    np.testing.assert_array_equal(filtered(seen, counts, SPP)[2:-2, 2:-2], _by_hand(counts))
+    np.testing.assert_array_equal(filter_fractions(seen, counts, SPP)[2:-2, 2:-2], _by_hand(counts))
 
 
 def test_sharp_shadows_stay_sharp():
     counts = np.where(np.arange(W) < W // 2, 0, SPP) + np.zeros((H, 1), int)
-    out = filtered(_wall(), counts, SPP)
+    out = filter_fractions(_wall(), counts, SPP)
     np.testing.assert_array_equal(out, np.float32(1 - counts / SPP))
 
 
 def test_threads_do_not_matter():
     counts = np.random.default_rng(3).integers(0, SPP + 1, (H, W))
-    one, three = (filtered(_wall(), counts, SPP, threads=t) for t in (1, 3))
+    one, three = (filter_fractions(_wall(), counts, SPP, threads=t) for t in (1, 3))
     np.testing.assert_array_equal(one, three)
 
 
@@ -190,7 +190,7 @@ def test_irradiance_is_averaged_over_the_same_surface_only():
     seen.position[right, 2] -= 1.0
     kind = (x % 4 + 4 * (y % 4)).astype(np.float32) + 100.0 * right
     arrived = np.stack([kind, 2 * kind, kind * 0], -1).astype(np.float32)
-    out = smoothed(seen, arrived)
+    out = smooth_irradiance(seen, arrived)
     assert out.dtype == np.float32
     inside = np.zeros((H, W), bool)
     inside[2:-2, 2 : W // 2 - 2] = inside[2:-2, W // 2 + 2 : -2] = True

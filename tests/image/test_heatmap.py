@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antumbra.image.heatmap import Scale, heat_colours, heat_map, linear_scale, log_scale_of, scale_of
+from antumbra.picture.heat_maps import Scale, heat_colours, heat_map, linear_scale, log_scale_of, scale_of
 
 
 def test_colours_grow_brighter_from_0_to_the_top_and_no_further():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.irradiance import irradiance
+from antumbra.picture.irradiance import irradiance
 from antumbra.query.gbuffer import GBuffer
 from reference_radiometry import irradiance as reference
 from reference_radiometry import unit

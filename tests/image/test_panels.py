@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from antumbra.image.panels import Bar, Panel, blank, draw_bar, letter_size, sheet
+from antumbra.picture.heat_maps import ColourBar, Panel, blank, draw_bar, letter_size, sheet
 
 GREY = np.linspace(0, 255, 256).astype(np.uint8)[:, None].repeat(3, 1)
-BAR = Bar(GREY, [(0.0, "0"), (0.5, "5"), (1.0, "10+")], "numbers")
+BAR = ColourBar(GREY, [(0.0, "0"), (0.5, "5"), (1.0, "10+")], "numbers")
 
 
 def _place(picture, part):

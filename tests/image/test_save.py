@@ -9,8 +9,8 @@ from PIL import Image
 
 import antumbra as at
 from antumbra import InputError
-from antumbra.image import save
-from antumbra.image.tonemap import to_srgb8
+from antumbra.picture import image_files as save
+from antumbra.picture.image_files import to_srgb8
 
 
 def entries(folder):

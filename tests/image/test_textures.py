@@ -5,12 +5,9 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.in_memory_source import primary_visibility
-from antumbra.image.albedo import albedo, eye_of
-from antumbra.image.corners import places_of
-from antumbra.image.irradiance import irradiance
-from antumbra.image.normals import shading_normals
-from antumbra.image.shares import shares
-from antumbra.image.terminator import facing_of
+from antumbra.picture.irradiance import facing_of, irradiance
+from antumbra.picture.light_visibility import irradiance_shares
+from antumbra.picture.pixel_appearance import albedo, eye_of, places_of, shading_normals
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import new_bits, surface_queries, surfaces_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
@@ -196,7 +193,7 @@ def test_the_terminator_is_smooth_and_nothing_leaks():
 
     def lit(shading):
         found = irradiance(surfaces.gbuffer, query.light, light.domain, shading, threads=1)
-        return found * shares(facing_of(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
+        return found * irradiance_shares(facing_of(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
 
     flat, smooth = lit(None), lit(shading)
     assert (flat[smooth > 0] > 0).all() and (smooth > 0).sum() > 1000

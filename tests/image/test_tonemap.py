@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antumbra.image import tonemap
-from antumbra.image.tonemap import automatic_exposure, linear_to_srgb, roll_off, to_srgb8
+from antumbra.picture import image_files as tonemap
+from antumbra.picture.image_files import automatic_exposure, linear_to_srgb, roll_off, to_srgb8
 
 
 def grey(values, shape=None):

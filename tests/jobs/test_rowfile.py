@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-import antumbra.output
-from antumbra.jobs.rowfile import RowFile, row_file_size
+import antumbra.files
+from antumbra.jobs.bit_matrices import RowFile, row_file_size
 from small_disk import small_disk
 
 RNG = np.random.default_rng(0)
@@ -59,7 +59,7 @@ def test_a_disk_that_fills_up_while_a_job_works(tmp_path, ask, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(antumbra.output.os, "posix_fallocate", refuse)
+    monkeypatch.setattr(antumbra.files.os, "posix_fallocate", refuse)
     with pytest.raises(at.InputError, match=r"a.npy: cannot be written \(No space left on device\)"):
         ask(tmp_path)
     assert os.listdir(tmp_path) == ["parts"]  # the same call goes on from them
@@ -67,7 +67,7 @@ def test_a_disk_that_fills_up_while_a_job_works(tmp_path, ask, monkeypatch):
 
 @pytest.mark.parametrize("ask", [ask_matrix, ask_sun])
 def test_a_disk_without_room_is_found_before_the_work(tmp_path, ask, monkeypatch):
-    monkeypatch.setattr(antumbra.output.shutil, "disk_usage", lambda folder: SimpleNamespace(free=0))
+    monkeypatch.setattr(antumbra.files.shutil, "disk_usage", lambda folder: SimpleNamespace(free=0))
     with pytest.raises(at.InputError, match=r"a.npy: takes .* MB, and .* has 0.0 MB left"):
         ask(tmp_path)
     assert not os.listdir(tmp_path)

@@ -6,17 +6,17 @@ import sys
 
 import pytest
 
-from antumbra.jobs import warm
-from antumbra.kernels import needs
-from antumbra.kernels.arguments import named
-from antumbra.plan import Plan, covering_plans, parse_plan
-from antumbra.rendering.render_jobs import rendering_job
+from antumbra.engine.plan import Plan, covering_plans, parse_plan
+from antumbra.jobs import job_kernels as warm
+from antumbra.kernels.marshalling import import_object
+from antumbra.kernels.toolchain import kernel_manifest as needs
+from antumbra.picture.render_kernels import rendering_job
 
-NAMES = [job.name for job in warm.jobs(papers=True)]
+NAMES = [job.name for job in warm.all_jobs(papers=True)]
 CALLED = """
 import json, sys
-from antumbra.kernels.loading import events
-from antumbra.jobs.warm import jobs
+from antumbra.kernels.toolchain.kernel_cache import events
+from antumbra.jobs.job_kernels import jobs
 
 told = {}
 for job in jobs(papers=True):
@@ -29,24 +29,24 @@ print(json.dumps(told))
 
 
 def test_jobs_are_recorded():
-    assert set(NAMES) == set(needs.recorded().jobs)
-    assert len(NAMES) == len(set(NAMES)) and not [name for name in NAMES if not needs.of_job(name)]
+    assert set(NAMES) == set(needs.recorded_kernels().jobs)
+    assert len(NAMES) == len(set(NAMES)) and not [name for name in NAMES if not needs.kernels_of_job(name)]
 
 
 def test_recorded_kernels_exist():
-    kernels = needs.recorded().kernels
-    assert len(kernels) > 100 and not [each for each in kernels if not callable(named(each.kernel))]
+    kernels = needs.recorded_kernels().kernels
+    assert len(kernels) > 100 and not [each for each in kernels if not callable(import_object(each.kernel))]
 
 
-OWN = [job.name for job in warm.jobs()]
+OWN = [job.name for job in warm.all_jobs()]
 PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 
 
 def test_packs_hold_the_kernels_of_all_methods_once():
-    packed = [(each.kernel, each.key) for each in needs.of_package().kernels]
-    assert set(packed) == {(each.kernel, each.key) for each in needs.recorded().kernels}
-    assert len(set(packed)) == len(packed) > len(needs.read(needs.FILE).kernels)
+    packed = [(each.kernel, each.key) for each in needs.package_manifest().kernels]
+    assert set(packed) == {(each.kernel, each.key) for each in needs.recorded_kernels().kernels}
+    assert len(set(packed)) == len(packed) > len(needs.read_manifests(needs.MANIFEST).kernels)
 
 
 @pytest.mark.parametrize("names", PARTS)
@@ -58,7 +58,7 @@ def test_jobs_call_what_is_recorded(names):
     missing = {
         name: [f"{kernel} {key}" for kernel, key in called if (kernel, key) not in known]
         for name, called in told.items()
-        for known in [{(each.kernel, each.key) for each in needs.of_job(name)}]
+        for known in [{(each.kernel, each.key) for each in needs.kernels_of_job(name)}]
     }
     missing = {name: kernels for name, kernels in missing.items() if kernels}
     assert not missing, f"run scripts/record_kernels.py: {missing}"
@@ -70,19 +70,19 @@ def test_a_plan_that_nobody_recorded_is_put_together():
     found = rendering_job(plan).kernels()
     names = {each.kernel.partition(":")[0].removeprefix("antumbra.") for each in found}
     assert {"bvh.lbvh", "techniques.culling.pre_bvh_culling", "trace.packets.packet16"} <= names
-    assert found < {each for name in NAMES for each in needs.of_job(name)}
-    assert rendering_job(Plan()).kernels() == needs.of_job("bsah+multifrusta (raster)")
+    assert found < {each for name in NAMES for each in needs.kernels_of_job(name)}
+    assert rendering_job(Plan()).kernels() == needs.kernels_of_job("bsah+multifrusta (raster)")
 
 
 def test_the_size_of_kernels_is_as_recorded(capsys):
     """Lowers three kernels and compares their sizes. ``scripts/record_kernels.py`` measures all kernels again."""
-    from antumbra.kernels import compiling
+    from antumbra.kernels.toolchain import compiling
 
-    said = json.loads(needs.FILE.read_text())["kernels"]
+    said = json.loads(needs.MANIFEST.read_text())["kernels"]
     rows = [row for row in said if row[0].endswith(("_shade_rows", "place", "_move_kernel"))]
     assert len(rows) >= 3
     for name, key, size in rows:
-        now = compiling.size_of(compiling.lowered(named(name), key, "measured")[0])
+        now = compiling.size_of(compiling.lower_kernel(import_object(name), key, "measured")[0])
         with capsys.disabled():
             print(f"\n{name}: {now.functions} functions, {now.instructions} instructions; recorded: {size}", end="")
         assert now.functions <= size["functions"] * 1.05 + 1 and now.instructions <= size["instructions"] * 1.05 + 20
@@ -93,7 +93,7 @@ def test_the_default_plan_stays_within_its_budget(capsys):
 
     A change that needs a larger budget states the reason in docs/design/kernels.md.
     """
-    job = json.loads(needs.FILE.read_text())
+    job = json.loads(needs.MANIFEST.read_text())
     sizes = [job["kernels"][i][2] for i in job["jobs"]["auto (raster)"]]
     total = {name: round(sum(size[name] for size in sizes), 1) for name in ("functions", "instructions", "seconds")}
     with capsys.disabled():

@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 import sample_package as sample
-from antumbra.kernels import cache
-from antumbra.kernels.code import Code, from_record
+from antumbra.kernels.machine_code import KernelCode, from_record
+from antumbra.kernels.toolchain import kernel_cache as cache
 
-CODE = Code("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
+CODE = KernelCode("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
 CREW = """
 import json, sys
-from antumbra.kernels.crew import Wanted, compile_all
+from antumbra.kernels.toolchain.compile_pool import Wanted, compile_all
 
 kernels = [Wanted(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
 told = []
@@ -111,7 +111,7 @@ def test_a_folder_that_cannot_be_written_is_told_once(package, tmp_path):
 
 
 def test_pruning_removes_what_nobody_uses(tmp_path):
-    folder = cache.Folder(tmp_path, "some-level")
+    folder = cache.KernelFolder(tmp_path, "some-level")
     for digest in "old", "new", "used":
         folder.put(digest, CODE)
     long_ago = time.time() - (cache.UNUSED_DAYS + 1) * 86400

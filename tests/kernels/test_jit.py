@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from antumbra.kernels import compiling
 from antumbra.kernels.jit import formula, inlined, kernel
+from antumbra.kernels.toolchain import compiling
 
 
 @inlined
@@ -71,7 +71,7 @@ def test_calls_of_functions_that_never_raise_test_for_no_error():
     """Nothing but a call can fail here, so the code has a branch only where a callee may raise."""
     blocks = {}
     for function in (_only_twice, _checked_twice):
-        module = compiling.lowered(function, "i", "code")[0]
+        module = compiling.lower_kernel(function, "i", "code")[0]
         name = function.__name__
         blocks[name] = [len(list(f.blocks)) for f in module.functions if name in f.name and not f.is_declaration]
     assert blocks["_only_twice"] == [1] and blocks["_checked_twice"][0] > 1

@@ -5,14 +5,15 @@ import shutil
 import pytest
 
 import sample_package as sample
-from antumbra.kernels import definitions, simd
+from antumbra.kernels import simd
+from antumbra.kernels.toolchain import kernel_digest as definitions
 
 BEFORE = {
     "alone": 101, "by_call": 4, "by_constant": 6, "by_module": 6, "by_overload": 6, "by_field": 5,
     "by_guest": 8, "by_guest_inside": 9,
     "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0, "by_loop": 6,
 }  # fmt: skip
-TICKETS = "kernels/tickets.py"
+TICKETS = "kernels/ticket_loops.py"
 LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
 
 GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too
@@ -48,7 +49,7 @@ EDITS = {
 
 def test_names_that_one_statement_defines_are_told_apart():
     names = [name for name in simd.__all__ if name != "__all__"]
-    digests = {definitions.digest(f.module, f.name) for f in (getattr(simd, name) for name in names)}
+    digests = {definitions.definition_digest(f.module, f.name) for f in (getattr(simd, name) for name in names)}
     assert len(digests) == len(names) > 50
 
 
@@ -86,7 +87,9 @@ def test_an_edit_compiles_what_depends_on_it(copied, what):
 
 
 def test_another_compiler_compiles_everything(copied):
-    sample.edit(copied[0], "kernels/machine.py", "speed_level = 0 if cheap else 3", "speed_level = 0 if cheap else 2")
+    sample.edit(
+        copied[0], "kernels/machine_code.py", "speed_level = 0 if cheap else 3", "speed_level = 0 if cheap else 2"
+    )
     found, sources, _ = sample.run(*copied)
     assert found == BEFORE and set(sources.values()) == {"compiled"}
 

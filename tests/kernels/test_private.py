@@ -8,11 +8,13 @@ import sys
 import pytest
 
 import sample_package as sample
-from antumbra.kernels import cache, locks, private
-from antumbra.kernels.code import Code
+from antumbra import files as locks
+from antumbra import files as private
+from antumbra.kernels.machine_code import KernelCode
+from antumbra.kernels.toolchain import kernel_cache as cache
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="this system has no owners of files: Windows")
-CODE = Code("module:kernel", "i", ["module:Pair", ["i"]], b"machine code " * 50)
+CODE = KernelCode("module:kernel", "i", ["module:Pair", ["i"]], b"machine code " * 50)
 STRANGER = 65534
 
 
@@ -86,7 +88,7 @@ def fault_of(kind):
 
 @pytest.mark.parametrize("kind", ["pipe", "link", "writable", "foreign"])
 def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
-    folder = cache.Folder(own, "some-level")
+    folder = cache.KernelFolder(own, "some-level")
     folder.put("digest", CODE)
     assert folder.get("digest") == CODE and folder.has("digest")
     fault_of(kind)(folder.path / "digest.kernel")
@@ -97,11 +99,11 @@ def test_a_file_that_is_not_ours_is_missing_and_is_replaced(own, kind):
 
 def test_locks_do_not_follow_links(own):
     (own / "lock").symlink_to(own / "elsewhere")
-    with pytest.raises(OSError), locks.held(own / "lock"):
+    with pytest.raises(OSError), locks.file_lock(own / "lock"):
         pass
     assert not (own / "elsewhere").exists()
     os.mkfifo(own / "pipe")
-    with locks.held(own / "pipe"):
+    with locks.file_lock(own / "pipe"):
         pass
 
 
@@ -146,9 +148,9 @@ def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
 def test_compiling_processes_use_the_same_private_folder(package, own, tmp_path):
     own.chmod(0o777)
     program = """
-from antumbra.kernels.crew import Wanted, compile_all
-from antumbra.kernels.loading import is_kept
-from antumbra.kernels.arguments import named
+from antumbra.kernels.toolchain.compile_pool import Wanted, compile_all
+from antumbra.kernels.toolchain.kernel_cache import is_kept
+from antumbra.kernels.marshalling import named
 
 print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("antumbra.sample.top:alone"), "i"))
 """
@@ -162,7 +164,7 @@ print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("an
 
 @pytest.mark.parametrize("spoil", [open_to_all, give_away, lambda folder: folder.rmdir() or folder.write_bytes(b"")])
 def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoil):
-    from antumbra.cluster import inputs
+    from antumbra.cluster import node_files as inputs
 
     monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
     private.private_folder.cache_clear()

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from antumbra.kernels import progress
+from antumbra import progress
 
 
 class Terminal(io.StringIO):
@@ -30,7 +30,7 @@ def at_once(monkeypatch):
 @pytest.mark.parametrize("stream", [Terminal, Cell])
 def test_watchers_see_a_bar_and_then_nothing(stream, monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", stream())
-    with progress.shown("tracing") as heard:
+    with progress.show_progress("tracing") as heard:
         heard(1, 4)
         text = sys.stderr.getvalue()
         heard(4, 4)
@@ -48,7 +48,7 @@ def test_a_bar_appears_although_nothing_is_reported(monkeypatch, at_once):
             return super().write(text)
 
     monkeypatch.setattr(sys, "stderr", Watched())
-    with progress.reported("unwrapping"):
+    with progress.report_progress("unwrapping"):
         assert written.wait(60.0)
     lines = sys.stderr.getvalue().split("\r")
     assert lines[1].startswith("antumbra: unwrapping:   0 % ") and not lines[2].strip() and lines[3] == ""
@@ -56,7 +56,7 @@ def test_a_bar_appears_although_nothing_is_reported(monkeypatch, at_once):
 
 def test_work_that_nobody_watches_prints_nothing_and_is_logged(monkeypatch, caplog):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with caplog.at_level("INFO", "antumbra"), progress.reported("unwrapping") as heard:
+    with caplog.at_level("INFO", "antumbra"), progress.report_progress("unwrapping") as heard:
         heard(1, 2)
     assert sys.stderr.getvalue() == "" and [m.split(":")[0] for m in caplog.messages] == [
         "unwrapping ...",
@@ -66,38 +66,38 @@ def test_work_that_nobody_watches_prints_nothing_and_is_logged(monkeypatch, capl
 
 def test_nobody_watches(monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with progress.shown("tracing") as heard:
+    with progress.show_progress("tracing") as heard:
         assert heard is None
     monkeypatch.setattr(sys, "stderr", None)
-    with progress.shown("tracing") as heard:
+    with progress.show_progress("tracing") as heard:
         assert heard is None
-    assert progress.in_turn(None, 3) is None
+    assert progress.split_progress(None, 3) is None
 
 
 def test_parts_of_shown_work_are_silent(monkeypatch, at_once):
     monkeypatch.setattr(sys, "stderr", Terminal())
     told = []
-    with progress.heard_by(lambda *what: told.append(what)), progress.shown("a") as heard:
+    with progress.progress_listener(lambda *what: told.append(what)), progress.show_progress("a") as heard:
         assert heard is None
-    with progress.reported("whole") as whole:
-        with progress.shown("part") as heard:
+    with progress.report_progress("whole") as whole:
+        with progress.show_progress("part") as heard:
             assert heard is None
         whole(1, 2)
     assert " 50 %" in sys.stderr.getvalue() and told == []
-    with progress.shown("afterwards") as heard:
+    with progress.show_progress("afterwards") as heard:
         assert heard is not None
 
 
 def test_short_work_shows_nothing(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress.shown("tracing") as heard:
+    with progress.show_progress("tracing") as heard:
         heard(1, 2)
     assert sys.stderr.getvalue() == ""
 
 
 def test_runs_one_after_the_other():
     told = []
-    heard = progress.in_turn(lambda done, total: told.append((done, total)), 2, 1, 3)
+    heard = progress.split_progress(lambda done, total: told.append((done, total)), 2, 1, 3)
     for done in (5, 10, 1, 10):
         heard(done, 10)
     assert told == [(25, 60), (30, 60), (31, 60), (40, 60)]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from antumbra.papers.answers import agree, digest
+from antumbra.papers.benchmark_views import agree, digest
 
 
 def test_every_bit_counts():

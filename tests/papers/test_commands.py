@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
+from antumbra.extras import plugins_of
 from antumbra.papers.peers import embree
-from antumbra.plugins import announced
 
 TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "--rounds", "1")
 
@@ -15,7 +15,7 @@ TINY = ("--size", "40x24", "--cellar", "5k", "--video", "5k", "--frames", "2", "
 @pytest.fixture
 def culling(cli, monkeypatch):
     """Runs the benchmark of pre-BVH culling with small scenes."""
-    from antumbra.papers.pre_bvh_culling import views as culling_views
+    from antumbra.papers.pre_bvh_culling import culling_measurements as culling_views
 
     monkeypatch.delenv("ANTUMBRA_SCENES", raising=False)
     whole = culling_views.procedural
@@ -189,7 +189,7 @@ QUICK = {
 def test_all_of_them_write_their_results(culling, cli, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
-    points = announced("antumbra.bench")
+    points = plugins_of("antumbra.bench")
     assert set(QUICK) <= set(points)
     for name, values in QUICK.items():
         monkeypatch.setattr(points[name].load(), "quick", {**points[name].load().quick, **values})

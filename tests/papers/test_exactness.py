@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from antumbra.plan import Plan, covering_plans
+from antumbra.engine.plan import Plan, covering_plans
 from asking import answer
 from truths import LIGHTS, asked_of, case_of
 

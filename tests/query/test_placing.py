@@ -7,13 +7,13 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine.plan import Plan, covering_plans
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
-from antumbra.plan import Plan, covering_plans
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import MOST_RATIO, place
-from antumbra.scene import survey
-from antumbra.scene.recentre import MIN_EXTENT, NEAREST, settled
+from antumbra.scene import scene_bounds as survey
+from antumbra.scene.scene_bounds import MIN_EXTENT, NEAREST, flush_to_zero
 from receivers import receivers_of
 
 RNG = np.random.default_rng(8)
@@ -56,8 +56,8 @@ def test_coordinates_next_to_zero():
     vertices = scene.triangles().vertices
     assert not scene.origin.any()
     np.testing.assert_array_equal(vertices, np.where(abs(soup) < NEAREST, 0, soup).astype(np.float32))
-    assert (vertices != soup.astype(np.float32)).any() and np.isnan(settled(np.array([np.nan]))).all()
-    np.testing.assert_array_equal(settled(SOUP), SOUP)
+    assert (vertices != soup.astype(np.float32)).any() and np.isnan(flush_to_zero(np.array([np.nan]))).all()
+    np.testing.assert_array_equal(flush_to_zero(SOUP), SOUP)
 
 
 LIGHTS = {
@@ -124,7 +124,7 @@ def both(tmp_path_factory):
 def test_ray_lists_next_to_zero(both):
     """Origins and targets are settled, as corners are; directions of any magnitude count as they are."""
     origins, ends = np.concatenate([TINY, TINY + ENDS]), np.concatenate([ENDS, TINY])
-    mine, theirs = (settled(a.astype(np.float32)) for a in (origins, ends))
+    mine, theirs = (flush_to_zero(a.astype(np.float32)) for a in (origins, ends))
     assert (mine != origins).any() and (theirs != ends).any()
     ways = ends + np.where(ends == 0.0, TINY[::-1].repeat(2, 0), 0.0)
     ways = (ways * PACES).astype(np.float32)
@@ -224,7 +224,7 @@ def test_scenes_that_shrink(tmp_path, plan, size):
     points = ENDS * size
     vertices = scene.triangles(later).vertices
     origins = receivers_of(scene, points, None)[0]
-    ends = settled(np.array(light.position)).astype(np.float32)
+    ends = flush_to_zero(np.array(light.position)).astype(np.float32)
     truth = oracle.occluded(vertices, origins, ends=np.broadcast_to(ends, (96, 3)))
     got = at.visibility(scene, points, light, spp=1, plan=plan, time=later)
     np.testing.assert_array_equal(~got.seen, truth)

@@ -6,9 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.errors import InputError
+from antumbra.kernels.exact.filters import hit_t, meets
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.filters import meets
-from antumbra.kernels.predicate.hits import hit_t
 from antumbra.query.gbuffer import pixel_ray
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
 from raster_scenes import FAMILIES, SHAPES, directions, exact_grid, lattices, scattered, view

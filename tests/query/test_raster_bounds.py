@@ -5,9 +5,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from antumbra.kernels.exact.filters import hit_t, meets
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.filters import meets
-from antumbra.kernels.predicate.hits import hit_t
 from antumbra.kernels.simd import get, ptr, stack_f32, stack_i32
 from antumbra.query.gbuffer import pixel_direction, pixel_ray
 from antumbra.query.raster_bins import BLOCK, careful_box, make_padding, quick_boxes, transpose

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load16, store
-from antumbra.kernels.vec import rows
+from antumbra.kernels.vec3 import rows
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import segments
 from antumbra.techniques.rayhierarchy.leaf_packing import left_of, rays_by_blocks, rays_of

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 
 import antumbra as at
-from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.papers.ray_hierarchy.variants import CONES, combination
-from antumbra.plan import parse_plan
+from antumbra.engine.plan import parse_plan
+from antumbra.papers.ray_hierarchy.cone_hierarchy import CONES, Cones, combination
 from antumbra.query.shadow_query import segments
 from antumbra.techniques.culling.pre_bvh_culling import Soup, soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy as trace

@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given, reject, settings
 
 import antumbra as at
-from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.papers.ray_hierarchy.variants import combination
-from antumbra.plan import parse_plan
+from antumbra.engine.plan import parse_plan
+from antumbra.papers.ray_hierarchy.cone_hierarchy import Cones, combination
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from antumbra.techniques.rayhierarchy import ray_hierarchy as trace
 from antumbra.techniques.rayhierarchy import ray_hierarchy as wide

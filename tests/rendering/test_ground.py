@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
-from antumbra.methods import CULLERS, TRACERS
+from antumbra.engine.method_registry import CULLERS, TRACERS
 from cutout_scenes import scene_with_cutouts
 
 SIZE = 48, 36

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.methods import TRACERS
+from antumbra.engine.method_registry import TRACERS
 from antumbra.query.pixel_refinement import OFFSETS
 
 SIZE = 40, 24

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.image.shares import shares
-from antumbra.image.terminator import Facing
-from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
-from antumbra.jobs.bake.options import own_lights
+from antumbra.jobs.bake.bake_input import own_lights
+from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from antumbra.picture.irradiance import Facing
+from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
-from antumbra.scene.light_list import LightList
+from antumbra.scene.light_lists import LightList
 from reference_radiometry import irradiance as reference
 
 FLOOR = np.array([[[-50, 0, -50], [-50, 0, 50], [50, 0, 50]], [[-50, 0, -50], [50, 0, 50], [50, 0, -50]]], float)
@@ -58,7 +58,7 @@ def points_of(frame):
 
 def baked(soup, what, light, points, spp, normal=(0.0, 1.0, 0.0)):
     scene = at.Scene.from_arrays(soup)
-    asked = Asked(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+    asked = MeterSettings(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
     return Meter(scene, asked, len(points)).values(SurfacePoints(points, np.broadcast_to(normal, points.shape)))[:, 0]
 
 
@@ -109,7 +109,7 @@ def test_shares_are_weighted_means():
         normal = (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)
         bits = rng.integers(0, 1 << 16, (*query.sides.shape, 1)).astype(np.uint64)
         bits[0, 0], bits[0, 1] = 0, (1 << 16) - 1
-        found = shares(Facing(normal, normal, frame.gbuffer.depth, False), query, bits)
+        found = irradiance_shares(Facing(normal, normal, frame.gbuffer.depth, False), query, bits)
         ways = segments(query)[0].astype(float) - query.origins[:, :, None]
         r = np.linalg.norm(ways, axis=-1)
         weight = np.maximum((ways * normal[:, :, None]).sum(-1) / r, 0.0)

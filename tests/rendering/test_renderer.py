@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.bvh.blocks import BlockTree
-from antumbra.rendering.frame import PHASES
-from antumbra.scene.procedural import PROCEDURAL
+from antumbra.bvh.block_tree import BlockTree
+from antumbra.generate.procedural_scenes import PROCEDURAL
+from antumbra.picture.frame import PHASES
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.rays.ray_traversal import BUILT, Ordered
 

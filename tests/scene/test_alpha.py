@@ -8,8 +8,8 @@ from trimesh.visual.material import PBRMaterial
 
 import antumbra as at
 from antumbra.cli.arguments import parse_scene
+from antumbra.scene.alpha_masks import find_cutouts
 from antumbra.scene.appearance import Appearance
-from antumbra.scene.cutouts import cutouts_of
 from antumbra.scene.materials import BLEND, MASK, OPAQUE, Material, Texture
 
 
@@ -71,7 +71,7 @@ def one_face(material, alpha=None):
 @pytest.mark.parametrize("mode", [OPAQUE, MASK, BLEND])
 @pytest.mark.parametrize(("factor", "vertices", "solid"), [(0.6, None, True), (0.4, None, False), (1.0, 0.4, False)])
 def test_alpha_without_a_texture_keeps_or_drops_whole_faces(mode, factor, vertices, solid):
-    found = cutouts_of(one_face(Material(factor=(1, 1, 1, factor), alpha_mode=mode), vertices))
+    found = find_cutouts(one_face(Material(factor=(1, 1, 1, factor), alpha_mode=mode), vertices))
     if mode == OPAQUE or solid:
         assert found is None
     else:
@@ -83,4 +83,4 @@ def test_a_texture_that_cannot_be_read_is_named():
     appearance = one_face(material)
     appearance.textured[:] = True
     with pytest.raises(at.InputError, match=r"leaf\.png.*cutouts=False"):
-        cutouts_of(appearance)
+        find_cutouts(appearance)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.scene.appearance import in_frames
-from antumbra.scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, REPEAT, Texture
-from antumbra.scene.meancolour import texture_means
+from antumbra.scene.appearance import normals_in_frames
+from antumbra.scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, REPEAT, Texture, texture_means
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, png
 from scenes import scene_path
 
@@ -122,8 +121,8 @@ def test_kept_normals_move_with_their_triangle():
     corners, normals = rng.normal(size=(50, 3, 3)), rng.normal(size=(50, 3, 3))
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    kept = in_frames(corners, normals)
-    np.testing.assert_allclose(in_frames(corners @ turn.T + 7.0, normals @ turn.T), kept, atol=1e-5)
+    kept = normals_in_frames(corners, normals)
+    np.testing.assert_allclose(normals_in_frames(corners @ turn.T + 7.0, normals @ turn.T), kept, atol=1e-5)
     for before, each in zip(corners, zip(kept, normals)):
         expected = each[1] / np.linalg.norm(each[1], axis=1, keepdims=True)
         np.testing.assert_allclose(in_plane(2.5 * before @ turn.T, each[0]), expected @ turn.T, atol=1e-3)

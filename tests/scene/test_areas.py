@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import covering_plans
-from antumbra.scene.areas import solid_vertices, with_area
+from antumbra.engine.plan import covering_plans
+from antumbra.scene.triangle_setup import rows_with_area, solid_vertices
 from antumbra.scene.triangles import Triangles
 
 RNG = np.random.default_rng(36)
@@ -49,7 +49,7 @@ SOUPS = {
 def test_what_has_an_area(name):
     soup = SOUPS[name].astype(np.float32)
     truth = np.flatnonzero([has_area(triangle) for triangle in soup])
-    found = with_area(soup, 2)
+    found = rows_with_area(soup, 2)
     assert (found is None) == (len(truth) == len(soup))
     if found is not None:
         np.testing.assert_array_equal(found, truth)

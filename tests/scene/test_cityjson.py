@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.scene.cityjson.colours import colours_of
+from antumbra.formats.cityjson.cityjson_source import colours_of
 from city_files import (
     CUBE,
     CUBE_FACES,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from antumbra.scene.cityjson.geometry import Rings, triangulate
+from antumbra.formats.cityjson.city_polygons import Rings, triangulate
 
 
 def cut(*polygons):

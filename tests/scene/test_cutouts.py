@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.scene.cutouts import Mask, finite, with_masks
+from antumbra.scene.alpha_masks import AlphaMask, finite, with_masks
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 WRAPS = [(a, b) for a in (REPEAT, CLAMP, MIRROR) for b in (REPEAT, CLAMP, MIRROR)]
@@ -31,7 +31,7 @@ def texels_of(uv, mask):
 def test_faces_are_what_their_texels_are(wrap, size):
     rng = np.random.default_rng(sum(size))
     y, x = np.indices(size)
-    mask = Mask((x // 9 + y // 9) % 2 == 0, wrap)
+    mask = AlphaMask((x // 9 + y // 9) % 2 == 0, wrap)
     uv = (rng.uniform(-3, 3, (900, 1, 2)) + rng.uniform(-0.2, 0.2, (900, 3, 2)) * rng.random((900, 1, 1))).astype("f4")
     own = with_masks(uv, np.zeros(900, np.int32), [mask])
     seen = texels_of(uv, mask)
@@ -49,7 +49,7 @@ def test_faces_are_what_their_texels_are(wrap, size):
 
 def test_faces_without_a_mask_are_solid():
     uv = np.zeros((4, 3, 2), np.float32)
-    clear = Mask(np.zeros((2, 2), bool), (REPEAT, REPEAT))
+    clear = AlphaMask(np.zeros((2, 2), bool), (REPEAT, REPEAT))
     own = with_masks(uv, np.array([-1, 0, -1, 0], np.int32), [clear])
     assert own.solid.tolist() == [0, 2] and not len(own.faces)
     assert with_masks(uv, np.full(4, -1, np.int32), [clear]) is None

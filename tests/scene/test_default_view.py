@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.scene_loading import load
-from antumbra.scene.sampled import looks_z_up
+from antumbra.scene.scene_bounds import guess_z_up
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, single
 
 
@@ -60,8 +60,8 @@ def test_a_solid_is_shown_from_outside():
 
 def test_a_town_on_the_ground_tells_up():
     town = np.concatenate([blocks(100, (40, 4, 30)), block((-40, -1, -30), (40, 0, 30))])
-    assert not looks_z_up(town)
-    assert looks_z_up(town[..., [0, 2, 1]] * (1, -1, 1))
+    assert not guess_z_up(town)
+    assert guess_z_up(town[..., [0, 2, 1]] * (1, -1, 1))
 
 
 def test_a_moment_of_an_animation_fills_its_picture(tmp_path):

@@ -9,7 +9,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra import InputError
-from antumbra.scene.colour import srgb_to_linear
+from antumbra.scene.materials import srgb_to_linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at
 
 CORNERS = TETRAHEDRON[TETRAHEDRON_FACES]

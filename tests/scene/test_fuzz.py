@@ -17,7 +17,7 @@ from PIL.PngImagePlugin import PngInfo
 import city_files
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
-from antumbra.scene.gltf.document import split_glb
+from antumbra.formats.gltf.gltf_file import split_glb
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything
 from scene.test_frames import FRAMES
 from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text

@@ -5,8 +5,8 @@ import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
-from antumbra.scene.gltf import runs
-from antumbra.scene.gltf.runs import MOST
+from antumbra.formats.gltf import gltf_meshes as runs
+from antumbra.formats.gltf.gltf_meshes import MOST
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png
 
 

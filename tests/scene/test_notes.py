@@ -3,15 +3,19 @@
 import warnings
 
 from antumbra.engine.scene_loading import load
-from antumbra.scene.notes import by_kind
+from antumbra.scene.scene_data import group_notes
 
 
 def test_notes_of_a_kind_are_one_with_their_number():
     lost = [f'a.obj: file "t{i}.png" is missing (its colours are taken as white)' for i in range(62)]
     spot = 'a.glb: lights[3] "Lamp 7" is a spot light; taken as a point light'
-    found = by_kind([*lost[:30], spot, *lost[30:]])
+    found = group_notes([*lost[:30], spot, *lost[30:]])
     assert found == [f"{lost[0]} (and 61 more of this kind; Scene.notes has all)", spot]
-    assert by_kind([]) == [] and by_kind([spot], "x") == [spot] and by_kind([spot, spot], "x")[0].endswith("kind; x)")
+    assert (
+        group_notes([]) == []
+        and group_notes([spot], "x") == [spot]
+        and group_notes([spot, spot], "x")[0].endswith("kind; x)")
+    )
 
 
 def test_an_obj_file_without_its_textures_warns_once(tmp_path):

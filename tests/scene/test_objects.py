@@ -6,7 +6,7 @@ import pytest
 from antumbra.engine.scene import Scene, procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
-from antumbra.scene.gltf import read
+from antumbra.formats.gltf import gltf_source as read
 from antumbra.scene.mesh import ObjectInfo
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, TRIANGLE, Gltf
 from scenes import scene_path

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from antumbra.scene.picture import decoded
+from antumbra.scene.materials import decode_image
 from gltf_files import png
 
 
@@ -17,7 +17,7 @@ def test_threads_leave_the_filters_of_warnings_alone():
     pixels = np.random.default_rng(0).integers(0, 256, (40, 30, 4)).astype(np.uint8)
     before = list(warnings.filters)
     with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(decoded, [png(pixels)] * 400))
+        found = list(pool.map(decode_image, [png(pixels)] * 400))
     assert warnings.filters == before and all(np.array_equal(each, pixels) for each in found)
 
 
@@ -26,4 +26,4 @@ def test_a_picture_of_too_many_pixels_is_refused_without_a_warning():
     Image.new("1", (10_000, 10_000)).save(stream, "PNG")
     with warnings.catch_warnings(), pytest.raises(ValueError, match="pixels"):
         warnings.simplefilter("error")
-        decoded(stream.getvalue())
+        decode_image(stream.getvalue())

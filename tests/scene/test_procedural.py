@@ -6,25 +6,27 @@ import numpy as np
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.papers.scenes import bedding, furniture, sculptures, toys, window
-from antumbra.scene.camera import Camera
-from antumbra.scene.lights import QuadLight
-from antumbra.scene.procedural import (
-    LEAST,
-    MOST,
+from antumbra.generate import atrium as build
+from antumbra.generate import city as houses
+from antumbra.generate import props, shapes
+from antumbra.generate import props as plants
+from antumbra.generate import props as trees
+from antumbra.generate.procedural_scenes import (
+    MAX_TRIANGLES,
+    MIN_TRIANGLES,
     PROCEDURAL,
     city_blocks,
     city_view,
     generate,
-    plants,
-    props,
-    shapes,
-    trees,
 )
-from antumbra.scene.procedural import architecture as build
-from antumbra.scene.procedural import buildings as houses
-from antumbra.scene.procedural.parts import assemble, count, fitted, put
-from antumbra.scene.procedural.shapes import PaletteMesh
+from antumbra.generate.shapes import PaletteMesh, assemble, count, fitted, place_copies
+from antumbra.papers.scenes import bedroom as window
+from antumbra.papers.scenes import furnishings as bedding
+from antumbra.papers.scenes import furnishings as furniture
+from antumbra.papers.scenes import furnishings as toys
+from antumbra.papers.scenes import museum_halls as sculptures
+from antumbra.scene.camera import Camera
+from antumbra.scene.lights import QuadLight
 
 NAMES = list(PROCEDURAL)
 SIZE = 20_000
@@ -45,7 +47,7 @@ def test_the_number_of_triangles_is_met_within_ten_per_cent(name, triangles, see
 def test_the_default_size_and_the_smallest_one(name):
     default = PROCEDURAL[name].default_triangles
     assert len(generate(name).faces) == pytest.approx(default, rel=0.05)
-    assert len(generate(name, LEAST).faces) < 8_000
+    assert len(generate(name, MIN_TRIANGLES).faces) < 8_000
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -223,7 +225,7 @@ def test_tower_cost_is_exact():
 
 def test_parts_are_counted_placed_and_shaded():
     mesh = shapes.box((2.0, 4.0, 6.0), (0.0, 2.0, 0.0), colour=16)
-    parts = [put(mesh, [(10, 0, 0), (0, 0, 20)], [np.pi / 2, 0.0], 0.5, shade=[1, 2]), put(mesh)]
+    parts = [place_copies(mesh, [(10, 0, 0), (0, 0, 20)], [np.pi / 2, 0.0], 0.5, shade=[1, 2]), place_copies(mesh)]
     whole = assemble(parts)
     assert count(parts) == len(whole.faces) == 36
     first = whole.vertices[:8]
@@ -234,7 +236,9 @@ def test_parts_are_counted_placed_and_shaded():
 def test_fitted_finds_the_detail_or_takes_the_coarsest():
     def build_some(detail):
         n = 2 * max(5, round(100 * detail**2))
-        return [put(PaletteMesh(np.zeros((3, 3), np.float32), np.zeros((n, 3), np.int32), np.zeros(n, np.uint8)))]
+        return [
+            place_copies(PaletteMesh(np.zeros((3, 3), np.float32), np.zeros((n, 3), np.int32), np.zeros(n, np.uint8)))
+        ]
 
     for wanted in (60, 500, 12_345, 1_000_000):
         assert 0.93 * wanted <= count(fitted(build_some, wanted, 1.0)) <= wanted
@@ -252,9 +256,9 @@ def test_city_comes_in_blocks():
 
 
 def test_the_largest_city_can_be_streamed():
-    pieces = list(islice(city_blocks(MOST), 4))
+    pieces = list(islice(city_blocks(MAX_TRIANGLES), 4))
     assert all(5_000 < len(faces) < 100_000 for _, faces, _ in pieces)
-    camera, light = city_view(MOST)
+    camera, light = city_view(MAX_TRIANGLES)
     Camera(**camera), QuadLight(**light)
 
 
@@ -263,7 +267,7 @@ def test_the_largest_city_can_be_streamed():
     [
         (("attic",), "no procedural scene 'attic'; choose one of atrium, city, forest, cellar, museum, blinds"),
         (("atrium", 10), "triangles is 10; it must be a whole number from 1000 to 400000000"),
-        (("city", MOST + 1), "triangles is 400000001"),
+        (("city", MAX_TRIANGLES + 1), "triangles is 400000001"),
         (("city", 5000.5), "triangles is 5000.5"),
         (("forest", "many"), "triangles is 'many'"),
         (("forest", float("nan")), "triangles is nan"),

@@ -18,7 +18,7 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are differen
 SCRIPT = """
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.cli.progress import ProgressDisplay
+from antumbra.cli.console import ProgressDisplay
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored where a shell started this in the background
 phase, name = sys.argv[1:3]

@@ -10,7 +10,7 @@ pytest.importorskip("resource", reason="this system does not say how much memory
 SCRIPT = """
 import sys
 from antumbra.store.system_resources import peak_resident
-from antumbra.scene.generated import StreamedCity
+from antumbra.generate.generated_scene import StreamedCity
 from antumbra.engine.store_building import build_store
 from antumbra.store.store_build import MIN_MEMORY
 

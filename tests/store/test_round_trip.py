@@ -11,11 +11,11 @@ import pytest
 import antumbra as at
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
-from antumbra.scene.generated import StreamedCity
+from antumbra.generate import city as stream
+from antumbra.generate.generated_scene import StreamedCity
+from antumbra.scene.light_lists import PointLights
 from antumbra.scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, PointLight, QuadLight, SphereLight
-from antumbra.scene.point_lights import PointLights
-from antumbra.scene.procedural import stream
-from antumbra.scene.source import Piece
+from antumbra.scene.mesh import Piece
 from antumbra.store import staging_files as spool_module
 from antumbra.store import store_build as build_module
 from antumbra.store.staging_files import palette_of

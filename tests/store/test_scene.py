@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.scene import AnyScene, Scene
-from antumbra.scene.view import view_of_box
+from antumbra.scene.default_picture import view_of_box
 from bvh_scenes import scattered
 from stores import built, soup_scene
 

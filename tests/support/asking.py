@@ -4,8 +4,8 @@ import numpy as np
 
 import oracle
 from antumbra.engine.accelerator import accelerator_of
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.primary_visibility import primary_visibility
-from antumbra.plan import parse_plan
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
 

@@ -8,15 +8,15 @@ import numpy as np
 import oracle
 from antumbra import Scene
 from antumbra.query.shadow_query import segments
-from antumbra.scene.cutouts import Cutouts, Mask, with_masks
+from antumbra.scene.alpha_masks import AlphaMask, Cutouts, with_masks
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 MASKS = [
-    Mask(np.indices((5, 7)).sum(0) % 2 == 0, (REPEAT, REPEAT)),
-    Mask(np.random.default_rng(0).random((9, 4)) < 0.5, (CLAMP, MIRROR)),
-    Mask(np.random.default_rng(1).random((16, 16)) < 0.3, (MIRROR, REPEAT)),
-    Mask(np.ones((2, 2), bool), (REPEAT, REPEAT)),
-    Mask(np.zeros((3, 1), bool), (REPEAT, CLAMP)),
+    AlphaMask(np.indices((5, 7)).sum(0) % 2 == 0, (REPEAT, REPEAT)),
+    AlphaMask(np.random.default_rng(0).random((9, 4)) < 0.5, (CLAMP, MIRROR)),
+    AlphaMask(np.random.default_rng(1).random((16, 16)) < 0.3, (MIRROR, REPEAT)),
+    AlphaMask(np.ones((2, 2), bool), (REPEAT, REPEAT)),
+    AlphaMask(np.zeros((3, 1), bool), (REPEAT, CLAMP)),
 ]
 
 

@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from antumbra.kernels.exact.filters import meets
+from antumbra.kernels.exact.predicate import segment
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.exact import segment
-from antumbra.kernels.predicate.filters import meets
 from antumbra.kernels.simd import get, ptr, ptr_at, stack_array
 from antumbra.query.light_samples import light_samples
 from antumbra.query.query_bounds import reach

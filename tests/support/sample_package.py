@@ -83,7 +83,7 @@ TOP = '''"""Kernels that Python calls."""
 import numpy as np
 
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.loading import events
+from antumbra.kernels.toolchain.kernel_cache import events
 from antumbra.kernels.parallel import items, new_ticket
 from antumbra.kernels.simd import bits, load4, popcount, reduce_max, to_f32, as_i32
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from antumbra.bvh import lbvh
 from antumbra.bvh.nodes import EMPTY, tree_of
+from antumbra.kernels.exact.predicate import segment
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.exact import segment
 from antumbra.kernels.simd import stack_array
 from antumbra.trace.counters import BOX_TESTS, N_COUNTERS
 from antumbra.trace.rays.ray_hits import intersections

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from antumbra.bvh.nodes import Bvh
-from antumbra.bvh.quality import validate
+from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import Scene
 from antumbra.engine.store_building import build_store
-from antumbra.scene.source import Piece
+from antumbra.scene.mesh import Piece
 from antumbra.store.store_file import Store, open_store
 
 CHUNK = 64  # triangles, so that small scenes have many chunks and are sorted in files

@@ -16,7 +16,7 @@ from PIL import Image
 
 import antumbra as at
 import oracle
-from antumbra.plan import covering_plans
+from antumbra.engine.plan import covering_plans
 from antumbra.query.shadow_query import segments
 from asking import answer, query_of
 from gltf_files import Gltf

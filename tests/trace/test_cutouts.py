@@ -7,7 +7,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.plan import covering_plans
+from antumbra.engine.plan import covering_plans
 from asking import answer, query_of, true_occlusion
 from cutout_scenes import meets, scene_with_cutouts, true_shadows
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import Plan, covering_plans
-from antumbra.scene.procedural import PROCEDURAL
+from antumbra.engine.plan import Plan, covering_plans
+from antumbra.generate.procedural_scenes import PROCEDURAL
 from asking import answer, query_of
 from truths import LIGHTS, SIZE, asked_of, case_of, soup_scene
 

@@ -8,7 +8,7 @@ import pytest
 import antumbra as at
 import hostile
 import oracle
-from antumbra.plan import covering_plans
+from antumbra.engine.plan import covering_plans
 
 TRIANGLES, POINTS = 60, 16
 

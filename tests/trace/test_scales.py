@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import Plan, covering_plans
+from antumbra.engine.plan import Plan, covering_plans
 from antumbra.query.shadow_query import segments
 from antumbra.trace.packets.ray_tile import is_far
 from asking import answer, true_occlusion

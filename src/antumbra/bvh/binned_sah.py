@@ -9,13 +9,11 @@ from functools import cache
 import numpy as np
 
 from ..kernels.parallel import thread_count
-from .assemble import assemble
-from .bins import BIN_WORDS, binned
+from .binned_split import BIN_WORDS, binned
 from .nodes import Bvh
-from .prepare import PAIR, checked, make_records, power_of_two_for, tiny
-from .subtree import Settings
-from .top import build_top, split_by_bins
-from .top_down import build_below, largest_subtree
+from .top_down import Settings, build_below, largest_subtree
+from .top_levels import assemble, build_top, split_by_bins
+from .triangle_bounds import PAIR, checked, make_records, power_of_two_for, tiny
 
 
 @cache

@@ -27,15 +27,11 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from .assemble import join_boxes, place, top_lines
-from .bounds import triangle_box, write_boxes
-from .links import bvh_link, link_at
-from .morton import grid_of, write_codes
-from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
-from .prepare import CHUNK, checked, scene_bounds, tiny
-from .radix_sort import radix_sort
-from .top import UpperLevels
+from .morton_sort import grid_of, radix_sort, write_codes
+from .nodes import MAX_DEPTH, Bvh, aligned_empty, bvh_link, link_at, tree_of
 from .top_down import largest_subtree
+from .top_levels import UpperLevels, join_boxes, place, top_lines
+from .triangle_bounds import TRIANGLES_PER_SHARE, checked, scene_bounds, tiny, triangle_box, write_boxes
 
 _LEVELS = 96  # of any tree, at most: 63 bits of a code and 28 of a position
 _RANGES = _LEVELS + 1
@@ -45,7 +41,7 @@ _NO_LEVEL = np.int64(2**63 - 1)
 _AHEAD = 64  # triangles fetched in advance
 
 
-class Sorted(NamedTuple):
+class SortedTriangles(NamedTuple):
     """Triangles in the order of their codes."""
 
     codes: np.ndarray  # (n,) int32 or int64
@@ -212,7 +208,7 @@ def _depth(children, forest, heights):
     return heights[0] if len(children) else forest.heights[0]
 
 
-def _emit(flat, source: Sorted, max_leaf: int, threads: int):
+def _emit(flat, source: SortedTriangles, max_leaf: int, threads: int):
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
     children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
@@ -251,10 +247,10 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
         return tiny(flat)
     max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
     codes, ids = by_codes(flat, bits, threads)
-    bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(0)), max_leaf, threads)
+    bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
         safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a position has bits
-        bvh, depth = _emit(flat, Sorted(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
+        bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
     return bvh
 
 
@@ -263,7 +259,7 @@ def by_codes(flat, bits: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
     n = len(flat)
     codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
     centroids = scene_bounds(flat, threads)[1]
-    run(write_codes, threads, new_ticket(n, CHUNK), flat, grid_of(centroids, bits), codes, ids)
+    run(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
     return radix_sort(codes, ids, 3 * bits, threads)
 
 

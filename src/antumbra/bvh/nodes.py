@@ -1,13 +1,176 @@
-"""The binary BVH that every builder makes and every tracer walks."""
+"""Nodes and leaves: the binary BVH that every builder makes, the eight-wide BVH, and the accessors of their links.
+
+Links. A link >= 0 is the index of an inner node, in every tree. A link < 0 is a leaf. What it holds depends on the
+tree:
+
+- `bvh_leaf` of a `Bvh`: first slot and number of triangles, 1 to 8 (not of `EMPTY`)
+- `block_leaf` of a `block_tree.BlockTree`: a block and its number of triangles, 0 to 16
+- `wide_leaf` of a `WideBvh`: a group and its number of triangles, 0 to 8
+
+All functions are formulas: kernels inline them, and Python calls them on numbers and on arrays. No other module
+knows how links are packed or lines are laid out.
+
+Wide nodes. A node has eight children, and a leaf up to eight triangles. One ray tests eight of either at once.
+`wide_bvh.widen` makes the tree from a binary `Bvh` of any builder.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I32Ptr, formula, inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
-from .links import LINK, bvh_leaf, link_at
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Links to children, and the words of trees' arrays: no other module knows how links are packed or lines laid out.
+#
+# A link >= 0 is the index of an inner node, in every tree. A link < 0 is a leaf. What it holds depends on the tree:
+#
+# - `bvh_leaf` of a `nodes.Bvh`: first slot and number of triangles, 1 to 8 (not of `nodes.EMPTY`)
+# - `block_leaf` of a `blocks.BlockTree`: a block and its number of triangles, 0 to 16
+# - `wide_leaf` of a `wide.WideBvh`: a group and its number of triangles, 0 to 8
+#
+# All functions are formulas: kernels inline them, and Python calls them on numbers and on arrays.
+
+
+LINK = 12  # word of the link to the left child in a node's line; the right child's is the next
+CHILDREN = slice(LINK, LINK + 2)  # words of both links
+ORDER = 14  # word of the order of children
+_LINE = 16  # words of a node
+_LANES = 16  # triangles of a block
+ROWS = 9  # of a block, of 16 float32: v0 (x, y, z), v1 - v0, v2 - v0
+
+
+class BvhLeaf(NamedTuple):
+    """The triangles in a leaf of a `Bvh`."""
+
+    first: int  # slot
+    count: int
+
+
+class BlockLeaf(NamedTuple):
+    """A leaf of a `BlockTree`."""
+
+    block: int
+    count: int
+
+
+class WideLeaf(NamedTuple):
+    """A leaf of a `WideBvh`."""
+
+    group: int
+    count: int
+
+
+@formula
+def is_leaf(link):
+    return link < 0
+
+
+@formula
+def bvh_leaf(link):
+    return BvhLeaf(~link >> 3, (~link & 7) + 1)
+
+
+@formula
+def bvh_link(first, count):
+    return ~(first * 8 + count - 1)
+
+
+@formula
+def block_leaf(link):
+    return BlockLeaf(~link >> 5, ~link & 31)
+
+
+@formula
+def block_link(block, count):
+    return ~(block * 32 + count)
+
+
+@formula
+def wide_leaf(link):
+    return WideLeaf(~link >> 4, ~link & 15)
+
+
+@formula
+def wide_link(group, count):
+    return ~(group * 16 + count)
+
+
+# --- words of a binary node's line -------------------------------------------------------------------------------
+
+
+@formula
+def line_at(node):
+    """The first word of a node."""
+    return node * _LINE
+
+
+@formula
+def box_at(node, side):
+    """The first word of the box of a child: its lower x. The box's other words are 2, 4, 6, 8 and 10 further on."""
+    return node * _LINE + side
+
+
+@formula
+def link_at(node, side):
+    """The word of the link to a child; `side` is 0 for the left one and 1 for the right one."""
+    return node * _LINE + LINK + side
+
+
+@formula
+def order_at(node):
+    """The word of the order of children."""
+    return node * _LINE + ORDER
+
+
+@formula
+def sibling_at(word):
+    """The word of the link to the sibling of the child whose link is in `word`."""
+    return word ^ 1
+
+
+@formula
+def box_of_link_at(word):
+    """The first word of the box of the child whose link is in `word`."""
+    return (word >> 4) * _LINE + (word & 1)
+
+
+# --- elements of a block's arrays --------------------------------------------------------------------------------
+
+
+@formula
+def rows_at(block):
+    """The first number of a block in `BlockTree.blocks`."""
+    return block * (ROWS * _LANES)
+
+
+@formula
+def row_at(block, row):
+    """The first number of a row of a block in `BlockTree.blocks`."""
+    return (block * ROWS + row) * _LANES
+
+
+@formula
+def slots_at(block):
+    """The first slot of a block in `BlockTree.slots`."""
+    return block * _LANES
+
+
+@formula
+def slot_at(block, i):
+    """The slot of triangle i of a block in `BlockTree.slots`."""
+    return block * _LANES + i
+
+
+@formula
+def bounds_at(block):
+    """The first number of a block in `BlockTree.bounds`."""
+    return block * 8
+
+
+# --- The binary BVH that every builder makes and every tracer walks ---------------------------------------------------
+
 
 MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
@@ -134,3 +297,68 @@ def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:
     raw = np.empty(size + 64, np.uint8)
     skip = -raw.ctypes.data % 64
     return raw[skip : skip + size].view(dt).reshape(shape)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The wide BVH: nodes of eight children, leaves of up to eight triangles. One ray tests eight of either at once.
+#
+# `widen` makes it from a binary `Bvh` of any builder.
+
+
+WIDTH = 8
+NODE_WORDS = 8 * WIDTH
+LINKS = 6 * WIDTH  # word of a node's first link
+GROUP_WORDS = 10 * WIDTH
+NO_CHILD = np.int32(-1)  # link of a missing child: a leaf without triangles
+
+
+class WideBvh(NamedTuple):
+    """A wide BVH, with the `Bvh` from which it was made. Node 0 is the root and always exists.
+
+    A node is four 64-byte lines: planes of eight boxes, one 8-wide register each, and the links of the children::
+
+        0..7    lower x      8..15   upper x
+        16..23  lower y      24..31  upper y
+        32..39  lower z      40..47  upper z
+        48..55  links (int32 bits)
+        56..63  not used (zero)
+
+    Children are in the lanes from 0 on. Any-hit queries visit them from the last to the first, the order of least
+    expected cost to block a ray (`order.soonest_last`).
+
+    A link >= 0 is an inner node. A link < 0 is a leaf with a count from 1 to 8: `links.wide_leaf`. A missing
+    child has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.
+
+    A group is five lines, ten 8-wide registers with a lane for each of eight triangles. The registers are the corner v0
+    (x, y, z), the edges v1 - v0 and v2 - v0, and the largest magnitude of the edges' components. The edges are rounded
+    to float32. Lanes from `count` on are zero.
+    """
+
+    nodes: np.ndarray  # (n_nodes, 64) float32, 64-byte aligned
+    links: np.ndarray  # (n_nodes, 64) int32, the same memory
+    groups: np.ndarray  # (n_groups, 80) float32, 64-byte aligned; at least one
+    slots: np.ndarray  # (n_groups, 8) int32: lane -> slot of the binary BVH, -1 where there is no triangle
+    reach: np.float32  # largest magnitude of a coordinate of the root's boxes; 0 without triangles
+    bvh: Bvh  # the binary BVH
+
+
+class WideTree(NamedTuple):
+    """Pointers to the arrays of a `WideBvh`, for hot kernels."""
+
+    nodes: F32Ptr  # float32 *, 64 a node
+    links: I32Ptr  # int32 *, the same memory
+    groups: F32Ptr  # float32 *, 80 a group
+    slots: I32Ptr  # int32 *, 8 a group
+    prim_ids: I32Ptr  # int32 *, slot -> triangle index
+    corners: F32Ptr  # float32 *, 9 a slot
+    reach: np.float32
+    binary: Tree  # of the binary BVH
+
+
+@inlined
+def wide_tree_of(wide):
+    """Pointers to the arrays of a `WideBvh`, which must outlive them."""
+    return WideTree(
+        ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
+        ptr(wide.bvh.corners), wide.reach, tree_of(wide.bvh),
+    )  # fmt: skip

@@ -1,9 +1,14 @@
-"""Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much.
+"""Derive a tree from the last frame's: refit it to moved triangles, or filter it to the triangles that culling keeps.
 
-The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from the
-last node to the first. Nodes are in depth-first order, so the boxes of a node's children are the last two that were
-made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a similar
-measure.
+Refit. The tree is rebuilt when its SAH cost has grown too much. The same pass bounds some of a tree's triangles only
+(`boxes_of_subset`). Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first
+order, so the boxes of a node's children are the last two that were made. [Lauterbach et al. 2006, "RT-DEFORM:
+interactive ray tracing of dynamic scenes using BVHs"] rebuild by a similar measure.
+
+Filter. A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame.
+A rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
+
+Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
 """
 
 from collections.abc import Callable
@@ -13,15 +18,34 @@ import numpy as np
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import get, load8, minimum, prefetch, ptr, put, splat8, stack_f32, store
-from .assemble import join_boxes, top_lines
-from .bounds import triangle_box, write_boxes
-from .cut import children_of_top, cut
-from .links import ORDER, bvh_leaf, link_at, order_at
-from .nodes import MAX_DEPTH, Bvh, aligned_empty, tree_of
-from .prepare import checked, scene_bounds, tiny
-from .quality import sah_cost
-from .top import UpperLevels
+from ..kernels.simd import get, load8, load16, minimum, prefetch, ptr, put, splat8, stack_f32, store
+from . import binned_sah
+from .nodes import (
+    MAX_DEPTH,
+    MAX_LEAF,
+    ORDER,
+    Bvh,
+    aligned_empty,
+    box_at,
+    bvh_leaf,
+    bvh_link,
+    line_at,
+    link_at,
+    order_at,
+    tree_of,
+)
+from .top_levels import UpperLevels, join_boxes, top_lines
+from .tree_layout import children_of_top, cut_tree
+from .tree_quality import sah_cost
+from .triangle_bounds import checked, scene_bounds, tiny, triangle_box, write_boxes
+
+# --- Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much --------------------
+#
+# The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from
+# the last node to the first. Nodes are in depth-first order, so the boxes of a node's children are the last two that
+# were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a
+# similar measure.
+
 
 LIMIT = 1.1  # a tree is rebuilt if its cost exceeds this factor of its cost when built
 _AHEAD = 32  # slots whose triangles are fetched in advance
@@ -121,22 +145,22 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     scene_bounds(flat, threads)  # checks the coordinates
     if n < 2:
         return tiny(flat)
-    return _refitted(bvh, flat, np.empty((n, 9), np.float32), None, threads)
+    return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 
-def boxes_of_kept(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+def boxes_of_subset(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
     """The same tree of two triangles or more, whose boxes bound only the triangles that are kept.
 
     kept : (n,) bool, by slot
 
     The box of a child without such triangles has lower = +inf and upper = -inf, which no ray enters.
     """
-    return _refitted(bvh, bvh.corners, bvh.corners, kept, threads)
+    return _refit_triangles(bvh, bvh.corners, bvh.corners, kept, threads)
 
 
-def _refitted(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
+def _refit_triangles(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
     """`refit`, or `boxes_of_kept` unless `kept` is None. `corners` become those of the new tree."""
-    pieces = cut(bvh)
+    pieces = cut_tree(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
@@ -149,7 +173,7 @@ def _refitted(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
     return new
 
 
-class Deforming:
+class DeformingTree:
     """The BVH of a deforming mesh: refitted while its SAH cost stays low, else rebuilt.
 
     build : a builder (`methods.py`)
@@ -174,3 +198,95 @@ class Deforming:
         bvh = self.build(vertices, threads)
         self.bvh, self.cost = bvh, sah_cost(bvh, threads=threads)
         return bvh
+
+
+# --- The part of a tree that holds some of its triangles: the tree without all others ---------------------------------
+#
+# A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame. A
+# rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
+#
+# Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
+
+
+_NODES_PER_SHARE = 4096  # nodes that a thread writes at a time
+
+
+@inlined
+def _is_empty(nodes, node, side):
+    """Whether the box of a child is the empty one."""
+    return get(nodes, box_at(node, side)) == np.float32(np.inf)
+
+
+@kernel
+def _find_branches(ticket, bvh, branches):
+    """Worker: mark the nodes both of whose children have triangles that are kept."""
+    tree = tree_of(bvh)
+    for node in items(ticket):
+        branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
+
+
+@inlined
+def _new_link(tree, link, node_at, slot_at):
+    """The link to the first node with two children, or to the leaf, that `link` leads to."""
+    while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
+        link = np.int64(get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0)))
+    if link >= 0:
+        return np.int64(node_at[link])
+    first, count = bvh_leaf(link)
+    start, end = np.int64(slot_at[first]), np.int64(slot_at[first + count])
+    return bvh_link(start, end - start)
+
+
+@kernel
+def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
+    """Worker: write the marked nodes to their new places, with new links."""
+    # In: bvh, of `boxes_of_kept`; branches, bool; node_at, slot_at, int32: new number of each node and slot
+    tree, out = tree_of(bvh), tree_of(new)
+    for node in items(ticket):
+        if branches[node]:
+            new_node = np.int64(node_at[node])
+            store(out.nodes, line_at(new_node), load16(tree.nodes, line_at(node)))
+            for side in range(2):
+                link = _new_link(tree, np.int64(get(tree.links, link_at(node, side))), node_at, slot_at)
+                put(out.links, link_at(new_node, side), link)
+
+
+def _numbers(chosen: np.ndarray) -> np.ndarray:
+    """(n + 1,) int32: how many of the flags before each place are set."""
+    numbers = np.zeros(len(chosen) + 1, np.int32)
+    np.cumsum(chosen, out=numbers[1:])
+    return numbers
+
+
+def filter_tree(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+    """The tree without the triangles that are not kept, and without the nodes that then have less than two children.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        Its nodes are in depth-first order. It is not changed.
+    kept : (m,) int
+        Indices of triangles of the tree.
+
+    Returns
+    -------
+    Bvh
+        Its `prim_ids` are indices in the whole scene, as those of `bvh`. Splits and orders of children are those of
+        `bvh`. A part of few triangles is built anew by `bsah`.
+    """
+    chosen = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
+    chosen[kept] = True
+    slots = chosen[bvh.prim_ids]
+    prim_ids, corners = bvh.prim_ids[slots], bvh.corners[slots]
+    if len(prim_ids) <= MAX_LEAF:  # they may lie in one leaf, which cannot be a tree
+        few = binned_sah.build(corners.reshape(-1, 3, 3), threads)
+        return few._replace(prim_ids=prim_ids[few.prim_ids])
+    bounded = boxes_of_subset(bvh, slots, threads)
+    branches = np.empty(len(bvh.nodes), np.bool_)
+    run(_find_branches, threads, new_ticket(len(branches), _NODES_PER_SHARE), bounded, branches)
+    node_at, slot_at = _numbers(branches), _numbers(slots)
+    nodes = aligned_empty((int(node_at[-1]), 16), "f4")
+    new = Bvh(nodes, nodes.view(np.int32), prim_ids, corners)
+    ticket = new_ticket(len(branches), _NODES_PER_SHARE)
+    run(_write_branches, threads, ticket, bounded, branches, node_at, slot_at, new)
+    return new

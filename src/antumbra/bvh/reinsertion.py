@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import (
     bits,
@@ -32,13 +31,10 @@ from ..kernels.simd import (
     stack_i32,
     store,
 )
-from .bounds import half_area, write_boxes
-from .cut import cut
-from .links import CHILDREN, LINK, bvh_leaf, is_leaf, line_at, link_at
-from .nodes import MAX_DEPTH, Bvh, aligned_empty
-from .prepare import scale_of
-from .quality import sah_cost
-from .relayout import cheapest_leaves, relayout
+from .nodes import CHILDREN, LINK, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, is_leaf, line_at, link_at
+from .tree_layout import cheapest_leaves, cut_tree, relayout
+from .tree_quality import sah_cost
+from .triangle_bounds import half_area, scale_of, write_boxes
 
 _STACK = 2 * MAX_DEPTH + 2
 _WAITING = MAX_DEPTH + 2
@@ -134,7 +130,7 @@ def _loosen(bvh, loose):
         _join(tree, node)
 
 
-class Found(NamedTuple):
+class InsertionPlace(NamedTuple):
     """The best place found for an item."""
 
     gain: np.float32  # decrease of the tree's SAH cost, times half the area of its root
@@ -157,14 +153,14 @@ def _search(tree, item, root, gain, found, waiting, gains):
         here, gain = np.int64(get(waiting, height)), get(gains, height)
         merged = half_area(minimum(load8(tree.boxes, here * 8), box), tree.scale)
         if gain - merged > found.gain:
-            found = Found(gain - merged, here, visits)
+            found = InsertionPlace(gain - merged, here, visits)
         below = gain + _area(tree, here) - merged  # `here` grows
         if here < tree.n_nodes and below - area > found.gain:  # the new node is at least as large as the item
             for side in range(2):
                 put(waiting, height, get(tree.children, 2 * here + side))
                 put(gains, height, below)
                 height += 1
-    return Found(found.gain, found.place, visits)
+    return InsertionPlace(found.gain, found.place, visits)
 
 
 @kernel
@@ -174,7 +170,7 @@ def _find(tree, item, waiting, gains):
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
     found = _search(
-        tree, item, sibling, gain, Found(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains
+        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains
     )
     while path > 0:
         other = _sibling(tree, path)
@@ -183,7 +179,7 @@ def _find(tree, item, waiting, gains):
         shrunk = minimum(shrunk, load8(tree.boxes, other * 8))
         gain += _area(tree, path) - half_area(shrunk, tree.scale)
         if path > 0 and gain - _area(tree, path) > found.gain:
-            found = Found(gain - _area(tree, path), path, found.visits)
+            found = InsertionPlace(gain - _area(tree, path), path, found.visits)
     return found
 
 
@@ -193,7 +189,7 @@ def _find_places(ticket, loose, gains, places, visits):
     tree = _tree_of(loose)
     waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
     for item in items(ticket):
-        found = Found(np.float32(0.0), np.int64(-1), np.int64(0))
+        found = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
         if item > 0 and get(tree.parents, item) > 0:
             found = _find(tree, item, waiting, scratch)
         gains[item], places[item], visits[item] = found
@@ -328,6 +324,6 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
     nodes = aligned_empty((m, 16), "f4")
     changed = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
     _write(loose, changed)
-    pieces = cut(changed)
+    pieces = cut_tree(changed)
     better = relayout(changed, pieces, cheapest_leaves(changed, pieces, _largest_leaf(bvh.links), threads), threads)
     return better if sah_cost(better, threads=threads) < sah_cost(bvh, threads=threads) else bvh

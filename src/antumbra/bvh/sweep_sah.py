@@ -1,24 +1,144 @@
 """`sweep-sah`: a top-down builder by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
 
-It builds as `bsah` does, but splits a range at the best of all places between two centroids (`sweep`). In the first
+It builds as `bsah` does, but splits a range at the best of all places between two centroids. In the first
 levels, one thread splits a range.
+
+Full sweep. The split has the least SAH cost among all splits of a range by centroid, on three axes. Records are sorted
+by their centroids once for each axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Equal centroids are ordered
+by index. A split divides all three orders, and keeps them.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.jit import kernel
+from ..kernels.jit import F32Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.simd import load8, ptr, store
-from .assemble import assemble
-from .bounds import range_bounds
+from ..kernels.simd import as_i32, get, load8, minimum, ptr, put, splat8, store
+from .binned_split import Split, divide, find_split, must_halve, no_split, source_of
+from .morton_sort import radix_sort
 from .nodes import Bvh, aligned_empty
-from .prepare import checked, make_records, power_of_two_for, tiny
-from .radix_sort import radix_sort
-from .splits import divide, find_split, source_of
-from .subtree import Settings
-from .sweep import SWEEP_WORDS, Swept
-from .top import build_top
-from .top_down import build_below, largest_subtree
+from .top_down import Settings, build_below, largest_subtree
+from .top_levels import assemble, build_top
+from .triangle_bounds import INF, checked, half_area, make_records, power_of_two_for, range_bounds, tiny, width
+
+# --- The full sweep: the split of least SAH cost among all splits of a range by centroid, on three axes ---------------
+#
+# Records are sorted by their centroids once for each axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Equal
+# centroids are ordered by index. A split divides all three orders, and keeps them.
+
+
+SWEEP_WORDS = 8  # words of scratch memory for a record
+
+
+class SortedRecords(NamedTuple):
+    """The method of `sweep-sah`: the records sorted by centroid on each axis. A range has the same place in each."""
+
+    x: np.ndarray  # (n, 8) float32
+    y: np.ndarray  # (n, 8) float32
+    z: np.ndarray  # (n, 8) float32
+
+
+class SortedSource(NamedTuple):
+    """Pointers of `Swept`."""
+
+    records: F32Ptr  # float32 *, in the order of x
+    y: F32Ptr  # float32 *
+    z: F32Ptr  # float32 *
+    scratch: F32Ptr  # float32 *, 8 for each record of a range
+
+
+@inlined
+def _order(source, axis):
+    """The records, sorted on an axis."""
+    return source.records if axis == 0 else source.y if axis == 1 else source.z
+
+
+@inlined
+def _centroid(records, i, axis):
+    return get(records, i * 8 + axis) - get(records, i * 8 + axis + 4)
+
+
+@kernel
+def _sweep(records, first, last, axis, scale, right, best):
+    """The cheaper of `best` and the best split of a range, sorted on `axis`."""
+    # In: records, float32 *; first, last; axis; scale; best, the best `Split` so far
+    # Scratch: right, float32 *, last - first
+    box = splat8(INF)
+    for i in range(last - 1, first, -1):
+        box = minimum(box, load8(records, i * 8))
+        put(right, i - first, half_area(box, scale) * np.float32(last - i))
+    box = splat8(INF)
+    for i in range(first + 1, last):
+        box = minimum(box, load8(records, (i - 1) * 8))
+        cost = half_area(box, scale) * np.float32(i - first) + get(right, i - first)
+        if cost < best.cost:
+            best = Split(np.int64(axis), i, cost)
+    return best
+
+
+@kernel
+def _divide_order(records, first, last, axis, centroid, index, scratch):
+    """Move the records before (centroid, index) on `axis` to the front. Both sides keep their order."""
+    # In: first, last; axis, centroid, index: the first right record's axis, double centroid and index word
+    # Out: records, float32 *, reordered
+    # Scratch: scratch, float32 *, 8 for each record
+    ids = as_i32(records)
+    left, right = first, np.int64(0)
+    for i in range(first, last):
+        record, c = load8(records, i * 8), _centroid(records, i, axis)
+        goes_left = c < centroid or (c == centroid and get(ids, i * 8 + 3) < index)
+        store(records, left * 8, record)  # overwrites only moved records; both stores are made each time
+        store(scratch, right * 8, record)
+        left += np.int64(goes_left)
+        right += np.int64(not goes_left)
+    for i in range(right):
+        store(records, (left + i) * 8, load8(scratch, i * 8))
+
+
+@overload(source_of)
+def _source_of(method, depth, scratch):
+    if method.instance_class is SortedRecords:
+        return lambda method, depth, scratch: SortedSource(ptr(method.x), ptr(method.y), ptr(method.z), scratch)
+
+
+@overload(find_split)
+def _find_split(source, first, last, centroids, depth, scale):
+    if source.instance_class is SortedSource:
+
+        def find(source, first, last, centroids, depth, scale):
+            best = no_split()
+            if must_halve(last - first, depth) or width(centroids) == 0:
+                return best
+            for axis in range(3):
+                best = _sweep(_order(source, axis), first, last, axis, scale, source.scratch, best)
+            return best
+
+        return find
+
+
+@overload(divide)
+def _divide(source, first, last, centroids, split):
+    if source.instance_class is SortedSource:
+
+        def cut(source, first, last, centroids, split):
+            axis, middle = max(split.axis, np.int64(0)), split.place
+            if split.axis < 0:
+                middle = (first + last) >> 1
+            records = _order(source, axis)
+            centroid, index = _centroid(records, middle, axis), get(as_i32(records), middle * 8 + 3)
+            for other in range(3):
+                if other != axis:
+                    _divide_order(_order(source, other), first, last, axis, centroid, index, source.scratch)
+            return middle
+
+        return cut
+
+
+# --- `sweep-sah`: a top-down builder by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3] ------
+#
+# It builds as `bsah` does, but splits a range at the best of all places between two centroids (`sweep`). In the first
+# levels, one thread splits a range.
 
 
 def _in_order(records, axis: int, threads: int):
@@ -50,7 +170,7 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
         middles[r] = middle
 
 
-def _split_by_sweep(method: Swept, scale, threads: int):
+def _split_by_sweep(method: SortedRecords, scale, threads: int):
     """The `split_level` for `build_top` in which one thread splits a range."""
 
     def split_level(ranges, boxes, depth):
@@ -74,7 +194,7 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
     box, centroids = make_records(flat, records, threads)
     if n < 2:
         return tiny(flat)
-    method = Swept(*(_in_order(records, axis, threads) for axis in range(3)))
+    method = SortedRecords(*(_in_order(records, axis, threads) for axis in range(3)))
     settings = Settings(np.int64(max_leaf), power_of_two_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), _split_by_sweep(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, SWEEP_WORDS * largest_subtree(n), top, settings, threads)

@@ -1,22 +1,260 @@
-"""The common frame of top-down builders.
+"""The frame of top-down builders: the subtrees that one thread builds alone, depth first and in place.
 
-All threads split the first levels together (`top`). Then each thread builds ranges alone, largest first (`subtree`).
-`assemble` puts the nodes in one array. The method splits ranges (`splits`).
+All threads split the first levels together (`top_levels`). Then each thread builds ranges alone, largest first.
+`top_levels.assemble` puts the nodes in one array. The method splits ranges (`binned_split`).
+
+Optimal subtrees. Over up to four records, the tree of least SAH cost out of all trees is found. Most of a tree's nodes
+have at most four triangles below them. There binning is slow and finds little. With n <= 4 there are at most 11 subsets
+of two or more records. The best tree over each subset follows from the best trees over smaller ones [Karras and Aila
+2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.jit import kernel
+from ..kernels.jit import F32Ptr, I32Ptr, kernel, overload, overloaded
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.simd import as_i32, atomic_add, get, load8, load16, ptr, store
-from .assemble import Subtrees
-from .links import LINK, line_at
-from .nodes import Bvh, Tree, aligned_empty
-from .splits import source_of
-from .subtree import build_range
-from .top import UpperLevels
+from ..kernels.simd import (
+    as_i32,
+    atomic_add,
+    get,
+    load8,
+    load16,
+    lowest_bit,
+    minimum,
+    popcount,
+    prefetch,
+    ptr,
+    put,
+    stack_f32,
+    stack_i32,
+    store,
+)
+from .binned_split import divide, find_split, source_of
+from .nodes import LINK, MAX_DEPTH, Bvh, Tree, aligned_empty, bvh_link, line_at, link_at
+from .top_levels import Subtrees, UpperLevels
+from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxes
+
+# --- The tree of least SAH cost over up to four records, out of all trees ---------------------------------------------
+#
+# Most of a tree's nodes have at most four triangles below them. There binning is slow and finds little. With n <= 4
+# there are at most 11 subsets of two or more records. The best tree over each subset follows from the best trees over
+# smaller ones [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
+
+
+OPTIMAL_SIZE = 4  # records, at most
+_SUBSETS = 1 << OPTIMAL_SIZE
+_SUBSET_BOXES = 8 * _SUBSETS
+_TODO = 2 * OPTIMAL_SIZE
+
+
+class SubsetPlans(NamedTuple):
+    """The best tree over each subset of the records. The bits of a subset's index are its records."""
+
+    boxes: F32Ptr  # (16, 8) float32
+    cost: F32Ptr  # (16,) float32
+    left: I32Ptr  # (16,) int32: the subset that becomes the left child; 0 for a leaf
+
+
+@kernel
+def _cheapest_halves(cost, subset):
+    """(cost, left child) of the cheapest division of a subset of two or more."""
+    low = subset & -subset
+    rest = subset ^ low
+    best, best_left = INF, low
+    part = (rest - 1) & rest
+    while True:
+        left = low | part
+        both = get(cost, left) + get(cost, subset ^ left)
+        if both < best:
+            best, best_left = both, left
+        if part == 0:
+            return best, best_left
+        part = (part - 1) & rest
+
+
+@kernel
+def _plan(records, first, n, max_leaf, scale, plans):
+    """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each."""
+    for subset in range(1, 1 << n):
+        rest = subset & (subset - 1)
+        box = load8(records, (first + lowest_bit(subset)) * 8)
+        if rest != 0:
+            box = minimum(box, load8(plans.boxes, rest * 8))
+        store(plans.boxes, subset * 8, box)
+        area, size = half_area(box, scale), popcount(subset)
+        cost, left = np.float32(size) * area, np.int64(0)
+        if size > 1:
+            divided, halves = _cheapest_halves(plans.cost, subset)
+            if size > max_leaf or divided + area < cost:
+                cost, left = divided + area, halves
+        put(plans.cost, subset, cost)
+        put(plans.left, subset, left)
+
+
+@kernel
+def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_root):
+    """Write the best tree over 1 to SMALLEST records, and return the index of the next free node.
+
+    A root is never a leaf.
+    """
+    # In: records, float32 *, from which `n` count from `first` on; settings, max_leaf and scale; is_root, bool
+    # Out: out, a `Tree`, nodes from `next_node` on; out.links[slot], the link to the tree
+    plans = SubsetPlans(stack_f32(_SUBSET_BOXES), stack_f32(_SUBSETS), stack_i32(_SUBSETS))
+    todo = stack_i32(_TODO)
+    everything = np.int64((1 << n) - 1)
+    _plan(records, first, n, settings.max_leaf, settings.scale, plans)
+    if is_root and get(plans.left, everything) == 0:
+        put(plans.left, everything, _cheapest_halves(plans.cost, everything)[1])
+    put(todo, 0, everything)
+    put(todo, 1, slot)
+    height, cursor = 1, first
+    while height > 0:
+        height -= 1
+        subset, slot = np.int64(get(todo, 2 * height)), np.int64(get(todo, 2 * height + 1))
+        left = np.int64(get(plans.left, subset))
+        if left == 0:
+            put(out.links, slot, bvh_link(cursor, popcount(subset)))
+            while subset != 0:
+                put(out.prim_ids, cursor, record_id(records, first + lowest_bit(subset)))
+                cursor += 1
+                subset &= subset - 1
+            continue
+        put(out.links, slot, next_node)
+        right = subset ^ left
+        write_boxes(out.nodes, next_node, load8(plans.boxes, left * 8), load8(plans.boxes, right * 8))
+        put(todo, 2 * height, right)
+        put(todo, 2 * height + 1, link_at(next_node, 1))
+        put(todo, 2 * height + 2, left)
+        put(todo, 2 * height + 3, link_at(next_node, 0))
+        height += 2
+        next_node += 1
+    return next_node
+
+
+# --- One thread's share of a build: the subtree of a range of records, depth first and in place -----------------------
+
+
+_WAITING = MAX_DEPTH + 1  # waiting ranges: the right child at each level, and a left one
+_NUMBERS = 4 * _WAITING
+_BOXES = 16 * _WAITING
+_AHEAD = 8  # slots whose corners are fetched in advance
+
+
+class Settings(NamedTuple):
+    """Settings for all ranges of a scene."""
+
+    max_leaf: int
+    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
+
+
+class Ranges(NamedTuple):
+    """A stack of ranges to build."""
+
+    numbers: I32Ptr  # int32 *, 4 a range: first, last, depth, word of `links`
+    boxes: F32Ptr  # float32 *, 16 a range: box, centroid box
+
+
+@kernel
+def push_range(ranges, height, first, last, depth, slot, box, centroids):
+    put(ranges.numbers, height * 4, first)
+    put(ranges.numbers, height * 4 + 1, last)
+    put(ranges.numbers, height * 4 + 2, depth)
+    put(ranges.numbers, height * 4 + 3, slot)
+    store(ranges.boxes, height * 16, box)
+    store(ranges.boxes, height * 16 + 8, centroids)
+    return height + 1
+
+
+@kernel
+def _leaf_is_cheaper(n, depth, box, split, settings):
+    """Whether a leaf costs less than the split of a range; never for the root."""
+    if n > settings.max_leaf or depth == 0:
+        return False
+    area = half_area(box, settings.scale)
+    return not (area + split.cost < area * np.float32(n))
+
+
+@kernel
+def write_leaf(records, first, last, out, slot):
+    put(out.links, slot, bvh_link(first, last - first))
+    for i in range(first, last):
+        put(out.prim_ids, i, record_id(records, i))
+
+
+@kernel
+def copy_corners(vertices, first, last, out):
+    """Copy the vertices of the triangles in slots `first` to `last` - 1."""
+    for i in range(first, last):
+        prefetch(vertices, np.int64(get(out.prim_ids, min(i + _AHEAD, last - 1))) * 9)
+        source = np.int64(get(out.prim_ids, i)) * 9
+        store(out.corners, i * 9, load8(vertices, source))
+        put(out.corners, i * 9 + 8, get(vertices, source + 8))
+
+
+@kernel
+def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
+    """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
+
+    Its nodes start at `next_node`, depth first. n records make at most n - 1 nodes.
+    """
+    # In: source, of `source_of`; first, last, depth; box, centroids, f32x8; settings, `Settings`
+    # Out: out, a `Tree`: nodes, links, prim_ids; out.links[word], the link to the tree
+    ranges = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES))
+    records = source.records
+    height = push_range(ranges, 0, first, last, depth, word, box, centroids)
+    while height > 0:
+        height -= 1
+        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
+        d, slot = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
+        if e - b <= OPTIMAL_SIZE and d + e - b - 1 <= MAX_DEPTH:
+            next_node = build_optimal_subtree(records, b, e - b, settings, out, next_node, slot, d == 0)
+            continue
+        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        split = find_split(source, b, e, centroids, d, settings.scale)
+        if _leaf_is_cheaper(e - b, d, here, split, settings):
+            write_leaf(records, b, e, out, slot)
+            continue
+        m = divide(source, b, e, centroids, split)
+        left, left_centroids = range_bounds(records, b, m)
+        right, right_centroids = range_bounds(records, m, e)
+        put(out.links, slot, next_node)
+        write_boxes(out.nodes, next_node, left, right)
+        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right, right_centroids)
+        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left, left_centroids)
+        next_node += 1
+    return next_node
+
+
+@overloaded("srdh")
+def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    """In kernels: build the tree over range s of the ranges that one thread builds, and return its number of nodes.
+
+    The type of `settings` chooses the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
+    the link to the tree. The rest of node 0 is not written.
+    """
+    # In: vertices, float32 *, 9 a triangle; source, first, last, depth, box, centroids, settings, as for `grow`
+    # Out: out, a `Tree`: nodes, links, prim_ids, corners
+
+
+@overload(build_range)
+def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    if settings.instance_class is Settings:
+
+        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
+            next_node = grow(source, first, last, depth, box, centroids, settings, out, np.int64(1), np.int64(12))
+            copy_corners(vertices, first, last, out)
+            return next_node - 1
+
+        return build
+
+
+# --- The common frame of top-down builders ----------------------------------------------------------------------------
+#
+# All threads split the first levels together (`top`). Then each thread builds ranges alone, largest first (`subtree`).
+# `assemble` puts the nodes in one array. The method splits ranges (`splits`).
+
 
 _SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together
 _SMALL = 4096  # the top splits no range of fewer records: one thread builds it before others are awake

@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
         gc.set_threshold(200_000, 20, 20)
     try:
         from .app import run
-        from .failures import guarded
+        from .console import guarded
 
         return guarded(run, arguments)
     except KeyboardInterrupt:  # during the imports

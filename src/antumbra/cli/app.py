@@ -1,6 +1,6 @@
-"""The program ``antumbra``: its commands. Each command has a file of its own.
+"""The program ``antumbra``: its commands, and the groups of options in their help.
 
-Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them. So ``--help`` appears at once.
+Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them, so ``--help`` appears at once.
 """
 
 import re
@@ -8,31 +8,76 @@ from functools import cache
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from ..errors import InputError
-from . import (
-    bake,
-    bench,
-    build,
-    compare,
-    culling,
-    dataset,
-    doctor,
-    explain,
-    info,
-    los,
-    matrix,
-    merge,
-    plans,
-    render,
-    scenes,
-    sun,
-    view,
-    viewshed,
-    warmup,
-)
-from .panels import Grouped
-from .sharing import words
+from . import bake_command as bake
+from . import bench_command as bench
+from . import compare_command as compare
+from . import dataset_command as dataset
+from . import explain_commands as culling
+from . import explain_commands as explain
+from . import installation_commands as doctor
+from . import installation_commands as plans
+from . import installation_commands as warmup
+from . import render_command as render
+from . import scene_commands as build
+from . import scene_commands as info
+from . import scene_commands as scenes
+from . import shards as merge
+from . import sight_commands as los
+from . import sight_commands as matrix
+from . import sight_commands as viewshed
+from . import sun_command as sun
+from . import view_command as view
+from .shards import command_line
+
+# --- Options of a command in groups, such as Camera and Light. Help is plain text, which needs no Rich ----------------
+
+
+PANELS: dict[str, tuple[str, ...]] = {
+    "Scene": ("up",),
+    "Camera": ("camera", "size"),
+    "Light": ("light", "sky", "ao", "vpl", "exposure"),
+    "Quality": ("preset",),
+    "Animation": ("frames", "fps", "overwrite"),
+    "Speed": ("plan", "explain_plan"),
+    "Machines": ("shard", "ray"),
+    "Output": ("output", "html", "json", "quiet"),
+}
+"""Title -> parameters below it, besides those that name a title themselves. Others stand below "Options"."""
+
+_LEAST = 12  # options from which groups help
+
+
+class Grouped(TyperCommand):
+    """A command whose help shows its options in groups, if it has many."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        params = self.get_params(ctx)
+        grouped = sum(param.param_type_name == "option" for param in params) >= _LEAST
+        sections: dict[str, list] = {title: [] for title in ("Arguments", *PANELS, "Options")}
+        for param in params:
+            record = param.get_help_record(ctx)
+            if record is not None:
+                sections[_title(param) if grouped or param.param_type_name == "argument" else "Options"].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+def _title(param: Any) -> str:
+    if param.param_type_name == "argument":
+        return "Arguments"
+    own = getattr(param, "rich_help_panel", None)
+    return own or next((title for title, names in PANELS.items() if param.name in names), "Options")
+
+
+# --- The program ``antumbra``: its commands. Each command has a file of its own ---------------------------------------
+#
+# Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them. So ``--help`` appears at once.
+
 
 app = typer.Typer(
     name="antumbra",
@@ -101,7 +146,7 @@ def _commands() -> Any:
 
 def run(arguments: list[str]) -> object:
     """Run the command that the arguments name; return its exit code or its return value."""
-    words.set(tuple(arguments))
+    command_line.set(tuple(arguments))
     command = _commands()
     try:
         return command.main(arguments, prog_name="antumbra", standalone_mode=False)

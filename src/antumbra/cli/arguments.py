@@ -1,17 +1,27 @@
-"""Parses command-line arguments. All of them are checked before a scene is loaded."""
+"""Parses command-line arguments, and opens the scene that they name.
+
+All arguments are checked before a scene is loaded.
+"""
 
 import math
 import re
+import warnings
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import parse_qsl
 
 import numpy as np
 
 from ..errors import InputError
-from ..extras import needed
-from ..scene.colour import srgb_to_linear
+from ..extras import import_extra
+from ..scene.materials import srgb_to_linear
+from ..scene.scene_data import group_notes
+from .console import say
+
+# --- Parses command-line arguments. All of them are checked before a scene is loaded ----------------------------------
+
 
 PROCEDURAL = "procedural:"
 DEFAULT_SCENE = PROCEDURAL + "atrium"
@@ -67,11 +77,11 @@ class CameraSpec(NamedTuple):
     position: np.ndarray | None  # (3,) float64; None: the default camera of its kind
     target: np.ndarray | None  # (3,) float64
     vfov: float = 60.0
-    kind: str = "perspective"  # one of `scene.view.KINDS`
+    kind: str = "perspective"  # one of `scene.default_picture.KINDS`
     extent: float | None = None  # height of the picture of an orthographic camera at a place
 
 
-class Sequence(NamedTuple):
+class FrameSequence(NamedTuple):
     """Frames of an animation. Frame k shows the time k / fps."""
 
     numbers: range
@@ -131,13 +141,13 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
 
 def check_plot(path: Path, option: str = "--plot") -> None:
     """Raise an InputError unless the plot of an option can be drawn and written to this file."""
-    from ..output import checked_output
+    from ..files import checked_output
 
     checked_output(path, (".png",))
-    needed("matplotlib", option, "plot")
+    import_extra("matplotlib", option, "plot")
 
 
-def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> Sequence:
+def parse_frames(text: str, time: float | None = None, fps: float | None = None) -> FrameSequence:
     """Parse ``FIRST:LAST[:STEP]``, LAST included, together with ``--time`` and ``--fps``."""
     match = _FRAMES.fullmatch(text.strip())
     first, last, step = (int(n or 1) for n in match.groups()) if match else (0, -1, 0)
@@ -150,7 +160,7 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
     fps = 24.0 if fps is None else fps
     if not 1e-6 <= fps <= 1e6:
         raise InputError(f"--fps is {fps:g}; it must be a number of frames a second above 0, such as 24")
-    return Sequence(range(first, last + 1, step), fps)
+    return FrameSequence(range(first, last + 1, step), fps)
 
 
 def parse_srdh_rays(text: str):
@@ -170,7 +180,7 @@ def parse_srdh_rays(text: str):
                 raise InputError(f"{part!r} comes after another one of its kind; leave one of them out")
             chosen[name] = True if name != "size" else None if part == "all" else int(part)
 
-        from ..bvh.srdh_rays import SrdhRays
+        from ..techniques.srdh.representative_rays import SrdhRays
 
         return SrdhRays(**chosen)
 
@@ -285,14 +295,14 @@ def make_lights(asked: list, scene, time: float) -> list:
 
 def parse_sky(text: str) -> "str | Path | np.ndarray":
     """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
-    from ..scene.environment import SUFFIXES
+    from ..scene.sky import ENVIRONMENT_SUFFIXES
 
     if text.strip().lower() == "none":
         return "none"
-    if text.lower().endswith(SUFFIXES):
+    if text.lower().endswith(ENVIRONMENT_SUFFIXES):
         return Path(text)
     with _named(f"--sky {text}"):
-        return srgb_to_linear(parse_colour(text, f"a {' or '.join(SUFFIXES)} file, or none"))
+        return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, or none"))
 
 
 def parse_background(text: str) -> "str | np.ndarray":
@@ -371,3 +381,63 @@ def _numbers(text: str, n: int, name: str, wanted: str) -> list[float]:
     if len(values) != n or not all(map(math.isfinite, values)):
         raise InputError(f"{name} is {text!r}; it must be {wanted}")
     return values
+
+
+# --- Opens the scene of a command, and shows the loader's notes -------------------------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+
+_MOST_NOTES = 5
+
+
+def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs: str | None = None) -> "AnyScene":
+    """The scene that a `SceneSpec` names, with a CRS. The loader's notes appear on standard error."""
+    if spec.path is None:
+        from .. import procedural
+
+        if up is not None or crs is not None:
+            raise InputError("--up and --crs belong to files; procedural scenes have +Y up and no CRS, leave them out")
+        return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
+    from .. import load
+    from ..store.store_format import STORE_SUFFIX
+
+    if up is not None and spec.path.suffix.lower() == STORE_SUFFIX:
+        raise InputError(f"{spec.path.name}: a store has its own up axis; leave --up out")
+    with quietly():  # the notes are printed below
+        scene = load(spec.path, up=up, lod=spec.lod, cutouts=spec.cutouts, crs=crs)
+    if not quiet:
+        notes = group_notes(scene.notes, "antumbra info shows all")
+        for note in notes[:_MOST_NOTES]:
+            say(f"note: {note}")
+        if len(notes) > _MOST_NOTES:
+            say(f"note: and {len(notes) - _MOST_NOTES} other kinds; antumbra info shows all of them")
+    return scene
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Hide the loader's notes, which are warnings."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
+def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
+    """Limit the memory of all questions to a scene in a store; InputError if the scene is in memory."""
+    from ..engine.paged_scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        scene.max_memory = max_memory
+    elif max_memory is not None:
+        raise InputError(f"--max-memory is for scenes in a store, and {scene.name} is in memory; leave it out")
+
+
+def in_memory(scene: "AnyScene") -> "AnyScene":
+    """The scene; InputError if it is in a store."""
+    from ..engine.paged_scene import PagedScene
+
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    return scene

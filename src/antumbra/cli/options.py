@@ -1,14 +1,180 @@
-"""Options that several commands share, and a decorator for commands that take all options as one object."""
+"""Options that commands share, and a decorator for commands that take all options as one dataclass.
+
+Options that set fields of `RenderOptions` and `EngineOptions` are derived from those fields. Options that name output
+files or folders are checked while the command line is parsed.
+"""
 
 import inspect
-from collections.abc import Callable
-from dataclasses import MISSING, Field, fields
-from enum import StrEnum
-from typing import Annotated, Any
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import MISSING, Field, field, fields, make_dataclass
+from enum import Enum, StrEnum
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from .written import written
+from ..errors import InputError
+from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_of
+from ..picture.render_options import RenderKeywords
+from .arguments import parse_point
+
+# --- Options that name files or folders to write. Each is checked while the command line is read, before any work -----
+#
+# An option says what it writes where it is declared: ``typer.Option(..., callback=writes(".png"))``. So no command can
+# forget the check. What depends on other arguments, such as a name by default, is checked by the command.
+
+
+TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
+"""Suffixes of tables: those of `jobs.result_table.WRITERS`, which is slow to import."""
+
+_GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
+
+
+def writes(*suffixes: str | Callable[[], Any]) -> Callable:
+    """The callback of an option that names a file, or several.
+
+    suffixes : in lower case, or a function that gives some: it can import modules that are slow to import
+    """
+
+    def allowed() -> list[str]:
+        return [suffix for each in suffixes for suffix in ([each] if isinstance(each, str) else each())]
+
+    def check(path: Path) -> None:
+        from ..files import checked_output
+
+        checked_output(path, allowed())
+
+    return _callback(check, allowed)
+
+
+def tables(about: str, *names: str, suffixes: Sequence[str] = TABLES, **more: Any) -> Any:
+    """An option, which may be repeated, of files of a table. Its help lists what it takes.
+
+    about : what the files hold; names : of the option
+    """
+    listed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+    help = f"{about}; may be repeated: {listed}."
+    return typer.Option(*names, help=help, show_default=False, callback=writes(*suffixes), **more)
+
+
+def writes_folder() -> Callable:
+    """The callback of an option that names a folder to write in, which is made if it is missing."""
+
+    def check(path: Path) -> None:
+        from ..files import checked_folder
+
+        checked_folder(path)
+
+    return _callback(check, list)
+
+
+def pictures() -> list[str]:
+    """Suffixes of pictures."""
+
+    return list(FILM_SUFFIXES)
+
+
+def films() -> list[str]:
+    """Suffixes of films."""
+    from ..picture.image_files import FILM_SUFFIXES
+
+    return list(FILM_SUFFIXES)
+
+
+def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callable:
+    def run(context: typer.Context, value: Any) -> Any:
+        if value is not None and not context.resilient_parsing:
+            for path in value if isinstance(value, (list, tuple)) else [value]:
+                check(path)
+                _once(context, path)
+        return value
+
+    written: Any = run
+    written.writes = allowed  # for tests
+    return run
+
+
+def _once(context: typer.Context, path: Path) -> None:
+    """Raise an InputError if two options, or one option twice, name the same file."""
+    given, real = context.meta.setdefault(_GIVEN, set()), os.path.realpath(path)
+    if real in given:
+        raise InputError(f"{path}: is named twice; give each output a name of its own")
+    given.add(real)
+
+
+# --- Options of commands that are made of the fields of `RenderOptions` and `EngineOptions` ---------------------------
+
+
+class DerivedOption(NamedTuple):
+    """An option of a command."""
+
+    name: str  # of the parameter
+    field: Field  # what it sets
+    words: CommandOption
+
+    @property
+    def start(self) -> Any:
+        """The value if nothing is written."""
+        return self.field.default if self.words.start is MISSING else self.words.start
+
+    @property
+    def kind(self) -> Any:
+        """The type of the text."""
+        return type_of(self.field) if self.words.kind is None else self.words.kind
+
+    def option(self, start: Any) -> Any:
+        """What Typer is told of it."""
+        flag, words, check = f"--{self.name.replace('_', '-')}", self.words, option_of(self.field).check
+        switch = self.kind in (bool, bool | None)
+        low, high = check[:2] if isinstance(check, WholeNumber) and words.kind is None else (None, None)
+        return typer.Option(
+            f"{flag}/--no-{flag[2:]}" if switch and start is not False else flag,
+            help=words.help + (f"  [default: {words.note}]" if start is None and words.note else ""),
+            metavar=words.metavar,
+            min=low,
+            max=high,
+            show_default=start is not None,
+            rich_help_panel=words.panel,
+        )
+
+
+def derived_options(kind: type = RenderKeywords) -> Iterator[DerivedOption]:
+    """All options of commands that set the fields of a class."""
+    for each in fields(kind):
+        for words in option_of(each).words:
+            yield DerivedOption(words.name or each.name, each, words)
+
+
+def derived_option(name: str, start: Any = None) -> Any:
+    """The option of a name for an annotation: ``spp: Annotated[int, written("spp", 16)] = 16``."""
+    return next(each for each in derived_options() if each.name == name).option(start)
+
+
+def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> Any:
+    """A base class for the arguments of a command, see `options.takes`: a field for each option that it has.
+
+    starts : values if nothing is written, where the command has others
+    """
+    start = lambda each: starts.get(each.name, each.start)
+    own = [each for each in derived_options(kind) if command in each.words.commands]
+    made = [(each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in own]
+    return make_dataclass(f"Options of {command}", made, frozen=True, kw_only=True)
+
+
+def literal(given: Any, kind: type) -> dict[str, Any]:
+    """Name -> value of the fields of a class whose options say the value itself, and were written or have a default."""
+    found = {each.name: getattr(given, each.name) for each in derived_options(kind) if each.words.literal}
+    return {name: _value(word) for name, word in found.items() if word is not None}
+
+
+def _value(word: Any) -> Any:
+    """The value for Python of a word."""
+    value = word.value if isinstance(word, Enum) else word
+    return None if isinstance(word, Enum) and value == "none" else value
+
+
+# --- Options that several commands share, and a decorator for commands that take all options as one object ------------
 
 
 class Up(StrEnum):
@@ -26,7 +192,7 @@ UpOption = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
 
-Threads = Annotated[int | None, written("threads")]
+Threads = Annotated[int | None, derived_option("threads")]
 CameraOption = Annotated[
     str | None,
     typer.Option(
@@ -41,9 +207,9 @@ LightOption = Annotated[
     list[str] | None,
     typer.Option("--light", help="An index, or KIND:...; may be repeated.", metavar="LIGHT", show_default=False),
 ]
-TimeOption = Annotated[float, written("time", 0.0)]
-SppOption = Annotated[int, written("spp", 16)]
-SamplerOption = Annotated[str, written("sampler", "")]
+TimeOption = Annotated[float, derived_option("time", 0.0)]
+SppOption = Annotated[int, derived_option("spp", 16)]
+SamplerOption = Annotated[str, derived_option("sampler", "")]
 SrdhRaysOption = Annotated[
     str | None,
     typer.Option(
@@ -53,7 +219,7 @@ SrdhRaysOption = Annotated[
         show_default=False,
     ),
 ]
-MaxMemoryOption = Annotated[str | None, written("max_memory")]
+MaxMemoryOption = Annotated[str | None, derived_option("max_memory")]
 
 SCENE_HELP = (
     "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
@@ -90,3 +256,125 @@ def takes(arguments: type) -> Callable:
         return found
 
     return wrap
+
+
+# --- Options of a picture, which ``render`` and ``compare`` share -----------------------------------------------------
+
+
+PictureLightOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--light", help="An index, or KIND:...[@INTENSITY]; may be repeated.", metavar="LIGHT", show_default=False
+    ),
+]
+AoOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
+        metavar="RADIUS[@INTENSITY]",
+        show_default=False,
+    ),
+]
+VplOption = Annotated[
+    int | None,
+    typer.Option(
+        help="Instead of ambient light, light that bounces once: photons of the first light and of a sky become point "
+        "lights.",
+        min=1,
+        max=16384,
+        metavar="PHOTONS",
+        show_default=False,
+    ),
+]
+
+
+class Preset(StrEnum):
+    draft = "draft"
+    standard = "standard"
+    final = "final"
+
+
+class PresetValues(NamedTuple):
+    """The values of a preset."""
+
+    spp: int
+    filter: bool
+    adaptive: bool
+
+
+QUALITIES = {
+    Preset.draft: PresetValues(4, True, False),
+    Preset.standard: PresetValues(16, True, False),
+    Preset.final: PresetValues(64, True, True),
+}
+
+PresetOption = Annotated[
+    Preset,
+    typer.Option(help="draft: 4 rays; standard: 16; final: 64, and adaptive. Other options override it."),
+]
+SkyOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Light from everywhere: a colour, a map in a .hdr or .exr file, or none.  "
+        "[default: daylight, if there are no other lights or the file has a sun]",
+        metavar="COLOUR|FILE|none",
+        show_default=False,
+    ),
+]
+ExposureOption = Annotated[
+    float | None,
+    typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
+]
+
+# --- Options that the commands of jobs share: sensors, and files of results -------------------------------------------
+
+
+SENSORS_HELP = (
+    "Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its "
+    "cells), or a file of points (.csv, .parquet, .npy, .npz)."
+)
+SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
+OutputsOption = Annotated[list[Path] | None, tables("Where to write", "--output", "-o")]
+ColumnOption = Annotated[
+    str | None,
+    typer.Option(help="Column that a picture or model shows.  [default: the first]", show_default=False),
+]
+PlanOption = Annotated[
+    str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
+]
+
+# The place of a scene on Earth
+CrsOption = Annotated[
+    str | None, typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False)
+]
+DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
+NorthOption = Annotated[
+    float | None,
+    typer.Option(
+        help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
+        show_default=False,
+    ),
+]
+TimezoneOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
+    ),
+]
+
+
+def points_or_file(given: list[str] | None, file: Path | None, one: str, many: str):
+    """The sensors of a repeated option X,Y,Z, or of a file; None if there are neither."""
+    if given and file is not None:
+        raise InputError(f"{one} and {many} exclude each other; give one of them")
+    if given:
+        from ..jobs.sensors import point_sensors
+
+        return point_sensors([parse_point(text, one) for text in given])
+    if file is None:
+        return None
+    from ..jobs.sensor_files import SUFFIXES, read_points
+
+    if file.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")
+    return read_points(file)

@@ -13,25 +13,23 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..auto.choose import Memory, suited_ways
-from ..auto.facts import facts_of
-from ..auto.rates import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, rate
-from ..auto.trace import Auto
-from ..bvh.blocks import block_tree
-from ..bvh.kept import part_of
+from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
-from ..bvh.srdh_rays import SrdhRays
+from ..bvh.refit import filter_tree
 from ..errors import InputError
-from ..methods import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS, Builder, Optimiser
-from ..plan import Plan, parse_plan
 from ..query.query_bounds import bounds
 from ..query.shadow_query import ShadowQuery, new_bits
-from ..scene.memory import MemoryData
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import ChcRtState
 from ..techniques.culling.pre_bvh_culling import CullResult, solid_count, solid_of, solid_tree, soup_of
-from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector
+from ..techniques.srdh.representative_rays import Bounce, RepresentativeRays, RepresentativeRaySelector, SrdhRays
 from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
+from .auto.cost_model import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, predicted_rate
+from .auto.query_features import features_of
+from .auto.strategies import AutoTracer, StrategyMemory, suitable_strategies
+from .method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS, Builder, Optimiser
+from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 
 # --- Acceleration by a plan -------------------------------------------------------------------------------------------
@@ -55,13 +53,13 @@ class Accelerated(NamedTuple):
         return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
-    def chosen(self) -> Auto | None:
+    def chosen(self) -> AutoTracer | None:
         """The state of the tracer `auto`; None for other tracers."""
-        return self.prepared if isinstance(self.prepared, Auto) else None
+        return self.prepared if isinstance(self.prepared, AutoTracer) else None
 
     def begin(self) -> None:
         """Begin a new frame or point query in a tracer with state."""
-        if isinstance(self.prepared, (ChcRtState, Auto)):
+        if isinstance(self.prepared, (ChcRtState, AutoTracer)):
             self.prepared.begin()
 
 
@@ -184,7 +182,7 @@ class Accelerator:
             self._updated = triangles, solid_tree(self._updater.update, triangles, self.threads)
         bvh = self._updated[1]
         solid = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if solid is None else part_of(bvh, solid.kept, self.threads)
+        return bvh if solid is None else filter_tree(bvh, solid.kept, self.threads)
 
     def _new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser
@@ -271,7 +269,7 @@ class AutoAccelerator(Accelerator):
 
     def __init__(self, plan: Plan, threads: int):
         super().__init__(plan, threads)
-        self.memory = Memory()
+        self.memory = StrategyMemory()
         self._tree_name = self._built = QUICK  # the next tree, and the last one
         self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
 
@@ -300,8 +298,10 @@ class AutoAccelerator(Accelerator):
         n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
         lost = self.memory.lost + self._loss(self._later)
         for query in queries:
-            facts = facts_of(query, n, box)
-            cost, strategy = min((rate(strategy, facts), strategy) for strategy in suited_ways(query, box))
+            facts = features_of(query, n, box)
+            cost, strategy = min(
+                (predicted_rate(strategy, facts), strategy) for strategy in suitable_strategies(query, box)
+            )
             lost += cost * facts.rays / self.threads * lost_share(strategy)
         self._choose(lost, n)
         self._rays_soon = self._later = 0
@@ -358,7 +358,7 @@ class AutoAccelerator(Accelerator):
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
         upgrade = partial(self._upgrade, triangles) if self._tree_name == QUICK and self._updater is None else None
-        tracer = Auto(bvh, self.threads, self.memory, self._built, upgrade)
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built, upgrade)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
     def _upgrade(self, triangles: Triangles) -> Bvh:

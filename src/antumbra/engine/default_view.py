@@ -13,15 +13,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.framing import VFOV, axes, bounding_sphere, fitted_camera
+from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
+from ..scene.default_picture import DefaultView, Room, view_of_box, way_out
 from ..scene.lights import tangents
-from ..scene.memory import MemoryData
-from ..scene.room import Room, way_out
-from ..scene.sampled import MOST, detail, moving_faces, sampled_faces, within
+from ..scene.scene_bounds import MAX_SAMPLED_FACES, detail, moving_faces, sampled_faces, within
+from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Triangles
-from ..scene.view import View, view_of_box
 from .primary_visibility import primary_visibility
 
 # --- Enclosing boxes --------------------------------------------------------------------------------------------------
@@ -46,7 +43,7 @@ class EnclosingBox(NamedTuple):
     @property
     def sample(self) -> NDArray[np.float64]:
         """(k, 3, 3) float64, recentred: a sample of the faces inside."""
-        return self.content.vertices[:: -(-len(self.content.vertices) // MOST)].astype(np.float64)
+        return self.content.vertices[:: -(-len(self.content.vertices) // MAX_SAMPLED_FACES)].astype(np.float64)
 
     def contains(self, points: np.ndarray) -> bool:
         """Whether all points, (k, 3) recentred, are inside the box."""
@@ -264,7 +261,7 @@ def _n_front_faces(triangles: Triangles, outside: Camera, threads: int | None) -
 def _candidate_points(triangles: Triangles, box: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
     """Points inside a scene at several heights, above the middle of its extent and where most triangles are."""
     height = np.ptp(box, axis=0) @ np.abs(up)
-    step = -(-len(triangles.vertices) // MOST)
+    step = -(-len(triangles.vertices) // MAX_SAMPLED_FACES)
     dense = np.median(triangles.vertices[::step, 0], axis=0) + triangles.origin
     places = box.mean(0), dense + ((box.mean(0) - dense) @ up) * up
     return [place + (level - 0.5) * height * up for place in places for level in _LEVELS]
@@ -338,18 +335,18 @@ def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
 # --- Views ------------------------------------------------------------------------------------------------------------
 
 
-def view_of(data: SceneData) -> View:
+def view_of(data: SceneData) -> DefaultView:
     """The geometry that a default view of a scene shows; for a scene in a store, only its bounds are known."""
     if not isinstance(data, MemoryData):
         return view_of_box(data.bounds, data.up)
     faces = moving_faces(data.source, data.n_triangles)
     box = detail(faces)
-    view = View(within(faces, box), data.up, None)
+    view = DefaultView(within(faces, box), data.up, None)
     room = room_of(data, view.camera(1, 1), box)
     return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
 
 
-def view_at(data: SceneData, view: View, time: float) -> View:
+def view_at(data: SceneData, view: DefaultView, time: float) -> DefaultView:
     """The view of an animated scene at one time, given its view over the whole animation."""
     if not isinstance(data, MemoryData) or not data.animated or view.room is not None:
         return view

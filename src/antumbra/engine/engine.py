@@ -10,16 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..auto.rates import GOOD, QUICK
-from ..auto.ways import WAYS, Forms, answer
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
-from ..kernels import needs
-from ..kernels.crew import Wanted
 from ..kernels.parallel import thread_count
-from ..kernels.progress import in_turn, shown
-from ..methods import BUILDERS, UPDATERS
-from ..plan import Plan, parse_plan
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.compile_pool import KernelRequest
+from ..progress import show_progress, split_progress
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.query_bounds import place, reach_of
@@ -27,16 +23,18 @@ from ..query.ray_list import HitArrays, RayArguments, cull_value, rays_of
 from ..query.receivers import Receivers
 from ..query.shadow_query import ShadowQuery, fraction_lit, shadow_queries
 from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.hit import Hit, HitFaces
-from ..scene.light_list import in_full
+from ..scene.light_lists import without_interleave
 from ..scene.lights import Light, QuadLight, check_lights
-from ..scene.memory import MemoryData
-from ..scene.triangles import Triangles
+from ..scene.scene_data import MemoryData, SceneData
+from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
 from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
+from .auto.cost_model import GOOD, QUICK
+from .auto.strategies import STRATEGIES, TreeForms, answer_query
 from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
 from .in_memory_source import InMemory
+from .method_registry import BUILDERS, UPDATERS
+from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from .scene_reading import data_of
@@ -144,20 +142,20 @@ def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
     return f"{plan} ({gbuffer}{', counted' if counters else ''})"
 
 
-def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Wanted] | None]:
+def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[KernelRequest] | None]:
     """A function that returns the recorded kernels of rendering by a plan, or None if there is no record.
 
     For a plan without a record, they are combined from the records of plans that use its methods.
     """
 
-    def without_counters(p: Plan) -> set[Wanted]:
-        return needs.of_job(record_of(p, gbuffer, False)) or set()
+    def without_counters(p: Plan) -> set[KernelRequest]:
+        return needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
 
-    def kernels() -> set[Wanted] | None:
-        record = needs.of_job(record_of(plan, gbuffer, counters))
+    def kernels() -> set[KernelRequest] | None:
+        record = needs.kernels_of_job(record_of(plan, gbuffer, counters))
         if record is not None:
             return record
-        tracing = needs.of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = needs.kernels_of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         base = without_counters(Plan(trace="single"))
@@ -199,11 +197,11 @@ def trace_all_ways(counters: bool) -> None:
         triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
     )
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
-        forms = Forms(build(triangles.vertices, 2), 2)
-        for name, strategy in WAYS.items():
+        forms = TreeForms(build(triangles.vertices, 2), 2)
+        for name, strategy in STRATEGIES.items():
             for query in queries:
                 if strategy.suits(query, forms.box):
-                    answer(name, forms, query, 2, new_counters() if counters else None)
+                    answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 
 # --- The engine -------------------------------------------------------------------------------------------------------
@@ -416,12 +414,12 @@ class Engine:
         `antumbra.visibility` documents the parameters. `Receivers.on_surface` and `in_space` make receivers.
         """
         instance(receivers, Receivers, "receivers")
-        lights = [in_full(light) for light in check_lights(lights, self.data.up)]
+        lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
                 raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
-        with shown("tracing shadow rays", progress) as callback:
+        with show_progress("tracing shadow rays", progress) as callback:
             answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
         return visibility_of([bits for _, bits in answers], [each.shape[1] for each in samples])
 
@@ -472,7 +470,7 @@ class Engine:
                 )
             accelerated.begin()
             return list(
-                zip(queries, accelerator.answer_all(accelerated, queries, None, in_turn(progress, len(queries))))
+                zip(queries, accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries))))
             )
 
     def queries(

@@ -10,20 +10,18 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..auto.choose import Choice
-from ..plan import Plan
 from ..query.gbuffer import GBuffer
 from ..query.ray_list import HitArrays, RayArguments
 from ..query.shadow_query import ShadowQuery, Surfaces
-from ..scene.camera import Camera, CameraRays
-from ..scene.data import SceneData
+from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.lights import Light
-from ..scene.listed_rays import ListedRays
+from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from ..techniques.srdh.representative_rays import RepresentativeRays, bounced_queries
 from ..trace.rays.ray_hits import Nearest
-from .accelerator import Accelerated, Accelerator
-from .accelerator import Progress as Progress
+from .accelerator import Accelerated, Accelerator, Progress
+from .auto.strategies import StrategyChoice
+from .plan import Plan
 
 # --- Memory estimates -------------------------------------------------------------------------------------------------
 
@@ -135,7 +133,7 @@ class RenderSource(Protocol):
         ...
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None
     ) -> Surfaces:
         """The surfaces of the sub-pixels of selected pixels, see `query.pixel_refinement`; `tree`: as in `look`."""
         ...
@@ -170,7 +168,7 @@ class FrameMethods(NamedTuple):
     """The methods that ran in a frame."""
 
     plan: str
-    choices: list[Choice] | None  # of the plan `auto`, one per query
+    choices: list[StrategyChoice] | None  # of the plan `auto`, one per query
     statistics: list[dict[str, Any]] | None  # of CHC+RT, one `visibility_fronts.Statistics` per query
 
 
@@ -186,7 +184,7 @@ class FrameTracer:
     """
 
     triangles: Triangles
-    view: CameraRays | ListedRays
+    view: CameraRays | ExplicitRays
 
     def __init__(self, source: RenderSource, accelerator: Accelerator):
         self._source, self._accelerator = source, accelerator

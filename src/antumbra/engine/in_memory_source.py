@@ -13,21 +13,20 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from ..auto.rates import BEST, GOOD, seconds_before_best
-from ..plan import DEFAULT_PLAN, Plan, parse_plan
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
 from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
-from ..scene.camera import Camera, CameraRays
-from ..scene.listed_rays import ListedRays
-from ..scene.memory import MemoryData
+from ..scene.camera import Camera, CameraRays, ExplicitRays
+from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator, SceneTrees, best_tree_job
+from .auto.cost_model import BEST, GOOD, seconds_before_best
 from .frame_tracer import FrameMemory, Progress
+from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .primary_visibility import (
     AUTO,
@@ -230,9 +229,9 @@ class InMemory:
         return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None
     ) -> Surfaces:
-        if isinstance(view, ListedRays):
+        if isinstance(view, ExplicitRays):
             assert tree is not None
             rays, shape = subpixel_rays(view, edge, self.threads)
             return next(self.nearest_in(tree)([rays], shape))

@@ -14,25 +14,21 @@ from typing import ClassVar, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
-from ..bvh.nodes import EMPTY, MAX_DEPTH, Bvh, aligned_empty
+from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
 from ..checks import byte_count
 from ..errors import InputError
+from ..kernels.exact.filters import single_weights
+from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
-from ..kernels.predicate.exact import ray_along
-from ..kernels.predicate.hits import single_weights
-from ..methods import BUILDERS
-from ..plan import Plan
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
 from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
-from ..scene.camera import Camera, CameraRays
-from ..scene.listed_rays import ListedRays
-from ..scene.triangles import Triangles, joined
+from ..scene.camera import Camera, CameraRays, ExplicitRays
+from ..scene.triangles import Triangles, concatenate
 from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ..store.store_file import StoreData
 from ..store.store_format import Chunk
@@ -48,6 +44,8 @@ from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
 from .frame_tracer import FrameMemory, Progress
+from .method_registry import BUILDERS
+from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
 # --- Bands of rows ----------------------------------------------------------------------------------------------------
@@ -350,7 +348,7 @@ class Paged:
         if camera.listed:
             rows = rows or slice(0, camera.height)
             passes, shape = (
-                [camera_pass(cast(ListedRays, camera.view(self.scene.origin)), rows)],
+                [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)],
                 (rows.stop - rows.start, camera.width),
             )
             listed_hits = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
@@ -408,7 +406,7 @@ class Paged:
             parts.append(batch.triangles)
             n += len(batch.triangles.vertices)
         self.release()  # such queries are rare
-        return joined(parts or [self.accelerated.triangles]), faces.reshape(face.shape)
+        return concatenate(parts or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
@@ -418,7 +416,7 @@ class Paged:
         return trace_batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), MIN_BATCH))
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ListedRays, edge: np.ndarray, tree: Accelerated | None = None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None = None
     ) -> Surfaces:
         """The surfaces of the sub-pixels of selected pixels, by rays; `triangles` and `tree` are not used."""
         rays, shape = subpixel_rays(view, edge, self.threads)

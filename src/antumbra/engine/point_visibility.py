@@ -5,16 +5,16 @@ from collections.abc import Sequence
 from numpy.typing import ArrayLike
 
 from ..checks import as_array
-from ..kernels.progress import hushed
-from ..plan import Plan
+from ..progress import with_quiet_progress
 from ..query.receivers import Receivers
 from ..scene.lights import Light
 from .engine import Visibility
 from .frame_tracer import Progress
+from .plan import Plan
 from .scene_loading import SceneLike, scene_of
 
 
-@hushed
+@with_quiet_progress
 def visibility(
     scene: SceneLike,
     points: "ArrayLike",

@@ -1,10 +1,10 @@
 """Compile kernels on all cores before anything is timed, and report it.
 
-A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.needs` records which kernels a job
+A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.toolchain.kernel_manifest` records which kernels a job
 calls. Several processes compile those that are missing on disk. Then the job runs on a small scene, which compiles any
 unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
 
-Each module defines its own jobs; `rendering.warm` lists all of them.
+Each module defines its own jobs; `jobs.job_kernels` lists all of them.
 """
 
 from collections.abc import Callable, Hashable, Iterable
@@ -13,20 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels import needs
-from ..kernels.arguments import named
-from ..kernels.crew import Wanted, compile_all
-from ..kernels.loading import events, is_kept, user_cache
-from ..kernels.progress import reported
+from ..formats.library_meshes import data_of_arrays
+from ..kernels.marshalling import import_object
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.compile_pool import KernelRequest, compile_kernels
+from ..kernels.toolchain.kernel_cache import events, is_cached, user_cache
+from ..progress import report_progress
 from ..scene.camera import Camera
+from ..scene.light_lists import PointLights
 from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
-from ..scene.made import data_of_arrays
 from ..scene.materials import MASK, Material, Texture
-from ..scene.memory import MemoryData
-from ..scene.mesh import make_mesh
-from ..scene.painted import painted
-from ..scene.point_lights import PointLights
-from ..scene.source import StaticMeshes
+from ..scene.mesh import StaticMeshes, make_mesh, textured_mesh
+from ..scene.scene_data import MemoryData
 
 
 class Job(NamedTuple):
@@ -34,12 +32,12 @@ class Job(NamedTuple):
 
     name: str  # key of the record of its kernels
     work: Callable[[], object]  # runs the job
-    kernels: Callable[[], set[Wanted] | None]  # returns the recorded kernels; None: the job has no record
+    kernels: Callable[[], set[KernelRequest] | None]  # returns the recorded kernels; None: the job has no record
 
 
 def fixed_job(name: str, work: Callable[[], object]) -> Job:
     """A job whose kernels are recorded under its name."""
-    return Job(name, work, lambda: needs.of_job(name))
+    return Job(name, work, lambda: needs.kernels_of_job(name))
 
 
 @cache
@@ -66,17 +64,17 @@ def precompile_all(jobs: Iterable[Job]) -> int:
     return len(missing) + sum(event.source == "compiled" for event in events[before:])
 
 
-def missing_of(kernels: Iterable[Wanted]) -> set[Wanted]:
+def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     """The kernels that are not on disk."""
-    return {each for each in kernels if not is_kept(named(each.kernel), each.key)}
+    return {each for each in kernels if not is_cached(import_object(each.kernel), each.key)}
 
 
-def compile_missing(missing: set[Wanted]) -> None:
+def compile_missing(missing: set[KernelRequest]) -> None:
     """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():
         return
-    with reported(f"compiling {len(missing)} kernels for this machine, once") as progress:
-        compile_all(missing, progress)
+    with report_progress(f"compiling {len(missing)} kernels for this machine, once") as progress:
+        compile_kernels(missing, progress)
 
 
 def small_scene(dressed: bool = False) -> MemoryData:
@@ -113,6 +111,6 @@ def small_scene_with_cutouts() -> MemoryData:
     pixels[..., 3] = 255 * np.eye(8)
     material = Material(texture=Texture("paper", pixels, has_alpha=True), alpha_mode=MASK)
     sheet = make_mesh("paper", corners.reshape(-1, 3), None, None, "paper")
-    paper = painted(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
+    paper = textured_mesh(sheet, None, 6, material, "paper", uv=corners[..., ::2].reshape(-1, 2))
     hills = make_mesh("hills", small_scene().triangles().vertices.reshape(-1, 3), None, None, "hills")
     return MemoryData(StaticMeshes([hills, paper], "small"))

@@ -13,18 +13,16 @@ from typing import TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..auto.ways import WAYS
 from ..bvh import lbvh
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..query.gbuffer import GBuffer, from_hits
 from ..query.light_samples import light_samples
 from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
-from ..scene.areas import solid_vertices
-from ..scene.camera import Camera, CameraRays
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import Camera, CameraRays, ExplicitRays
+from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
@@ -32,6 +30,7 @@ from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutout
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
+from .auto.strategies import STRATEGIES
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
 # --- Primary visibility -----------------------------------------------------------------------------------------------
@@ -51,7 +50,7 @@ def primary_visibility(
     cutouts : the tree of alpha-masked faces, used if `tree` is None; None: build it if there are such faces
     """
     if camera.listed:
-        listed = camera_pass(cast(ListedRays, camera.view(triangles.origin)), slice(0, camera.height))
+        listed = camera_pass(cast(ExplicitRays, camera.view(triangles.origin)), slice(0, camera.height))
         tree = tree or _any_tree(triangles, threads)
         return next(nearest_in(tree, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
@@ -60,7 +59,7 @@ def primary_visibility(
     elif tree.scheduled is not None:
         face, t = primary_hits(tree.scheduled, rays, threads)
     else:
-        blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(WAYS["multifrusta"])
+        blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(STRATEGIES["multifrusta"])
         blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
         face, t = trace_primary(blocks_or_bvh, rays, threads)
     alpha_tree = cutouts if tree is None else tree.cutouts
@@ -193,7 +192,7 @@ class PrimaryMethodChooser:
 def _has_blocks(tree: Accelerated) -> bool:
     """Whether the tree exists in the form that camera rays traverse."""
     if tree.chosen is not None:
-        return not tree.chosen.forms.missing(WAYS["multifrusta"])
+        return not tree.chosen.forms.missing(STRATEGIES["multifrusta"])
     return isinstance(tree.prepared, BlockTree)
 
 

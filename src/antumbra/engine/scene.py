@@ -12,21 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, whole_number
-from ..scene import framing
+from ..formats.library_meshes import data_of_arrays, data_of_mesh
+from ..generate.generated_scene import procedural_data
+from ..scene import camera as framing
+from ..scene.alpha_masks import Cutouts
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
-from ..scene.cityjson.model import CityModel
-from ..scene.cutouts import Cutouts
-from ..scene.data import SceneData
-from ..scene.generated import generated
-from ..scene.hit import Hit
+from ..scene.default_picture import KINDS, DefaultView, skies_with
 from ..scene.lights import Light, QuadLight
-from ..scene.made import data_of_arrays, data_of_mesh
-from ..scene.memory import MemoryData
-from ..scene.mesh import MeshInfo, ObjectInfo
-from ..scene.source import Source
-from ..scene.triangles import Triangles
-from ..scene.view import KINDS, View, skies_with
+from ..scene.mesh import MeshInfo, ObjectInfo, Source
+from ..scene.scene_data import CityModel, MemoryData, SceneData
+from ..scene.triangles import Hit, Triangles
 
 # --- The interface of scenes ------------------------------------------------------------------------------------------
 
@@ -82,7 +78,7 @@ class AnyScene:
     def __init__(self, data: SceneData):
         self.data = data
         self._engine: Engine | None = None
-        self._view: View | None = None
+        self._view: DefaultView | None = None
         self._lock = threading.Lock()
 
     @classmethod
@@ -174,7 +170,7 @@ class AnyScene:
         return view.camera(width, height) if kind == "perspective" else view.other_camera(kind, width, height)
 
     @property
-    def view(self) -> View:
+    def view(self) -> DefaultView:
         """The geometry that a default view shows, computed on first use."""
         if self._view is None:
             from .default_view import view_of
@@ -474,4 +470,4 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
     InputError
         If the name is unknown, or the number of triangles is out of range.
     """
-    return Scene.of_data(generated(name, triangles, seed))
+    return Scene.of_data(procedural_data(name, triangles, seed))

@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
 from ..scene.crs import checked_crs
-from ..scene.data import SceneData
-from ..scene.memory import MemoryData
-from ..scene.notes import by_kind
+from ..scene.scene_data import MemoryData, SceneData, group_notes
 from .scene import AnyScene, Scene
 from .scene_reading import read_scene_data
 
@@ -76,7 +74,7 @@ def load(
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
     scene.crs = given_crs or scene.crs
-    for note in by_kind(scene.notes):
+    for note in group_notes(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
 

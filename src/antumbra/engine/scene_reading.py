@@ -8,13 +8,11 @@ import numpy as np
 
 from ..checks import path_of, text
 from ..errors import InputError
-from ..scene.data import SceneData
-from ..scene.files import checked_file
-from ..scene.foreign import KNOWN, is_mesh
-from ..scene.made import data_of_mesh
-from ..scene.memory import MemoryData, checked_up
-from ..scene.sampled import looks_z_up, sampled_faces
-from ..scene.source import Source
+from ..files import checked_file
+from ..formats.library_meshes import KNOWN, data_of_mesh, is_mesh
+from ..scene.mesh import Source
+from ..scene.scene_bounds import guess_z_up, sampled_faces
+from ..scene.scene_data import MemoryData, SceneData, check_up_axis
 from ..store.store_format import STORE_SUFFIX
 
 GLTF_SUFFIXES = (".glb", ".gltf")
@@ -31,7 +29,7 @@ def data_of(value: Any) -> SceneData:
 def read_scene_data(value: Any, up: str | None = None, lod: str | None = None) -> SceneData:
     """Read the data of a scene from a path or a mesh of another library."""
     if up is not None:
-        checked_up(up)
+        check_up_axis(up)
     if lod is not None:
         text(lod, "lod")
     if is_mesh(value):
@@ -64,7 +62,7 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
     if lod is not None:
         raise InputError(f"{name}: lod is for CityJSON files; leave it out")
     if path.is_dir():
-        from ..scene.frames import read_frames
+        from ..formats.array_files import read_frames
 
         return _scene(*read_frames(path), path.resolve().name, up)
     if suffix == STORE_SUFFIX:
@@ -78,16 +76,16 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
         raise InputError(f"{name}: unknown {description}; use one of {known}, or a folder")
     checked_file(path, name)
     if suffix in GLTF_SUFFIXES:
-        from ..scene.gltf import read_gltf
+        from ..formats.gltf.gltf_source import read_gltf
 
         return _scene(*read_gltf(path), path.stem, up)
-    from ..scene.meshfile import read_mesh_file
+    from ..formats.mesh_files import read_mesh_file
 
     return _scene(*read_mesh_file(path), path.stem, up)
 
 
 def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> MemoryData:
-    from ..scene.cityjson.read import read_cityjson
+    from ..formats.cityjson.cityjson_source import read_cityjson
 
     checked_file(path, name)
     city_file = read_cityjson(path, lod)
@@ -97,6 +95,6 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Memory
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
     scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
-    if up is None and looks_z_up(sampled_faces(source, scene.n_triangles)):
+    if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
         scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
     return scene

@@ -6,21 +6,20 @@ from typing import Any
 
 from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
+from ..files import checked_output, temporary_folder
+from ..formats.library_meshes import is_mesh
+from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
-from ..kernels.progress import Progress, followed, shown
-from ..output import checked_output
-from ..scene.data import SceneData
-from ..scene.foreign import is_mesh
-from ..scene.generated import StreamedCity
+from ..progress import Progress, show_progress, with_progress
+from ..scene.scene_data import SceneData
 from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
-from ..temporary import temporary_folder
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .scene import AnyScene
 from .scene_loading import SceneLike, scene_of
 
 
-@followed
+@with_progress
 def build_store(
     scenes: "SceneLike | StreamedCity | Iterable[SceneLike | StreamedCity]",
     path: "str | os.PathLike[str]",
@@ -65,7 +64,7 @@ def build_store(
     max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     precompile(store_job)
-    with shown(f"building {path.name}") as callback:
+    with show_progress(f"building {path.name}") as callback:
         bar = None if callback is None else lambda text, done, total: callback(done, total)
         return build_compiled(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 

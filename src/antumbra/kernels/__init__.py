@@ -1,25 +1,14 @@
 """Compiled functions: their building blocks, and their way to machine code. Nothing here knows a scene.
 
-Building blocks of kernels:
-
-- jit: the decorators `kernel`, `inlined`, `overload`
-- simd/: vectors as values inside kernels; vec: three coordinates at once; fields: types for readers
-- predicate/: the exact test of a ray and a triangle
-- parallel: threads that share the work of one kernel
-
-From a call to machine code, without Numba:
-
-- arguments: the kinds and values of arguments, as 8-byte words
-- closure, definitions: a digest of all code and constants that a kernel reaches
-- loading, cache, code, locks: linking of object files from packs and from the user's folder
-- private: folders and files that other users cannot change
-- processor: levels of processors
-
-Compiling:
-
-- compiling, parts, library, entry, machine, numba_speed, numba_import: Numba and LLVM
-- crew, worker, progress: several compiling processes at once
-- needs: the recorded kernels of each job; pack: packs for wheels
+- `jit`: the decorators `kernel`, `inlined`, `formula`, `overload`; types of the fields of kernel arguments
+- `marshalling`: arguments and results as 8-byte words
+- `machine_code`: processor levels, LLVM's optimisation and emission for a level, the record of a kernel's code
+- `simd/`: vectors as values inside kernels
+- `vec3`: three coordinates at once, of scalars or of vectors
+- `exact/`: the exact test of a ray and a triangle
+- `parallel`: threads that share the work of one kernel
+- `ticket_loops`: loops over the items of a ticket, imported only by the compiler
+- `toolchain/`: digests, compilation, the cache of machine code, compilation ahead of time
 """
 
 from importlib import import_module

@@ -5,9 +5,13 @@
 - `formula` marks an inlined function that Python may call too.
 - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
 
-A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that this
-process has loaded, then in packs and in the user's cache (`loading.py`). If there is none, Numba compiles the kernel
-(`compiling.py`).
+A call from Python finds machine code by the kinds of its arguments (`marshalling`). It looks among the code that this
+process has loaded, then in packs and in the user's cache (`toolchain.kernel_cache`). If there is none, Numba compiles
+the kernel (`toolchain.compiling`).
+
+The types of the fields of NamedTuples that kernels take (`F32Ptr`, `F32x16`, ...) are for readers. At run time each is
+`Any`. A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`.
+Numbers are ``int`` (int64), ``np.float32`` and so on.
 """
 
 import functools
@@ -15,9 +19,42 @@ import importlib
 import threading
 import types
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
-from .arguments import Key, flatten, struct_of, text_of
+from .marshalling import Key, flatten, struct_of, text_of
+
+# --- Types of the fields of NamedTuples that kernels take, for readers. At run time each is `Any` ---------------------
+#
+# A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`. Numbers
+# are
+# ``int`` (int64), ``np.float32`` and so on.
+
+
+BoolPtr: TypeAlias = Any
+F32Ptr: TypeAlias = Any
+F64Ptr: TypeAlias = Any
+I8Ptr: TypeAlias = Any
+I32Ptr: TypeAlias = Any
+I64Ptr: TypeAlias = Any
+U8Ptr: TypeAlias = Any
+U64Ptr: TypeAlias = Any
+F32x4: TypeAlias = Any
+F32x8: TypeAlias = Any
+F32x16: TypeAlias = Any
+F32Lanes: TypeAlias = Any  # F32x8 or F32x16: the same functions take both
+F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take both
+
+# --- The decorators of compiled functions. Numba is imported only if something must be compiled -----------------------
+#
+# - `kernel` marks a function that Python or other kernels call.
+# - `inlined` marks a function that LLVM must inline into its callers.
+# - `formula` marks an inlined function that Python may call too.
+# - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
+#
+# A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that
+# this process has loaded, then in packs and in the user's cache (`loading.py`). If there is none, Numba compiles the
+# kernel (`compiling.py`).
+
 
 _lock = threading.RLock()
 

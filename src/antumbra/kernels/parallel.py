@@ -76,10 +76,10 @@ def new_ticket(n_items: int, chunk: int) -> Ticket:
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
 
 
-items: Any = Intrinsic("antumbra.kernels.tickets", "items")
+items: Any = Intrinsic("antumbra.kernels.ticket_loops", "items")
 """In kernels, ``for i in items(ticket):`` is a loop over the items that this thread takes."""
 
-shares: Any = Intrinsic("antumbra.kernels.tickets", "shares")
+shares: Any = Intrinsic("antumbra.kernels.ticket_loops", "shares")
 """In kernels, ``for first, last in shares(ticket):`` is a loop over the items that this thread takes at a time.
 
 A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with each share,
@@ -97,7 +97,7 @@ def take(ticket):
     return first if first < ticket[N] else np.int64(-1)
 
 
-class _Job:
+class _ParallelRun:
     """One `run`: the worker with its arguments, and the outcome in each thread."""
 
     def __init__(self, worker, ticket, args, own, n_threads):
@@ -125,7 +125,7 @@ class _Thread:
     """A thread that waits for jobs. It is in `_idle` whenever it has none."""
 
     def __init__(self):
-        self.inbox: queue.SimpleQueue[_Job] = queue.SimpleQueue()
+        self.inbox: queue.SimpleQueue[_ParallelRun] = queue.SimpleQueue()
         threading.Thread(target=self._serve, name="antumbra", daemon=True).start()
 
     def _serve(self):
@@ -149,7 +149,7 @@ def _idle_thread() -> _Thread:
         return _Thread()
 
 
-def _wait(job: _Job, seconds: float) -> None:
+def _wait(job: _ParallelRun, seconds: float) -> None:
     with suppress(queue.Empty):
         job.wake.get(timeout=seconds)
 
@@ -190,7 +190,7 @@ def run(
     if n_threads == 1 and progress is None:
         worker(ticket, *args, *own())
         return
-    job, started = _Job(worker, ticket, args, own, n_threads), 0
+    job, started = _ParallelRun(worker, ticket, args, own, n_threads), 0
     try:
         while started < n_threads:
             _idle_thread().inbox.put(job)

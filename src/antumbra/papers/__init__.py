@@ -1,13 +1,12 @@
 """Code that reproduces the papers and compares methods with them. The rest of the package does not import it.
 
-The folders `multi_frusta`, `pre_bvh_culling`, `srdh`, `ray_hierarchy` and `chc_rt` are one paper each. A README maps
-the paper's sections, tables and figures to code. A folder has most of these modules:
+- `published_methods`: registers the methods as published
+- `benchmark_views`: scenes with a camera and lights, and digests of answers
+- `structure_benches`: ``antumbra bench srdh``, ``pre-bvh-culling`` and ``chc-rt``
+- `tracer_benches`: ``antumbra bench multi-frusta``, ``ray-hierarchy`` and ``peers``
+- `multi_frusta`, `pre_bvh_culling`, `srdh`, `ray_hierarchy`, `chc_rt`: one paper each
+- `peers`: Embree beside the default plan
+- `scenes`: procedural scenes for these benchmarks
 
-- the methods as published, which `methods` registers
-- measure: the measurements
-- published: figures from the paper
-- plot: diagrams
-- command: ``antumbra bench <paper>``
-
-`scenes` has procedural scenes for these benchmarks. `peers` compares the default plan with Embree.
+The README of each paper maps its sections, tables and figures to code.
 """

@@ -8,13 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, I8Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.predicate import ray_along
+from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.exact import ray_along
 from ..kernels.simd import get, ptr, put
-from ..scene.camera import CameraRays
-from ..scene.listed_rays import ListedRays
+from ..scene.camera import CameraRays, ExplicitRays
 from .receivers import NOTHING
 
 # --- The ray of a pixel, with the same bits in rasterisation and ray tracing ------------------------------------------
@@ -177,7 +175,7 @@ class PictureSurfaces(NamedTuple):
 def seen_by(gbuffer, rays) -> PictureSurfaces:
     """The surfaces of a G-buffer that was made with these `CameraRays` or `ListedRays`."""
     depth = gbuffer.depth
-    if not isinstance(rays, ListedRays):
+    if not isinstance(rays, ExplicitRays):
         pixel = np.linalg.norm(rays.dy)
     elif rays.extent is None:
         pixel = np.pi / rays.height

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..checks import choice, whole_number
 from ..kernels.jit import inlined, kernel
-from ..scene.light_list import N_SETS, LightList
+from ..scene.light_lists import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
 
 # --- Light samples in kernels: the patch of a light for a receiver, and the points of the patch -----------------------

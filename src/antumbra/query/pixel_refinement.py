@@ -17,10 +17,9 @@ from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
-from ..scene.camera import CameraRays
-from ..scene.light_list import N_SETS
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP
-from ..scene.listed_rays import ListedRays
 from .gbuffer import (
     GBuffer,
     PictureSurfaces,
@@ -226,11 +225,11 @@ def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
         directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
 
 
-def subpixel_rays(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+def subpixel_rays(rays: CameraRays | ExplicitRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
     threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(wanted))
     shape = _shape(len(pixels))
-    if isinstance(rays, ListedRays):
+    if isinstance(rays, ExplicitRays):
         return _listed_subpixels(rays, pixels, shape), shape
     directions = np.zeros((*shape, 3), np.float32)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
@@ -241,7 +240,7 @@ def subpixel_rays(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=Non
     return RayPass(origins, directions.reshape(m, 3), np.full(m, -1, np.int32)), shape
 
 
-def _listed_subpixels(rays: ListedRays, pixels: np.ndarray, shape: tuple[int, int]) -> RayPass:
+def _listed_subpixels(rays: ExplicitRays, pixels: np.ndarray, shape: tuple[int, int]) -> RayPass:
     down, right = pixels.T[..., None, None].astype(np.float64)
     origins, directions = rays.through(right + OFFSETS[..., 0], down + OFFSETS[..., 1])
     return listed_pass(*(block_values(part, shape) for part in (origins, directions)))

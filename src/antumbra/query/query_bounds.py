@@ -13,9 +13,9 @@ from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
 from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
-from ..scene.light_list import LightList
+from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
-from ..scene.recentre import settled
+from ..scene.scene_bounds import flush_to_zero
 
 # --- Points along a space-filling curve, so that neighbours in a list are near each other -----------------------------
 
@@ -123,7 +123,7 @@ def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float
         return patch
     vectors = np.array((patch.base, patch.u, patch.v))
     _check_ratio(box, max(reach, float(np.abs(vectors).max()) + patch.radius), light)
-    base, u, v = settled(vectors)
+    base, u, v = flush_to_zero(vectors)
     return LightPatch(patch.kind, base, u, v, patch.w, patch.radius)
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..kernels.exact.filters import widest
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
-from ..kernels.predicate.filters import widest
 from ..kernels.simd import (
     absolute,
     as_i32,

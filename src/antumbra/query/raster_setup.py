@@ -31,9 +31,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
+from ..kernels.exact.filters import hit_t, plane, widest
 from ..kernels.jit import inlined, kernel
-from ..kernels.predicate.filters import plane, widest
-from ..kernels.predicate.hits import hit_t
 from ..kernels.simd import get
 
 # --- Edge functions of a triangle on the screen, with proven bounds of all rounding errors ----------------------------

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import InputError
-from ..kernels.fields import F32Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.filters import meets, plane_side
+from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.filters import meets, plane_side
 from ..kernels.simd import (
     any_lane,
     atomic_add,

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..checks import as_array, choice
 from ..errors import InputError
-from ..kernels.arguments import Form, Packed, address_of
-from ..scene.recentre import settled
+from ..kernels.marshalling import ArgumentForm, Packed, address_of
+from ..scene.scene_bounds import flush_to_zero
 from .ray_passes import RayPass
 from .shadow_query import CULL_FACES
 
@@ -65,8 +65,8 @@ class HitArrays(NamedTuple):
 
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
-_HITS = Form(_NONE)
-_RAYS = Form(
+_HITS = ArgumentForm(_NONE)
+_RAYS = ArgumentForm(
     RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type: ignore[arg-type]
 )
 _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
@@ -233,9 +233,9 @@ class RayArrays(NamedTuple):
         """The origins in the scene's frame, and the directions or the targets in it: (m, 3) float32 each."""
         ways = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
         with np.errstate(over="ignore", invalid="ignore"):  # `check` names them
-            origins = settled((self.origins.astype(np.float64) - self.frame).astype(np.float32))
+            origins = flush_to_zero((self.origins.astype(np.float64) - self.frame).astype(np.float32))
             ways = np.ascontiguousarray(ways, np.float32)
-        return origins, settled(ways) if self.segments else ways
+        return origins, flush_to_zero(ways) if self.segments else ways
 
     def rays(self) -> RayPass:
         """The rays in the scene's frame. Directions of segments are rounded differences of their ends."""

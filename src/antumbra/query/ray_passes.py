@@ -12,10 +12,9 @@ from ..checks import whole_number
 from ..errors import InputError
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..scene.camera import CameraRays
-from ..scene.light_list import N_SETS
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.light_lists import N_SETS
 from ..scene.lights import MAX_SPP, is_bounced
-from ..scene.listed_rays import ListedRays
 from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
 from .receivers import NOTHING, SHIFT
@@ -44,7 +43,7 @@ def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
     return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
 
 
-def camera_pass(rays: ListedRays, rows: slice) -> RayPass:
+def camera_pass(rays: ExplicitRays, rows: slice) -> RayPass:
     """The rays through the centres of some rows of a camera's pixels."""
     x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
     return listed_pass(*rays.through(x, y))
@@ -129,9 +128,9 @@ def _directions(ticket, pixels, rays, directions):
         directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
-def rays_through(rays: CameraRays | ListedRays, wanted: np.ndarray, threads=None) -> RayPass:
+def rays_through(rays: CameraRays | ExplicitRays, wanted: np.ndarray, threads=None) -> RayPass:
     """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
-    if isinstance(rays, ListedRays):
+    if isinstance(rays, ExplicitRays):
         return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
     pixels = np.ascontiguousarray(np.argwhere(wanted))
     m = len(pixels)

@@ -13,11 +13,11 @@ import numpy as np
 
 from ..checks import as_array, unit_vectors
 from ..errors import InputError
+from ..kernels.exact.filters import plane, side_of, widest
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
-from ..kernels.predicate.filters import plane, side_of, widest
 from ..kernels.simd import get, ptr, put
-from ..scene.recentre import settled
+from ..scene.scene_bounds import flush_to_zero
 
 NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
 
@@ -115,7 +115,7 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
     shift = SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
     if single:
         shift = shift + SHIFT / 4 * np.abs(world).max(-1, keepdims=True)
-    return np.ascontiguousarray(settled(points + shift * normals).astype(np.float32))
+    return np.ascontiguousarray(flush_to_zero(points + shift * normals).astype(np.float32))
 
 
 class Receivers(NamedTuple):
@@ -142,7 +142,7 @@ class Receivers(NamedTuple):
         InputError
             If a coordinate is NaN, infinite, or beyond float32 in the scene's frame.
         """
-        origins = settled(_in_frame(_points(points), frame))[None]
+        origins = flush_to_zero(_in_frame(_points(points), frame))[None]
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32Ptr, F64Ptr, I8Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.exact.filters import plane, widest
+from ..kernels.exact.predicate import exact_plane_side
+from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.exact import exact_plane_side
-from ..kernels.predicate.filters import plane, widest
 from ..kernels.simd import get, popcount, ptr, put
 from ..scene.lights import AMBIENT, LightPatch
 from ..scene.triangles import Triangles

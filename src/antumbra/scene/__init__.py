@@ -1,14 +1,17 @@
-"""Triangles over time, with cameras and lights, from files, arrays or generators.
+"""Scene data: triangles over time, with cameras, lights and materials. Nothing here reads scene files or traces rays.
 
-- scene: `Scene`; any_scene: its common base with the scenes of stores
-- engine: the ray queries and the room behind a scene; hit: the answer to closest-hit rays
-- source, mesh: the interface to a scene's geometry, and indexed triangles
-- frames: folders of arrays, one for each moment
-- crs: coordinate reference systems
-- triangles, gather: one moment as float32 triangles; recentre, survey: the origin of their frame, and the bounds
-- camera, framing: cameras, and the default camera and light of a scene without its own
-- view, sampled, room: what a default picture shows, and the light in it; sky, environment: skies, and their files
-- lights, point_lights: lights, and lists of point lights; colour: base colours
-- gltf/, meshfile: readers of files; arrayfile: arrays from .npy and .npz files; files: checks of paths
-- generated, procedural/: scenes without a file
+- `scene_data`: `MemoryData`, `SceneData`, and the city objects of a scene
+- `mesh`: indexed triangles, and the interface of a scene to its geometry
+- `triangles`: the triangles at one moment, and hits on them
+- `triangle_setup`: from the pieces of a scene to float32 triangles
+- `scene_bounds`: bounds, the recentred frame, and the extent of the detail
+- `camera`: cameras, their rays, and the default camera
+- `lights`: point, area and distant lights, and ambient occlusion
+- `light_lists`: many lights sampled as one
+- `sky`: skies and environment maps
+- `default_picture`: what the default picture of a scene shows, and its lights
+- `materials`: materials, textures and colours
+- `appearance`: textures, vertex colours and shading normals per face corner
+- `alpha_masks`: cut-out faces
+- `crs`: coordinate reference systems
 """

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from .materials import Look, Material, Texture
-from .source import Source
-from .survey import faces_of
+from .mesh import Source
+from .scene_bounds import faces_of
 
 SHARPEST = 0.35
 """Sine of 20 degrees: faces that bend more make an edge that stays visible."""
@@ -34,7 +34,7 @@ class Appearance:
         return list(dict.fromkeys(m.texture for m in self.materials if m.texture is not None))
 
 
-class _Part(NamedTuple):
+class _MeshFaces(NamedTuple):
     """The faces of the copies of a mesh."""
 
     look: Look
@@ -68,17 +68,17 @@ def appearance_of(source: Source, n: int) -> Appearance | None:
     return Appearance(materials, material_of_face, uv, colours, *_normals(parts, n), textured)
 
 
-def _parts(source: Source) -> Iterator[_Part]:
+def _parts(source: Source) -> Iterator[_MeshFaces]:
     first = 0
     for piece in source.pieces(0.0):
         count, copies = faces_of(piece), len(piece.vertices)
         if piece.look is not None and count:
             faces = np.arange(3 * count).reshape(-1, 3) if piece.faces is None else piece.faces
-            yield _Part(piece.look, faces, first, copies, piece.linear)
+            yield _MeshFaces(piece.look, faces, first, copies, piece.linear)
         first += count * copies
 
 
-def _corners(parts: list[_Part], name: str, out: np.ndarray) -> np.ndarray | None:
+def _corners(parts: list[_MeshFaces], name: str, out: np.ndarray) -> np.ndarray | None:
     """`out`, with an attribute of vertices written to the corners of faces; None if no part has it."""
     given = [(part, values) for part in parts if (values := getattr(part.look, name)) is not None]
     for part, values in given:
@@ -86,7 +86,7 @@ def _corners(parts: list[_Part], name: str, out: np.ndarray) -> np.ndarray | Non
     return out if given else None
 
 
-def _normals(parts: list[_Part], n: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+def _normals(parts: list[_MeshFaces], n: int) -> tuple[np.ndarray | None, np.ndarray | None]:
     """`Appearance.normals` and `Appearance.bends`."""
     given = [part for part in parts if part.look.normals is not None]
     if not given:
@@ -101,7 +101,7 @@ def _normals(parts: list[_Part], n: int) -> tuple[np.ndarray | None, np.ndarray 
         corners = rest.astype(np.float64) @ linear.transpose(0, 2, 1)
         turned = normals.astype(np.float64) @ np.linalg.inv(linear)  # by the inverse transpose
         corners, turned = (each[:, part.faces].reshape(-1, 3, 3) for each in (corners, turned))
-        out[part.rows] = in_frames(corners, turned)
+        out[part.rows] = normals_in_frames(corners, turned)
         vertices = part.faces + len(rest) * np.arange(part.copies)[:, None, None]
         bends[part.rows] = _bends(corners, turned, vertices.reshape(-1, 3), part.copies * len(rest))
     return out, bends
@@ -111,7 +111,7 @@ def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_ver
     """(f, 3) float64: sine of the widest angle between the normal of a corner and the faces around its vertex.
 
     A light that is less than this angle above the horizon of the normal is below that of some of these faces.
-    `image.irradiance` ends the light there, on all of them alike, at most at `SHARPEST`.
+    `picture.irradiance` ends the light there, on all of them alike, at most at `SHARPEST`.
     """
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sine = np.linalg.norm(np.cross(normals, across[:, None]), axis=-1)
@@ -121,14 +121,14 @@ def _bends(corners: np.ndarray, normals: np.ndarray, vertices: np.ndarray, n_ver
     return widest[vertices]
 
 
-def in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def normals_in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """(f, 3, 3) float32: normals of corners, relative to their triangles, so that they move with them.
 
     corners, normals : (f, 3, 3) float64
 
     A normal n of a triangle with edges e1, e2 and unit normal g is kept as (n . e1, n . e2, n . g |e1 x e2|^(1/2)). A
     rotation, a translation or a scale of the triangle does not change these numbers. In its own plane, any affine
-    map transforms them as the inverse transpose transforms normals. So `image.normals` finds n again in the moved
+    map transforms them as the inverse transpose transforms normals. So `picture.pixel_appearance` finds n again in the moved
     triangle, and animations, skins and morph targets move normals with their triangles.
     """
     length = np.linalg.norm(normals, axis=-1, keepdims=True)

@@ -1,4 +1,8 @@
-"""Cameras, and the rays through their pixels."""
+"""Cameras: perspective, orthographic and panoramic, the rays through their pixels, and the camera that frames a scene.
+
+`CameraRays` are computed in kernels; `ExplicitRays` list the rays of orthographic and panoramic cameras. The framing
+functions give the default camera and light of a scene without its own.
+"""
 
 from typing import NamedTuple
 
@@ -6,8 +10,70 @@ import numpy as np
 
 from ..checks import choice, number, vector, whole_number
 from ..errors import InputError
-from .listed_rays import ListedRays
-from .recentre import settled
+from .lights import QuadLight
+from .scene_bounds import flush_to_zero
+
+# --- The rays of orthographic and panoramic cameras, listed one by one ------------------------------------------------
+
+
+class ExplicitRays(NamedTuple):
+    """The rays of an orthographic or panoramic camera, in the recentred frame of a scene.
+
+    Each ray is computed in float64 and rounded once to float32, so every method traces the same rays. Directions have
+    unit length, so t is a distance.
+    """
+
+    origin: np.ndarray  # (3,) float64, recentred
+    axes: np.ndarray  # (3, 3) float64: unit vectors to the right and down in the picture, and towards its middle
+    width: int  # pixels
+    height: int
+    extent: float | None  # height of an orthographic picture in world units; None: panoramic
+
+    def through(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and directions, (..., 3) float32 each, of the rays through places of the picture.
+
+        x, y : (...) float64, pixels right and down from the upper left corner; they broadcast
+        """
+        if self.extent is None:
+            directions = self._around(x, y)
+            return _everywhere(self.origin, directions.shape), directions
+        x, y = np.broadcast_arrays(x, y)
+        pixel = self.extent / self.height
+        across, below = (x - self.width / 2.0) * pixel, (y - self.height / 2.0) * pixel
+        origins = self.origin + across[..., None] * self.axes[0] + below[..., None] * self.axes[1]
+        return origins.astype(np.float32), _everywhere(self.axes[2], origins.shape)
+
+    def directions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """(..., 3) float32: the directions alone; see `through`."""
+        return self.through(x, y)[1]
+
+    def places(self, away: np.ndarray) -> np.ndarray:
+        """(k, 2) float64: where rays through points cross the picture, the inverse of `through`; NaN behind the camera.
+
+        away : (k, 3) float64, points minus `origin`
+        """
+        across, below, ahead = (away @ self.axes.T).T
+        if self.extent is None:
+            turn, sink = np.arctan2(across, ahead), np.arctan2(below, np.hypot(across, ahead))
+            return np.stack([turn / (2.0 * np.pi) + 0.5, sink / np.pi + 0.5], 1) * (self.width, self.height)
+        flat = np.stack([across, below], 1) * (self.height / self.extent) + (self.width / 2.0, self.height / 2.0)
+        flat[ahead <= 0.0] = np.nan
+        return flat
+
+    def _around(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Directions of a panorama."""
+        turn = (np.asarray(x, np.float64) / self.width - 0.5) * (2.0 * np.pi)
+        sink = (np.asarray(y, np.float64) / self.height - 0.5) * np.pi
+        flat = np.sin(turn)[..., None] * self.axes[0] + np.cos(turn)[..., None] * self.axes[2]
+        return (np.cos(sink)[..., None] * flat + np.sin(sink)[..., None] * self.axes[1]).astype(np.float32)
+
+
+def _everywhere(vector: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.broadcast_to(vector.astype(np.float32), shape)
+
+
+# --- Cameras, and the rays through their pixels -----------------------------------------------------------------------
+
 
 MAX_SIZE = 32768  # pixels, each way
 PROJECTIONS = "perspective", "orthographic", "panoramic"
@@ -124,8 +190,8 @@ class Camera:
         """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)
-        position = settled(self.position - np.asarray(origin, np.float64))
-        return ListedRays(position, self.frame, self.width, self.height, self.extent)
+        position = flush_to_zero(self.position - np.asarray(origin, np.float64))
+        return ExplicitRays(position, self.frame, self.width, self.height, self.extent)
 
     def rays(self, origin) -> CameraRays:
         """As `view`, of a perspective camera. Raises InputError for other projections."""
@@ -136,7 +202,7 @@ class Camera:
         dx = right * (2.0 * half / self.height)
         dy = down * (2.0 * half / self.height)
         corner = view - dx * (self.width / 2.0) - dy * (self.height / 2.0)
-        position = settled(self.position - np.asarray(origin, np.float64)).astype(np.float32)
+        position = flush_to_zero(self.position - np.asarray(origin, np.float64)).astype(np.float32)
         return CameraRays(position, corner, dx, dy, self.width, self.height)
 
     def __repr__(self) -> str:
@@ -147,3 +213,109 @@ class Camera:
             f"Camera(position=({p}), target=({t}), up=({u}), vfov={self.vfov:g}, "
             f"width={self.width}, height={self.height}{more})"
         )
+
+
+# --- The default camera and light for a scene without its own ---------------------------------------------------------
+
+
+VFOV = 45.0
+_MARGIN = 1.08  # around the points that a fitted camera shows
+_FLAT = 0.2  # height of a box, as a share of its width, below which it is flat
+STEEP = np.radians(50.0)  # elevation of the camera for flat boxes
+AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
+
+
+def axes(up: str) -> np.ndarray:
+    """The right, up and towards-the-viewer axes ((3, 3) float64 rows) of a scene with up axis "y" or "z"."""
+    if up == "z":
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    return np.eye(3)
+
+
+def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: float = 0.0) -> Camera:
+    """A three-quarter view from a little above, which shows the bounding sphere of `bounds` ((2, 3), world).
+
+    turn : radians around the up axis, counter-clockwise seen from above
+    """
+    right, upward, towards = axes(up)
+    centre, radius = bounding_sphere(bounds)
+    half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
+    distance = 1.02 * radius / np.sin(half)
+    flat = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
+    position = centre + distance * (np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward)
+    return Camera(position, centre, upward, VFOV, width, height)
+
+
+def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camera:
+    """The default camera's direction of view, as near as it shows all `points` ((n, 3), world), with a small margin.
+
+    Points in a flat box are seen from higher up.
+    """
+    sideways, above, back = _frame(points, up)
+    middle = (points.min(0) + points.max(0)) / 2.0
+    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
+    distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
+    for across, slope in ((x, tangent * width / height), (y, tangent)):
+        distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
+    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * above
+    return Camera(target + distance * back, target, axes(up)[1], VFOV, width, height)
+
+
+def orthographic_camera(
+    points: np.ndarray, up: str, width: int, height: int, from_above: bool = False, gap: float = 1.0
+) -> Camera:
+    """An orthographic camera that shows all `points` ((n, 3), world), with a small margin.
+
+    It looks as `fitted_camera` does, or straight down: then -z is up in the picture, or +y if z points up. Its rays
+    begin before the nearest point, by `gap` times the height of the picture.
+    """
+    right, upward, towards = axes(up)
+    sideways, above, back = (right, -towards, upward) if from_above else _frame(points, up)
+    middle = (points.min(0) + points.max(0)) / 2.0
+    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
+    target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * above
+    position = target + (z.max() + gap * extent) * back
+    return Camera(position, target, above, width=width, height=height, projection="orthographic", extent=extent)
+
+
+def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The unit vectors to the right, upwards and back of a fitted camera."""
+    right, upward, towards = axes(up)
+    level = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
+    size = np.ptp(points, axis=0)
+    elevation = STEEP if size @ upward < _FLAT * size.max() else ELEVATION
+    back = np.cos(elevation) * level + np.sin(elevation) * upward
+    sideways = np.cross(upward, back) / np.linalg.norm(np.cross(upward, back))
+    return sideways, np.cross(back, sideways), back
+
+
+def _centre(across: np.ndarray, depth: np.ndarray) -> float:
+    """Where a camera sees points as far to one side as to the other; `depth`: their distances along the view."""
+    low, high = float(across.min()), float(across.max())
+    for _ in range(40):
+        middle = (low + high) / 2.0
+        seen = (across - middle) / depth
+        low, high = (middle, high) if seen.max() > -seen.min() else (low, middle)
+    return (low + high) / 2.0
+
+
+def default_light(bounds: np.ndarray, up: str) -> QuadLight:
+    """A square light above the bounding sphere of `bounds`, to the viewer's left, as wide as the sphere's radius.
+
+    Under its intensity, a white surface at the centre that faces the light looks white.
+    """
+    right, upward, towards = axes(up)
+    centre, radius = bounding_sphere(bounds)
+    middle = centre + radius * (1.6 * upward - 0.6 * right + 0.4 * towards)
+    u, v = radius * right, radius * towards  # u x v points down
+    distance = np.linalg.norm(middle - centre)
+    return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
+
+
+def bounding_sphere(bounds) -> tuple[np.ndarray, float]:
+    """(centre, radius) of the sphere around `bounds` ((2, 3), world); a radius of zero becomes 1."""
+    lower, upper = bounds
+    radius = float(np.linalg.norm(upper - lower)) / 2.0
+    return lower + (upper - lower) / 2.0, radius if radius > 0.0 else 1.0

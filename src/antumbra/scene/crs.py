@@ -4,7 +4,7 @@ import numpy as np
 
 from ..checks import quoted
 from ..errors import InputError
-from ..extras import needed
+from ..extras import import_extra
 
 
 def checked_crs(crs) -> str:
@@ -17,7 +17,7 @@ def checked_crs(crs) -> str:
     InputError
         If pyproj is missing, or does not know the CRS.
     """
-    pyproj = needed("pyproj", "crs", "gis")
+    pyproj = import_extra("pyproj", "crs", "gis")
     try:
         found = pyproj.CRS.from_user_input(crs)
     except Exception:  # wrong types raise whatever they happen to meet
@@ -35,7 +35,7 @@ def check_plan(name: str, crs: str | None, scene: str | None) -> None:
         raise InputError(f"{name}: its CRS is {crs}, and the scene's is {scene}; reproject one of them")
 
 
-def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:
+def reproject(plan: np.ndarray, source: str, target: str) -> np.ndarray:
     """(n, 2) float64: places in the horizontal coordinates of another checked CRS, to the east and to the north.
 
     Raises
@@ -43,7 +43,7 @@ def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:
     InputError
         If a place has no such coordinates.
     """
-    change = needed("pyproj", "crs", "gis").Transformer.from_crs(_plan(source), _plan(target), always_xy=True)
+    change = import_extra("pyproj", "crs", "gis").Transformer.from_crs(_plan(source), _plan(target), always_xy=True)
     found = np.stack(change.transform(*plan.T), -1)
     if not np.isfinite(found).all():
         raise InputError(f"places in {source} have no coordinates in {target}; check both")
@@ -51,5 +51,5 @@ def moved(plan: np.ndarray, source: str, target: str) -> np.ndarray:
 
 
 def _plan(crs: str):
-    made = needed("pyproj", "crs", "gis").CRS.from_user_input(crs)
+    made = import_extra("pyproj", "crs", "gis").CRS.from_user_input(crs)
     return made.sub_crs_list[0] if made.is_compound else made

@@ -1,13 +1,16 @@
-"""Indexed triangles as a scene stores them, and the checks that all loaders share."""
+"""Indexed triangle meshes, checks that all loaders share, and `Source`, the interface of a scene to its geometry."""
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from ..checks import as_array
 from ..errors import InputError
-from .colour import BYTE_TO_LINEAR
-from .materials import Look
+from .materials import BYTE_TO_LINEAR, PLAIN, Look, Material, Texture, look_of, mean_colours
+
+# --- Indexed triangles as a scene stores them, and the checks that all loaders share ----------------------------------
+
 
 WHITE = np.ones(3, np.float32)
 
@@ -120,3 +123,117 @@ def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
     if not (colours.size == 0 or (colours.min() >= 0.0 and colours.max() <= 1.0)):
         raise InputError(f"{where}: colours must lie between 0 and 1 (linear light); give uint8 for 0 to 255")
     return colours.astype(np.float32)
+
+
+# --- The interface of a `Scene` to its geometry, and its simplest implementation: meshes that never move --------------
+
+
+class Piece(NamedTuple):
+    """Part of a scene at one moment: `k` copies of a mesh, in world space."""
+
+    vertices: np.ndarray  # (k, v, 3) float32 or float64, world
+    faces: np.ndarray | None  # (f, 3) int32; None: every three vertices are a face
+    colour: np.ndarray  # (3,) or (f, 3) float32, linear
+    where: str  # name in errors
+    towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
+    share: float = 0.0
+    first: int = 0  # copy i is the object `first + i` of the source
+    owners: np.ndarray | None = None  # (f,) int32: the object of each face, of a piece with several; then k = 1
+    look: Look | None = None  # what the mesh shows beyond its colour
+    linear: np.ndarray | None = None  # (k, 3, 3) float64: transforms of the look's normals to world space; None: 1
+
+
+class Source(Protocol):
+    """Geometry, cameras and lights as a function of time in seconds, 0 <= time <= duration."""
+
+    file: str  # name in errors
+    duration: float
+    meshes: list[MeshInfo]
+    objects: list[ObjectInfo]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        """The pieces. Their order and faces are the same at every time."""
+        ...
+
+    def cameras(self, time: float) -> list: ...
+
+    def lights(self, time: float) -> list: ...
+
+
+class StaticMeshes:
+    """Meshes in world space that never move."""
+
+    duration = 0.0
+
+    def __init__(self, meshes: list[Mesh], file: str):
+        self._meshes = meshes
+        self.file = file
+        self.meshes = [MeshInfo(m.name, n_faces(m.positions, m.faces), 1) for m in meshes]
+        self.objects = [ObjectInfo(m.name, i, 0) for i, m in enumerate(meshes)]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        for i, mesh in enumerate(self._meshes):
+            where = f'{self.file}: mesh "{mesh.name}"'
+            yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)
+
+    def cameras(self, time: float) -> list:
+        return []
+
+    def lights(self, time: float) -> list:
+        return []
+
+
+# --- Meshes with materials, textures and colours of vertices, from arrays in the order of a file or a library ---------
+
+
+def textured_mesh(
+    mesh: Mesh, faces, n_vertices: int, material: Material = PLAIN, where: str = "", uv=None, colours=None, normals=None
+) -> Mesh:
+    """A mesh of `make_mesh` with what its vertices show.
+
+    faces, n_vertices : those that `make_mesh` had; it drops vertices that no face uses
+    uv : (n_vertices, 2) float, texture coordinates, v down
+    colours : (n_vertices, 3 or 4) float (linear) or uint8 (sRGB)
+    normals : (n_vertices, 3) float
+
+    Raises
+    ------
+    InputError
+        If there are too few or too many rows of something.
+    ValueError
+        If the texture cannot be decoded.
+    """
+    used = None if faces is None else used_faces(np.asarray(faces), n_vertices, where)[1]
+    rows = lambda values: None if values is None else np.asarray(values)[slice(None) if used is None else used]
+    if colours is not None:
+        colours = linear_colours(colours, where, alpha=True)
+        if colours.ndim != 2 or len(colours) != n_vertices:
+            raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
+    uv, normals = _checked(uv, (n_vertices, 2), f"{where}: uv"), _checked(normals, (n_vertices, 3), f"{where}: normals")
+    uv, colours = rows(uv), rows(colours)
+    look = look_of(material, uv, colours, rows(normals), mesh.positions)
+    return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
+
+
+def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
+    if values is None:
+        return None
+    values = as_array(values, where)
+    if values.shape != shape:
+        raise InputError(f"{where} must be numbers {shape}, one row for each vertex, not {values.dtype} {values.shape}")
+    return values
+
+
+def picture_texture(picture, where: str) -> Texture:
+    """A texture of an array (h, w, 3) or (h, w, 4) uint8, sRGB."""
+    pixels = as_array(picture, f"{where}: texture")
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
+        raise InputError(f"{where}: texture must be (h, w, 3) or (h, w, 4) uint8, not {pixels.dtype} {pixels.shape}")
+    opaque = np.full((*pixels.shape[:2], 1), 255, np.uint8)
+    return Texture(where, np.ascontiguousarray(np.concatenate([pixels, opaque], axis=2)[..., :4]))
+
+
+def flip_v(uv, n_vertices: int) -> np.ndarray | None:
+    """Texture coordinates of trimesh and OBJ, which count v from below, as v down; None unless there are (n, 2)."""
+    given = np.asarray([] if uv is None else uv)
+    return np.array([0, 1]) + np.array([1, -1]) * given if given.shape == (n_vertices, 2) else None

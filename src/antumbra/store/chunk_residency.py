@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bvh.blocks import BlockTree, block_tree
-from ..bvh.links import ROWS
+from ..bvh.block_tree import BlockTree, block_tree
+from ..bvh.nodes import ROWS
 from ..errors import InputError
 from ..trace.tree_list import ADDRESSES, addresses
 from .store_file import Store

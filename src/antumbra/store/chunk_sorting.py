@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from ..bvh import binned_sah
 from ..bvh.lbvh import cut_top
-from ..bvh.morton import Grid, write_codes
-from ..bvh.prepare import CHUNK
-from ..bvh.radix_sort import radix_sort
+from ..bvh.morton_sort import Grid, radix_sort, write_codes
+from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
 from ..kernels.parallel import new_ticket, run
 from .staging_files import Batches, Buckets, TriangleColumns, empty_columns, palette_of
 from .store_file import EncodedChunk, encode_chunk
@@ -109,7 +108,7 @@ def _concatenated(batches: Iterator[TriangleColumns], n: int) -> TriangleColumns
 def _codes(settings: SortSettings, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(codes, numbers from 0 to n - 1) of triangles."""
     codes, numbers = np.empty(len(corners), np.int64), np.empty(len(corners), np.int32)
-    ticket = new_ticket(len(corners), CHUNK)
+    ticket = new_ticket(len(corners), TRIANGLES_PER_SHARE)
     run(write_codes, settings.threads, ticket, corners, settings.grid, codes, numbers)
     return codes, numbers
 

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
-from ..scene.areas import with_area
-from ..scene.gather import gather
-from ..scene.source import Piece
-from ..scene.survey import Survey, faces_of
+from ..scene.mesh import Piece
+from ..scene.scene_bounds import Survey, faces_of
+from ..scene.triangle_setup import gather, rows_with_area
 from .store_format import index_dtype
 
 # --- Palettes ---------------------------------------------------------------------------------------------------------
@@ -226,7 +225,7 @@ def gather_triangles(
 
 def _compact(rows: TriangleColumns, first: bool, threads: int, excluded_box: np.ndarray) -> int:
     """Move the triangles of nonzero area to the front and return their number; `first`: keep row 0 as well."""
-    indices = with_area(rows.corners.reshape(-1, 3, 3), threads)
+    indices = rows_with_area(rows.corners.reshape(-1, 3, 3), threads)
     if indices is None:
         return len(rows.ids)
     if first and not (len(indices) and indices[0] == 0):

@@ -9,14 +9,13 @@ from typing import NamedTuple, TypeAlias, TypedDict
 import numpy as np
 
 from ..errors import InputError
-from ..output import replacing
+from ..files import atomic_output
+from ..generate.generated_scene import StreamedCity
 from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.generated import StreamedCity
 from ..scene.lights import Light
-from ..scene.memory import MemoryData
-from ..scene.recentre import frame_origin
-from ..scene.source import Source
+from ..scene.mesh import Source
+from ..scene.scene_bounds import frame_origin
+from ..scene.scene_data import MemoryData, SceneData
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_file import StoreData, StoreWriter, top_tree
@@ -64,7 +63,7 @@ def build_compiled(
     progress: Progress | None = None,
 ) -> BuildReport:
     """`engine.store_building.build_store`, once arguments are checked and kernels compiled."""
-    with replacing(path, durable=True) as temporary:
+    with atomic_output(path, durable=True) as temporary:
         return _Build(temporary.parent, max_memory, threads, chunk, progress).run(scenes, path, temporary)
 
 

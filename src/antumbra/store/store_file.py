@@ -17,17 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh import binned_sah
-from ..bvh.links import CHILDREN, bvh_leaf, bvh_link
-from ..bvh.nodes import EMPTY, Bvh, aligned_empty, boxes_of
+from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
 from ..bvh.reinsertion import reinsert
 from ..checks import quoted
 from ..errors import InputError
+from ..files import checked_file
 from ..scene.camera import Camera
-from ..scene.data import SceneData
-from ..scene.files import checked_file
 from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo
-from ..scene.survey import check_extent
+from ..scene.scene_bounds import check_extent
+from ..scene.scene_data import SceneData
 from ..scene.triangles import Triangles
 from .store_format import (
     COMPLETE,

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from ..bvh.nodes import Bvh
 from ..scene import lights as lights_module
 from ..scene.camera import Camera
-from ..scene.directional_lights import DirectionalLights
+from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import Light
-from ..scene.point_lights import PointLights
 
 # --- File layout ------------------------------------------------------------------------------------------------------
 

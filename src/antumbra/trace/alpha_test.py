@@ -14,21 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh import binned_sah
-from ..bvh.blocks import BlockTree, block_tree
+from ..bvh.block_tree import BlockTree, block_tree
 from ..bvh.nodes import Bvh, tree_of
-from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr, U8Ptr
-from ..kernels.jit import inlined, kernel, overload
+from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
+from ..kernels.exact.predicate import ray_along, segment
+from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
-from ..kernels.predicate.exact import ray_along, segment
-from ..kernels.predicate.filters import BEYOND, is_nearer, weights
-from ..kernels.predicate.hits import single_weights
 from ..kernels.simd import get, lowest_bit, ptr
-from ..kernels.vec import scalars
+from ..kernels.vec3 import scalars
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
-from ..scene.areas import with_area
 from ..scene.materials import CLAMP, MIRROR
+from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import Triangles
 from .frusta.multi_frusta import trace_shadow
 from .rays.ray_hits import intersections
@@ -38,7 +36,7 @@ from .rays.ray_traversal import CLOSEST, LEFT_FIRST, passed, triangle_hit, walk
 
 
 class AlphaTexels(NamedTuple):
-    """What the slots of a tree of cut-outs need to find texels: see `scene.cutouts.Cutouts`."""
+    """What the slots of a tree of cut-outs need to find texels: see `scene.alpha_masks.Cutouts`."""
 
     uv: np.ndarray  # (m, 6) float32, slot -> texture coordinates of the three corners
     mask: np.ndarray  # (m,) int32, slot -> mask
@@ -131,7 +129,7 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
     if own is None or not len(own.faces):
         return None
     vertices = triangles.vertices[own.faces]
-    areas = with_area(vertices, thread_count(threads))
+    areas = rows_with_area(vertices, thread_count(threads))
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
     bvh = bvh._replace(prim_ids=own.faces[at])

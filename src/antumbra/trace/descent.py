@@ -34,10 +34,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.links import block_leaf, box_at, line_at, link_at, sibling_at
-from ..bvh.nodes import MAX_DEPTH
-from ..kernels.fields import F32Ptr, F32x16, I32Ptr
-from ..kernels.jit import inlined
+from ..bvh.nodes import MAX_DEPTH, block_leaf, box_at, line_at, link_at, sibling_at
+from ..kernels.jit import F32Ptr, F32x16, I32Ptr, inlined
 from ..kernels.simd import (
     absolute,
     bits,

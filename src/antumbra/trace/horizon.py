@@ -20,7 +20,7 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec import Vec, scalars
+from ..kernels.vec3 import Vec3, scalars
 from ..query.receivers import FREE
 from .counters import BELOW_HORIZON, RAYS, count
 from .light_table import ALL_GROUPS
@@ -36,8 +36,8 @@ PLANES = 8 * 16  # float32 of scratch memory
 class SurfacePlane(NamedTuple):
     """A receiver's own surface; float32."""
 
-    point: Vec
-    normal: Vec
+    point: Vec3
+    normal: Vec3
     size: float  # scale of the error of a height over the plane
 
 
@@ -52,10 +52,10 @@ def _plane_of_face(corners, face):
 @inlined
 def _plane_at(chunk, at, is_free):
     """The `Plane` through a receiver without a triangle, at right angles to its normal. A free receiver has none."""
-    n = Vec(_F(0.0), _F(0.0), _F(0.0))
+    n = Vec3(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
         x, y, z = scalars(chunk.query.normals, 3 * at, 1)
-        n = Vec(_F(x), _F(y), _F(z))
+        n = Vec3(_F(x), _F(y), _F(z))
     return SurfacePlane(scalars(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 

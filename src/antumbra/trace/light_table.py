@@ -23,7 +23,7 @@ from ..kernels.simd import (
     reduce_max,
     reduce_min,
 )
-from ..kernels.vec import Vec, keep, middles_and_halves, rows
+from ..kernels.vec3 import Vec3, keep, middles_and_halves, rows
 from ..query.light_samples import patch_at, sample_point
 from ..scene.lights import FIXED, LIST
 
@@ -91,8 +91,8 @@ def bound_strata(by_lane, groups):
     low = high = rows(by_lane, 0, 16)
     for lane in range(1, 16):
         p = rows(by_lane, lane * 48, 16)
-        low = Vec(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
-        high = Vec(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
+        low = Vec3(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
+        high = Vec3(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
     keep(groups, STRATA, ALL_GROUPS, low)
     keep(groups, 3 * ALL_GROUPS + STRATA, ALL_GROUPS, high)
     for k in range(3):
@@ -105,8 +105,8 @@ def bound_targets(points, targets, count):
     low = high = rows(points, 0, 16)
     for s in range(1, count):
         p = rows(points, s * 48, 16)
-        low = Vec(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
-        high = Vec(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
+        low = Vec3(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
+        high = Vec3(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
     middle, half = middles_and_halves(low, high)
     keep(targets, 0, 16, middle)
     keep(targets, 48, 16, half)

@@ -36,8 +36,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..kernels.fields import F32x16
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32x16, inlined, kernel
 from ..kernels.simd import (
     absolute,
     as_i32,
@@ -53,8 +52,8 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec import (
-    Vec,
+from ..kernels.vec3 import (
+    Vec3,
     abs_dot,
     abs_dots,
     broadcasts,
@@ -98,8 +97,8 @@ _MADE = 12  # word of a tile's `info`: 1 if its shafts are written
 class Axis(NamedTuple):
     """The shaft to one group; float32 scalars."""
 
-    d: Vec  # from the centre of the receivers' box to the centre of the group's box
-    half: Vec  # half extents of the group's box
+    d: Vec3  # from the centre of the receivers' box to the centre of the group's box
+    half: Vec3  # half extents of the group's box
     twist: float  # sum of ry_i (rx_j + rx_k)
     span: float  # at least |d|_1 of any segment, plus |rx|_1 and |ry|_1
     lever: float  # |rx|_1 |D|_1
@@ -122,10 +121,10 @@ def _sideways(d, axis):
     """d turned by 90 degrees around an axis: at right angles to d and to the axis."""
     zero = splat16(_F(0.0))
     if axis == 0:
-        return Vec(zero, -d.z, d.y)
+        return Vec3(zero, -d.z, d.y)
     if axis == 1:
-        return Vec(d.z, zero, -d.x)
-    return Vec(-d.y, d.x, zero)
+        return Vec3(d.z, zero, -d.x)
+    return Vec3(-d.y, d.x, zero)
 
 
 @inlined
@@ -164,7 +163,7 @@ def make_shafts(info, groups, shafts):
     for batch in range(0, N, 16):
         low, high = rows(groups, batch, N), rows(groups, 3 * N + batch, N)
         centre, half = middles_and_halves(low, high)
-        d = Vec(centre.x - c.x, centre.y - c.y, centre.z - c.z)
+        d = Vec3(centre.x - c.x, centre.y - c.y, centre.z - c.z)
         d1, y1 = total(d), half.x + half.y + half.z
         twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
         span = d1 + (y1 + x1) * _F(2.0)
@@ -178,10 +177,10 @@ def make_shafts(info, groups, shafts):
         for turn in (1, 2):
             m = _sideways(d, (along + turn) % 3)
             k = (abs_dot(m, half) - abs_dots(m, receivers)) * inverse
-            back = Vec(d.x * k, d.y * k, d.z * k)
-            _bound_plane(shafts, at, Vec(m.x - back.x, m.y - back.y, m.z - back.z), d, receivers, half, span)
+            back = Vec3(d.x * k, d.y * k, d.z * k)
+            _bound_plane(shafts, at, Vec3(m.x - back.x, m.y - back.y, m.z - back.z), d, receivers, half, span)
             at += PLANE
-            _bound_plane(shafts, at, Vec(-m.x - back.x, -m.y - back.y, -m.z - back.z), d, receivers, half, span)
+            _bound_plane(shafts, at, Vec3(-m.x - back.x, -m.y - back.y, -m.z - back.z), d, receivers, half, span)
             at += PLANE
 
 
@@ -202,7 +201,7 @@ BEAM_FLOATS = 96
 def widened(d, half):
     """Half extents of the box at the end of d that cover the rounding of d."""
     off = splat16(_F(2.0**-23))
-    return Vec(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
+    return Vec3(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
 
 
 @kernel
@@ -265,8 +264,8 @@ INVERSE_FLOATS = _ROWS + POINTS
 class Box(NamedTuple):
     """A box in all lanes."""
 
-    middle: Vec
-    half: Vec
+    middle: Vec3
+    half: Vec3
     reach: F32x16  # at least the largest magnitude of a coordinate
 
 
@@ -346,7 +345,7 @@ _ZERO, _ONE = _F(0.0), _F(1.0)
 def _in_box(m, v, e):
     """Bits of the segments along v that meet a box. m: its middle relative to their starts; e: its half extents."""
     half, tiny = _F(0.5), splat16(_TINY)
-    d = Vec(v.x * half, v.y * half, v.z * half)
+    d = Vec3(v.x * half, v.y * half, v.z * half)
     m = minus(m, d)
     n, h = magnitudes(m), magnitudes(d)
     meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
@@ -374,8 +373,8 @@ def shafts_in_box(o, v, near, far, c, e):
     reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, far))
     t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
-    width = plus(near, Vec(t * far.x, t * far.y, t * far.z))
-    return _in_box(m, v, Vec(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
+    width = plus(near, Vec3(t * far.x, t * far.y, t * far.z))
+    return _in_box(m, v, Vec3(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
 
 
 @inlined
@@ -390,4 +389,4 @@ def beams_in_box(tile, c, e):
     """Bits of the receivers whose beams may meet a box."""
     v, far = beams_of(tile)
     zero = splat16(_ZERO)
-    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec(zero, zero, zero), far, c, e)
+    return shafts_in_box(rows(tile.origins, 0, 16), v, Vec3(zero, zero, zero), far, c, e)

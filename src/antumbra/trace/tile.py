@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..bvh.nodes import middle_and_half
-from ..kernels.fields import F32Ptr, F64Ptr, I32Ptr
-from ..kernels.jit import inlined, kernel
+from ..kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ..kernels.simd import (
     as_i32,
     bits,

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import BlockPointers, BlockTree
-from ..kernels.fields import F32Ptr, I32Ptr, I64Ptr
-from ..kernels.jit import inlined
+from ..bvh.block_tree import BlockPointers, BlockTree
+from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
 from .descent import NOWHERE, At, children, save, saved
 

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bvh.blocks import BlockPointers
-from ..bvh.links import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
-from ..kernels.fields import F32Ptr, F32x16, I32Ptr
-from ..kernels.jit import inlined, kernel
-from ..kernels.predicate.exact import segment
+from ..bvh.block_tree import BlockPointers
+from ..bvh.nodes import ROWS, block_leaf, line_at, row_at, rows_at, slot_at, slots_at
+from ..kernels.exact.predicate import segment
+from ..kernels.jit import F32Ptr, F32x16, I32Ptr, inlined, kernel
 from ..kernels.simd import (
     absolute,
     bits,
@@ -32,7 +31,7 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec import Vec, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
+from ..kernels.vec3 import Vec3, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
 from ..query.shadow_query import horizon_of, is_above
 from .counters import TRIANGLE_TESTS, UNCERTAIN, count
 from .rays.ray_traversal import settle
@@ -55,19 +54,19 @@ LANES = 12 * 16  # float32 of kept `Lanes`
 class Triangle(NamedTuple):
     """A triangle's first corner, the edges at it, their cross product, and their largest component; float32 scalars."""
 
-    v: Vec
-    p: Vec
-    q: Vec
-    n: Vec
+    v: Vec3
+    p: Vec3
+    q: Vec3
+    n: Vec3
     size: float
 
 
 class Lanes(NamedTuple):
     """A triangle relative to the origins of 16 rays; f32x16."""
 
-    cp: Vec  # a x p, where a = v0 - origin
-    qc: Vec  # q x a
-    n: Vec
+    cp: Vec3  # a x p, where a = v0 - origin
+    qc: Vec3  # q x a
+    n: Vec3
     t: F32x16  # a . n
     e: F32x16  # error bound of the three edge functions
     te: F32x16  # error bound of t, and of the distance of the ray's end from the plane
@@ -84,7 +83,7 @@ def _wider(size, v):
 @inlined
 def triangle_along(v, p, q):
     """The `Triangle` of a corner and its two edges."""
-    n = Vec(p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x)
+    n = Vec3(p.y * q.z - p.z * q.y, p.z * q.x - p.x * q.z, p.x * q.y - p.y * q.x)
     return Triangle(v, p, q, n, _wider(_wider(_F(0.0), p), q))
 
 
@@ -99,7 +98,7 @@ def triangle_in(corners, slot):
 @inlined
 def splats(v):
     """Three scalars, each in all lanes."""
-    return Vec(splat16(v.x), splat16(v.y), splat16(v.z))
+    return Vec3(splat16(v.x), splat16(v.y), splat16(v.z))
 
 
 @inlined
@@ -119,11 +118,11 @@ def error_bounds(reach, size, span):
 @inlined
 def seen_from(origins, span, triangle):
     """`Lanes` of a triangle for 16 origins; span: f32x16, at least the sum of the magnitudes of a ray's components."""
-    a = Vec(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
+    a = Vec3(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
     e, te = error_bounds(largest(a), splat16(triangle.size), span)
     n = triangle.n
     q = triangle.q
-    return Lanes(crosses(a, triangle.p), crosses(a, Vec(-q.x, -q.y, -q.z)), splats(n), dots(a, n), e, te)
+    return Lanes(crosses(a, triangle.p), crosses(a, Vec3(-q.x, -q.y, -q.z)), splats(n), dots(a, n), e, te)
 
 
 @inlined

@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import oracle
+from antumbra.kernels.exact.filters import MISS, UNSURE, hit_t, meets, plane_side, verdict, volumes32, volumes64
+from antumbra.kernels.exact.predicate import exact_meets, exact_plane_side, ray_along, segment
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.exact import exact_meets, exact_plane_side, ray_along, segment
-from antumbra.kernels.predicate.filters import MISS, UNSURE, meets, plane_side, verdict, volumes32, volumes64
-from antumbra.kernels.predicate.hits import hit_t
 from strategies import point_arrays
 
 EXACT, MEETS, FAST32, FAST64, SIDE = range(5)

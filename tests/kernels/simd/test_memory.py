@@ -10,7 +10,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 from antumbra.kernels import simd
-from antumbra.kernels.fields import F32x8
+from antumbra.kernels.jit import F32x8
 from antumbra.kernels.jit import kernel as compiled
 from antumbra.kernels.simd import (
     as_f32,

@@ -7,13 +7,12 @@ from antumbra.engine.scene import procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
-from antumbra.papers.chc_rt import measure as chcrt
-from antumbra.papers.chc_rt import published as published_chcrt
-from antumbra.papers.chc_rt import stores as chcrt_store
-from antumbra.papers.chc_rt.measure import CHCRT, InCore, Pace, Turn
-from antumbra.papers.chc_rt.rays import DIFFUSE, PRIMARY, SOFT, differing
-from antumbra.papers.chc_rt.views import place_of
-from antumbra.papers.views import own_view
+from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.chc_rt import chcrt_published as published_chcrt
+from antumbra.papers.chc_rt import walkthrough_timing as chcrt
+from antumbra.papers.chc_rt import walkthrough_timing as chcrt_store
+from antumbra.papers.chc_rt.walkthrough_timing import CHCRT, InCore, Pace, Turn
+from antumbra.papers.chc_rt.walkthroughs import DIFFUSE, PRIMARY, SOFT, differing, place_of
 from antumbra.scene.camera import Camera
 from antumbra.techniques.tracer_options import ChcRtOptions
 
@@ -23,7 +22,7 @@ AGGRESSIVE = "chcrt", "chcrt:20", "chcrt:100", "chcrt:200"
 
 @pytest.fixture(scope="module")
 def core():
-    view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
+    view = scene_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
     return InCore(place_of(view), 2, ChcRtOptions(triangles=1 << 12))
 
 
@@ -42,7 +41,7 @@ def test_walks_go_from_one_camera_to_the_other(core):
 
 
 def test_an_own_camera_walks_ahead():
-    view = own_view("cellar", procedural("cellar", triangles=2000), (SIZE, SIZE))
+    view = scene_view("cellar", procedural("cellar", triangles=2000), (SIZE, SIZE))
     near = place_of(view).walks[0]
     ahead = near.last.position - near.first.position
     assert np.dot(ahead, near.first.target - near.first.position) > 0.0
@@ -89,7 +88,7 @@ def test_pictures_of_neglected_rays_of_a_store_are_compared(core, tmp_path):
     path = tmp_path / "city.antumbra"
     build_store([core.place.scene], path, chunk=1 << 9)
     place, pace = core.place._replace(scene=load(path)), Pace(2, 1, 60.0)
-    turns = [t for turns in chcrt_store.aggressive(place, None, 2, pace, lambda text: None) for t in turns]
+    turns = [t for turns in chcrt_store.aggressive_out_of_core(place, None, 2, pace, lambda text: None) for t in turns]
     for walk in place.walks:
         exact, *others = ([t for t in turns if (t.view, t.method) == (walk.name, name)] for name in AGGRESSIVE)
         assert [t.frame for t in exact] == [0, 1] and all(t.error is None and t.told["wanted"] > 0 for t in exact)

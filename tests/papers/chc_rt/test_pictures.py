@@ -5,13 +5,20 @@ import pytest
 
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.papers.chc_rt import coverage
-from antumbra.papers.chc_rt.culled import culled, options_of
-from antumbra.papers.chc_rt.measure import InCore
-from antumbra.papers.chc_rt.pictures import FIGURES, apart, name_of, shaded, subtrees, write_pictures
-from antumbra.papers.chc_rt.rays import AO, PRIMARY, timed
-from antumbra.papers.chc_rt.views import place_of
-from antumbra.papers.views import own_view
+from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.chc_rt import chcrt_figures as coverage
+from antumbra.papers.chc_rt.chcrt_figures import (
+    FIGURES,
+    apart,
+    culling_state,
+    name_of,
+    options_of,
+    shaded,
+    subtrees,
+    write_pictures,
+)
+from antumbra.papers.chc_rt.walkthrough_timing import InCore
+from antumbra.papers.chc_rt.walkthroughs import AO, PRIMARY, place_of, timed
 from antumbra.scene.camera import Camera
 
 SIZE = 160, 100
@@ -20,12 +27,12 @@ BENCH = "bench", "chc-rt", "--table", "queries", "--frames", "1"
 
 @pytest.fixture(scope="module")
 def core():
-    return InCore(place_of(own_view("city", procedural("city", triangles=120_000), SIZE)), 2)
+    return InCore(place_of(scene_view("city", procedural("city", triangles=120_000), SIZE)), 2)
 
 
 @pytest.fixture(scope="module")
 def shown(core):
-    return culled(core)
+    return culling_state(core)
 
 
 @pytest.fixture(scope="module")
@@ -165,6 +172,6 @@ def test_a_camera_that_sees_nothing_is_refused(core):
     place, core.place = core.place, core.place._replace(walks=walks)
     try:
         with pytest.raises(InputError, match="city: the near camera sees nothing"):
-            culled(core)
+            culling_state(core)
     finally:
         core.place = place

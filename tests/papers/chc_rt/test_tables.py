@@ -6,13 +6,16 @@ from antumbra.engine.scene import procedural
 from antumbra.engine.scene_loading import load
 from antumbra.engine.store_building import build_store
 from antumbra.errors import InputError
-from antumbra.papers.chc_rt import ablation, measure, published, session, sizes
-from antumbra.papers.chc_rt.kinds import Table
-from antumbra.papers.chc_rt.measure import InCore, Pace
-from antumbra.papers.chc_rt.plot import shares
-from antumbra.papers.chc_rt.rays import AO, DIFFUSE, KINDS, PRIMARY, SOFT
-from antumbra.papers.chc_rt.views import place_of
-from antumbra.papers.views import own_view
+from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.chc_rt import chcrt_published as published
+from antumbra.papers.chc_rt import chcrt_tables as ablation
+from antumbra.papers.chc_rt import chcrt_tables as session
+from antumbra.papers.chc_rt import chcrt_tables as sizes
+from antumbra.papers.chc_rt import walkthrough_timing as measure
+from antumbra.papers.chc_rt.chcrt_figures import shares
+from antumbra.papers.chc_rt.chcrt_published import ChcrtTable
+from antumbra.papers.chc_rt.walkthrough_timing import InCore, Pace
+from antumbra.papers.chc_rt.walkthroughs import AO, DIFFUSE, KINDS, PRIMARY, SOFT, place_of
 from antumbra.techniques.tracer_options import WHOLE_SCREEN, ChcRtOptions
 
 SIZE = 24
@@ -27,7 +30,7 @@ def quiet(text):
 
 @pytest.fixture(scope="module")
 def core():
-    view = own_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
+    view = scene_view("city", procedural("city", triangles=120_000), (SIZE, SIZE))
     return InCore(place_of(view), 2, ChcRtOptions(triangles=1 << 12))
 
 
@@ -97,7 +100,7 @@ def test_without_pull_up_pairs_are_never_forgotten(core):
 
 
 def test_ablation_in_memory(core):
-    turns = one_walk(ablation.in_memory(core, PACE, quiet))
+    turns = one_walk(ablation.ablate_in_memory(core, PACE, quiet))
     assert {(t.kind, t.method, t.frame) for t in turns} == {
         (kind, name, frame) for kind in (AO, DIFFUSE, SOFT) for name in ablation.VARIANTS for frame in range(3)
     }
@@ -112,7 +115,7 @@ def test_ablation_in_memory(core):
 
 
 def test_ablation_of_a_store(place):
-    walks = list(ablation.out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
+    walks = list(ablation.ablate_out_of_core(place, None, 2, PACE._replace(frames=2), quiet))
     assert [turns[0].method for turns, _ in walks] == WITHOUT_PARTS
     assert all({t.kind for t in turns} == {*KINDS} and {t.frame for t in turns} == {0, 1} for turns, _ in walks)
     assert len({tuple(digests) for _, digests in walks}) == 1
@@ -122,13 +125,15 @@ def test_ablation_of_a_store(place):
 def test_variants_of_a_store_have_as_many_frames_as_the_first(place, monkeypatch):
     some = {name: ablation.VARIANTS[name] for name in WITHOUT_PARTS[:2]}
     monkeypatch.setattr(ablation, "VARIANTS", some)
-    walks = list(ablation.out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
+    walks = list(ablation.ablate_out_of_core(place, None, 2, PACE._replace(limit=0.0), quiet))
     assert all({t.frame for t in turns} == {0, 1} for turns, _ in walks)
 
 
 def test_bytes_read_are_of_nodes_and_of_geometry(place):
-    found, same = session.out_of_core(place, [Table.times, Table.queries], None, 2, PACE, quiet, quiet)
-    turns = found[Table.store]
+    found, same = session.measure_out_of_core(
+        place, [ChcrtTable.times, ChcrtTable.queries], None, 2, PACE, quiet, quiet
+    )
+    turns = found[ChcrtTable.store]
     assert {t.method for t in turns} == {"lru"} and same is None
     begun = measure.of(turns, kind="primary", frame=0)
     assert all(0 < t.told["bvh_bytes"] < t.told["bytes"] for t in begun)
@@ -139,16 +144,16 @@ def test_bytes_read_are_of_nodes_and_of_geometry(place):
 
 def test_walkthroughs_are_shown_when_they_have_ended(core, capsys):
     shown = []
-    tables = [Table.scenes, Table.phases, Table.randomisation]
-    found, same = session.in_memory([core.place], tables, 2, PACE._replace(frames=2), quiet, shown.append)
-    assert same and [t for turns in shown for t in turns] == found[Table.times] + found[Table.randomisation]
-    assert len(shown) == 2 + len(measure.SAMPLERS) and found[Table.scenes][0].triangles > 0
+    tables = [ChcrtTable.scenes, ChcrtTable.phases, ChcrtTable.randomisation]
+    found, same = session.measure_in_memory([core.place], tables, 2, PACE._replace(frames=2), quiet, shown.append)
+    assert same and [t for turns in shown for t in turns] == found[ChcrtTable.times] + found[ChcrtTable.randomisation]
+    assert len(shown) == 2 + len(measure.SAMPLERS) and found[ChcrtTable.scenes][0].triangles > 0
     session.show_medians(shown[0])
     told = capsys.readouterr()
     assert told.out == "" and [line.split(":")[0] for line in told.err.splitlines()] == [
         f"city, near, {kind}, chcrt" for kind in KINDS
     ]
-    assert session.in_memory([core.place], [Table.scenes], 2, PACE, quiet, quiet)[1] is None
+    assert session.measure_in_memory([core.place], [ChcrtTable.scenes], 2, PACE, quiet, quiet)[1] is None
 
 
 def test_published_bytes_add_up_or_are_noted():

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from antumbra.bvh import binned_sah
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.scene import procedural
-from antumbra.papers.multi_frusta.primary import deep_tree, trace_packets
+from antumbra.papers.multi_frusta.packet_baselines import deep_tree, trace_packets
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.primary.primary_rays import trace_primary
 from raster_scenes import FAMILIES, SHAPES, view

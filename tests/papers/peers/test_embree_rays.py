@@ -5,13 +5,14 @@ import pytest
 
 import oracle
 from antumbra.kernels.jit import kernel
-from antumbra.papers.peers.ray_sets import ORDERS, one_by_one, packets
+from antumbra.papers.peers.ray_contest import ORDERS, one_by_one, packets
 from peer_scenes import rays_through, soup, truth
 
 pytest.importorskip("embreex", reason="Embree is not installed: pip install 'antumbra[peers]'")
 
-from antumbra.papers.peers import embree, embree_rays
-from antumbra.papers.peers.denormals import FLUSH, control
+from antumbra.papers.peers import embree
+from antumbra.papers.peers import embree as embree_rays
+from antumbra.papers.peers.embree import FLUSH, control
 
 
 def ids_of(rays, order, lanes):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.papers.peers.ray_sets import LANES, ORDERS, RaySet, blocks, one_by_one, packets, primary_rays
+from antumbra.papers.peers.ray_contest import LANES, ORDERS, PeerRays, blocks, one_by_one, packets, primary_rays
 from antumbra.query.gbuffer import pixel_direction
 from antumbra.scene.camera import Camera
 
@@ -13,7 +13,7 @@ SHAPE = (10, 7, 20)
 def some_rays():
     n = np.prod(SHAPE)
     asked = np.random.default_rng(3).random(n) < 0.6
-    return RaySet(SHAPE, np.zeros((n // 20, 3), "f4"), 20, np.zeros((n, 3), "f4"), 1.0, asked)
+    return PeerRays(SHAPE, np.zeros((n // 20, 3), "f4"), 20, np.zeros((n, 3), "f4"), 1.0, asked)
 
 
 def test_blocks_hold_each_pixel_once_in_morton_order():

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.papers.pre_bvh_culling.measure import CONVEX, HULLS, LINES, USUAL, GridRow, grid_rows, mean_rows
-from antumbra.papers.pre_bvh_culling.video import video_views
-from antumbra.rendering.renderer import Renderer
+from antumbra.papers.pre_bvh_culling.culling_measurements import (
+    CONVEX,
+    HULLS,
+    LINES,
+    USUAL,
+    GridRow,
+    grid_rows,
+    mean_rows,
+    video_views,
+)
+from antumbra.picture.renderer import Renderer
 
 
 @pytest.fixture(scope="module")

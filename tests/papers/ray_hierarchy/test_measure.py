@@ -4,23 +4,28 @@ import math
 
 import pytest
 
+from antumbra.engine.plan import parse_plan
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.papers.answers import agree
-from antumbra.papers.ray_hierarchy import measure as bench
-from antumbra.papers.ray_hierarchy import published as paper
-from antumbra.papers.ray_hierarchy.measure import PLANS, Cost, PictureRays
-from antumbra.papers.ray_hierarchy.views import Picture, pictures, with_point
-from antumbra.papers.views import own_view
-from antumbra.plan import parse_plan
+from antumbra.papers.benchmark_views import agree, scene_view
+from antumbra.papers.ray_hierarchy import ray_hierarchy_measurements as bench
+from antumbra.papers.ray_hierarchy import ray_hierarchy_measurements as paper
+from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
+    PLANS,
+    Cost,
+    PictureCase,
+    PictureRays,
+    pictures,
+    with_point,
+)
 from antumbra.scene.camera import Camera
 
 SIZE = 24
 
 
 @pytest.fixture(scope="module")
-def picture() -> Picture:
-    (only,) = pictures(with_point(own_view("cellar", procedural("cellar", triangles=3000), (SIZE, SIZE))), 5)
+def picture() -> PictureCase:
+    (only,) = pictures(with_point(scene_view("cellar", procedural("cellar", triangles=3000), (SIZE, SIZE))), 5)
     return only
 
 
@@ -42,7 +47,7 @@ def test_face_culling_drops_nodes_and_keeps_answers_the_same(picture):
     assert agree(bench.answers([seen], costs)) and all(0 < c.passed < c.nodes for c in costs)
     both = bench.measure(picture, 2, 1, math.inf, silent)[1]
     assert sum(c.nodes for c in costs) < sum(c.nodes for c in both)
-    rows = bench.beside([seen], costs, paper.FIGURE7)
+    rows = bench.relative_costs([seen], costs, paper.FIGURE7)
     assert [r.variant for r in rows] == list(paper.FIGURE7) and rows[0].nodes == rows[0].passed == 1.0
 
 
@@ -113,7 +118,7 @@ def test_spreads_say_how_many_frames_are_missing():
 
 
 def test_the_reports_ratios_are_what_its_text_says():
-    assert paper.cut("Precise", "PreciseSorted") > 1000  # "up to three orders of magnitude fewer nodes"
+    assert paper.published_cut("Precise", "PreciseSorted") > 1000  # "up to three orders of magnitude fewer nodes"
     slow, fast = (paper.MILLISECONDS[name] for name in ("Precise", "PreciseSorted"))
     assert max(a / b for a, b in zip(slow, fast)) > 100  # "over two orders of magnitude faster"
     assert set(paper.NODES) == set(paper.MILLISECONDS) == set(paper.MEASURED) < set(paper.VARIANTS)

@@ -4,11 +4,10 @@ from itertools import combinations
 
 import pytest
 
+from antumbra.engine.method_registry import find_method
+from antumbra.engine.plan import parse_plan
 from antumbra.errors import InputError
-from antumbra.methods import find_method
-from antumbra.papers.ray_hierarchy.cones import Cones
-from antumbra.papers.ray_hierarchy.variants import CONES, TABLE_1, combination
-from antumbra.plan import parse_plan
+from antumbra.papers.ray_hierarchy.cone_hierarchy import CONES, TABLE_1, Cones, combination
 from antumbra.techniques.tracer_options import RayHierarchyOptions
 
 WORDS = ["spheres", "precise", "boxes", *(field.replace("_", "-") for field in RayHierarchyOptions._fields[2:])]

@@ -8,7 +8,8 @@ import trimesh
 
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.papers.ray_hierarchy.views import (
+from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import (
     MADE,
     MUSEUM,
     ROBOTS,
@@ -18,7 +19,6 @@ from antumbra.papers.ray_hierarchy.views import (
     times_of,
     with_point,
 )
-from antumbra.papers.views import own_view
 from antumbra.scene.lights import PointLight
 
 INFO = {
@@ -89,7 +89,7 @@ def test_folders_of_vertex_frames_by_path(scenes):
 
 
 def test_points_in_the_middle_of_lights():
-    view = own_view("cellar", procedural("cellar", triangles=2000), (40, 30))
+    view = scene_view("cellar", procedural("cellar", triangles=2000), (40, 30))
     (light,) = view.lights
     (point,) = with_point(view).lights
     assert isinstance(point, PointLight)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.papers.scenes import window
-from antumbra.papers.scenes.blinds import HALF_X, HALF_Z, HEIGHT
+from antumbra.papers.scenes import bedroom as window
+from antumbra.papers.scenes.bedroom import HALF_X, HALF_Z, HEIGHT
 
 
 @pytest.fixture(scope="module")

@@ -5,21 +5,21 @@ import pytest
 
 from antumbra.engine.scene import procedural
 from antumbra.errors import InputError
-from antumbra.papers.srdh import measure as srdh
-from antumbra.papers.srdh import published as published_srdh
-from antumbra.papers.srdh.measure import (
+from antumbra.papers.benchmark_views import BenchmarkView, scene_view
+from antumbra.papers.srdh import srdh_measurements as srdh
+from antumbra.papers.srdh import srdh_tables as published_srdh
+from antumbra.papers.srdh.srdh_measurements import (
     CONSTANT,
     METHODS,
     OURS,
     PRERENDER_SPP,
     PUBLISHED,
     SAH_ORDERS,
-    Counted,
+    BoxTests,
+    BuildTimes,
     Workload,
     of,
 )
-from antumbra.papers.srdh.times import BuildTimes
-from antumbra.papers.views import View, own_view
 from antumbra.scene.camera import Camera
 from antumbra.techniques.srdh.representative_rays import segments_of
 from antumbra.trace.rays.single_rays import FALSE, PATH, UNOCCLUDED
@@ -28,8 +28,8 @@ SIZE = 24
 
 
 @pytest.fixture(scope="module")
-def view() -> View:
-    return own_view("cellar", procedural("cellar", triangles=3000), (SIZE, SIZE))
+def view() -> BenchmarkView:
+    return scene_view("cellar", procedural("cellar", triangles=3000), (SIZE, SIZE))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_scenes_of_which_nothing_is_seen_are_refused(view):
 
 
 def made_row(method, boxes, pixels=None):
-    return Counted("room", method, pixels, 100, 10, 4, boxes, 12)
+    return BoxTests("room", method, pixels, 100, 10, 4, boxes, 12)
 
 
 def test_shares():

@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 
 from antumbra.bvh import binned_sah
-from antumbra.bvh.quality import validate
+from antumbra.bvh.tree_quality import validate
 from antumbra.engine.scene import procedural
-from antumbra.papers.srdh.measure import Workload
-from antumbra.papers.srdh.rtsah import check_rtsah, even_lines, opposite
-from antumbra.papers.views import own_view
+from antumbra.papers.benchmark_views import scene_view
+from antumbra.papers.srdh.srdh_measurements import Workload, check_rtsah, even_lines, opposite
 from antumbra.query.shadow_query import segments
 
 
 @pytest.fixture(scope="module", params=["cellar", "atrium", "blinds"])
 def work(request):
-    return Workload(own_view(request.param, procedural(request.param, triangles=3000), (24, 24)), 1, None)
+    return Workload(scene_view(request.param, procedural(request.param, triangles=3000), (24, 24)), 1, None)
 
 
 def test_the_order_is_right_for_its_lines(work):

@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from antumbra.errors import InputError
-from antumbra.papers import views
-from antumbra.papers.srdh.views import MADE, default_names, named_view
+from antumbra.papers import benchmark_views as views
+from antumbra.papers.srdh.srdh_measurements import MADE, default_names, named_view
 
 INFO = {"up": [0, 1, 0], "camera": {"position": [0, 1, 5], "target": [0, 1, 0], "vfov": 50}, "light": [1.0, 2.0, 3.0]}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import parse_plan
+from antumbra.engine.plan import parse_plan
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import parse_plan
+from antumbra.engine.plan import parse_plan
 from antumbra.trace.packets.ray_tile import is_incoherent
 from asking import answer, query_of
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.plan import Plan
+from antumbra.engine.plan import Plan
 from antumbra.trace.counters import as_dict, new_counters
 from antumbra.trace.triangle_tests import DEFERRED
 from asking import answer, query_of

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from antumbra.bvh.blocks import block_tree
+from antumbra.bvh.block_tree import block_tree
 from antumbra.bvh.nodes import tree_of
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
+from antumbra.kernels.exact.filters import hit_t
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.hits import hit_t
-from antumbra.methods import BUILDERS
 from antumbra.query.gbuffer import pixel_ray
 from antumbra.trace.primary.primary_rays import trace_primary
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk

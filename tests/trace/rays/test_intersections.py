@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 
 import oracle
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.trace.rays.ray_hits import MOST_HITS, intersections
 from bvh_scenes import terrain
 from shadow_rays import segments_in

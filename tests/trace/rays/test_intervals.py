@@ -8,11 +8,11 @@ import pytest
 import antumbra as at
 import oracle
 from antumbra.bvh.nodes import tree_of
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.kernels.exact.filters import single_weights
+from antumbra.kernels.exact.predicate import ray_along
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.exact import ray_along
-from antumbra.kernels.predicate.hits import single_weights
-from antumbra.methods import BUILDERS
-from antumbra.scene.hit import HitFaces
+from antumbra.scene.triangles import HitFaces
 from antumbra.trace.rays.ray_traversal import CLOSEST, walk
 from cutout_scenes import meets as stops
 from cutout_scenes import scene_with_cutouts

@@ -7,11 +7,12 @@ from hypothesis import given, settings
 
 import antumbra as at
 import oracle
-from antumbra.bvh import binned_sah, srdh
+from antumbra.bvh import binned_sah
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED
-from antumbra.bvh.quality import validate
-from antumbra.methods import BUILDERS, TRACERS
-from antumbra.papers.srdh.variants import ORDERS
+from antumbra.bvh.tree_quality import validate
+from antumbra.engine.method_registry import BUILDERS, TRACERS
+from antumbra.papers.published_methods import ORDERS
+from antumbra.techniques.srdh import srdh_builder as srdh
 from antumbra.trace.rays.ray_traversal import BUILT, CLOSEST, NEAREST, RANDOM, SRDH, Ordered
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import scattered, terrain

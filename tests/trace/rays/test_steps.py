@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.bvh import binned_sah
-from antumbra.methods import BUILDERS
+from antumbra.engine.method_registry import BUILDERS
 from antumbra.query.shadow_query import segments
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, Ordered
 from antumbra.trace.rays.single_rays import FALSE, PATH, UNOCCLUDED, add_steps, count_steps, hit_depths, leaf_depths

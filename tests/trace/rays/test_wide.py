@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 import antumbra as at
 import oracle
 from antumbra.bvh.nodes import tree_of
-from antumbra.bvh.widen import widen
+from antumbra.bvh.wide_bvh import widen
+from antumbra.engine.method_registry import BUILDERS
+from antumbra.kernels.exact.predicate import ray_along
 from antumbra.kernels.jit import kernel
-from antumbra.kernels.predicate.exact import ray_along
-from antumbra.methods import BUILDERS
 from antumbra.query.ray_list import hit_arrays, rays_of
 from antumbra.trace.counters import COUNTERS, new_counters
 from antumbra.trace.rays.ray_batches import RayTracer

@@ -1,8 +1,8 @@
 """CHC+RT [Mattausch et al. 2015].
 
-- variants: the tracers of its aggressive mode
-- rays, views: the rays and the walkthroughs that are measured
-- measure, stores, sizes, ablation: the measurements, in memory and out of core
-- culled, coverage, pictures: the pictures of its figures
-- kinds, session, tables, plot, published, command: ``antumbra bench chc-rt``
+- `chcrt_published`: names of its tables, and the published figures
+- `walkthroughs`: the walkthroughs that are measured, their rays, and the methods that trace them
+- `walkthrough_timing`: times of walkthroughs, in memory and out of core
+- `chcrt_tables`: measures and prints the tables
+- `chcrt_figures`: draws the figures
 """

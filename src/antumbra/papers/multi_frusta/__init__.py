@@ -1,7 +1,6 @@
 """Multi-frusta tracing as published [Benthin and Wald 2009].
 
-- frusta, cornerrays, frustaleaf, order: the tracers `multifrusta:...`
-- packet256: the packets of Sec. 5.2
-- primary: packets of primary rays
-- measure, quality, published, command, plot: ``antumbra bench multi-frusta``
+- `published_frusta`: the tracers `multifrusta:...`
+- `packet_baselines`: packets of 256 shadow rays (Sec. 5.2), and of 16 primary rays
+- `frusta_measurements`: tables and figures
 """

@@ -1,4 +1,5 @@
-"""Pre-BVH culling as published [Selgrad et al. 2015], and for comparison: `lines`, `convex`.
+"""Pre-BVH culling as published [Selgrad et al. 2015].
 
-`measure`, `tables` and `plot` make its tables and figures, of the scenes in `views` and `video`.
+- `cell_marking`: marks grid cells as published, and a convex region for comparison
+- `culling_measurements`: views, published figures, measurements, tables and the plot
 """

@@ -1,6 +1,6 @@
 """Ray hierarchies as published [Olsson and Assarsson 2011].
 
-- cones, cone_triangle: nodes of the hierarchy, and their tests against triangles
-- variants: the tracers ``cones:...``
-- measure, views, published, plot, command: ``antumbra bench ray-hierarchy``
+- `cone_hierarchy`: nodes as cones with a common apex, and the tracers ``cones:...``
+- `cone_tests`: tests of triangles against cones
+- `ray_hierarchy_measurements`: views, published figures, measurements and plots
 """

@@ -3,10 +3,10 @@
 Only the benchmarks of the papers need them.
 """
 
-from ...scene.procedural import Recipe, register
-from .blinds import blinds
+from ...generate.procedural_scenes import Recipe, register
+from .bedroom import blinds
 from .cellar import cellar
-from .museum import museum
+from .museum_halls import museum
 
 SCENES = {
     "cellar": Recipe(cellar, "vaulted rooms on several levels, of which little can be seen at once", 250_000),

@@ -4,11 +4,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...scene.procedural import palette as p
-from ...scene.procedural.architecture import EMBED, column, doorway, stairs, tiles, vault, voussoirs
-from ...scene.procedural.parts import ScenePart, assemble, count, fitted, put
-from ...scene.procedural.props import barrel, bottle, crate, shelf, vase
-from ...scene.procedural.shapes import PaletteMesh, box, boxes, merge, shell, steps
+from ...generate import palette as p
+from ...generate.atrium import EMBED, column, doorway, stairs, tiles, vault, voussoirs
+from ...generate.props import barrel, bottle, crate, shelf, vase
+from ...generate.shapes import (
+    PaletteMesh,
+    ScenePart,
+    assemble,
+    box,
+    boxes,
+    count,
+    fitted,
+    merge,
+    place_copies,
+    shell,
+    steps,
+)
 
 ROOM, WALL, HEIGHT = 6.0, 0.5, 3.5  # metres from room to room; thickness and height of the walls
 LEVEL = 4.2  # metres from floor to floor
@@ -84,7 +95,7 @@ def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
         doorway(ROOM - 0.7, DOOR, DOOR_SPRING, HEIGHT, WALL, steps(10, d, 3)),
         voussoirs(DOOR, 0.2, WALL + 0.08, 9, 1, p.LIMESTONE),
     )
-    parts = [put(floor, at[~hole], rng.integers(0, 4, np.sum(~hole)) * np.pi / 2)]
+    parts = [place_copies(floor, at[~hole], rng.integers(0, 4, np.sum(~hole)) * np.pi / 2)]
     faces = (
         (np.ones(len(at), bool), maze.east, (half, 0.0), np.pi / 2),
         (np.ones(len(at), bool), maze.south, (0.0, half), 0.0),
@@ -93,10 +104,10 @@ def _structure(maze: _Maze, d: float, rng) -> list[ScenePart]:
     )
     for exists, door, (dx, dz), turn in faces:
         place = at + [dx, 0.0, dz]
-        parts.append(put(closed, place[exists & ~door], turn))
-        parts.append(put(open_, place[exists & door], turn))
+        parts.append(place_copies(closed, place[exists & ~door], turn))
+        parts.append(place_copies(open_, place[exists & door], turn))
         if d > 0.4:
-            parts.append(put(trim, place[exists & door] + [0.0, DOOR_SPRING, 0.0], turn))
+            parts.append(place_copies(trim, place[exists & door] + [0.0, DOOR_SPRING, 0.0], turn))
     return parts + _supports(maze, d, at, hole, rng)
 
 
@@ -116,11 +127,11 @@ def _supports(maze: _Maze, d: float, at, hole, rng) -> list[ScenePart]:
     steps_at = at[maze.stairs] + [-2.6, 0.0, -1.7]
     landing = boxes([(1.0, 0.2, 5.5), (4.6, 0.2, 0.9)], [(2.3, LEVEL - 0.13, 0), (-0.4, LEVEL - 0.13, 2.3)], p.OAK)
     return [
-        put(pier, np.concatenate(corners)),
-        put(roof, at[above]),
-        put(round_, at[middle]),
-        put(flight, steps_at),
-        put(landing, at[maze.stairs]),
+        place_copies(pier, np.concatenate(corners)),
+        place_copies(roof, at[above]),
+        place_copies(round_, at[middle]),
+        place_copies(flight, steps_at),
+        place_copies(landing, at[maze.stairs]),
     ]
 
 
@@ -182,10 +193,10 @@ def _things(maze: _Maze, d: float, share: float, rng) -> list[ScenePart]:
     for k, thing in enumerate(things):
         own = spots[kinds == k]
         turn = face[kinds == k] + (rng.uniform(-0.06, 0.06, len(own)) if k != 2 else 0.0)
-        parts.append(put(thing, own, turn, rng.uniform(0.92, 1.0, len(own))))
+        parts.append(place_copies(thing, own, turn, rng.uniform(0.92, 1.0, len(own))))
     heaped = spots[kinds == 1]
     heaped = heaped[rng.random(len(heaped)) < 0.5] + [0, 0.585, 0]
-    parts.append(put(things[1], heaped, rng.uniform(0, 6.3, len(heaped)), rng.uniform(0.6, 0.8, len(heaped))))
+    parts.append(place_copies(things[1], heaped, rng.uniform(0, 6.3, len(heaped)), rng.uniform(0.6, 0.8, len(heaped))))
     return parts
 
 
@@ -197,7 +208,7 @@ def _rack(d: float) -> PaletteMesh:
     y = (np.arange(boards) + 0.3) / boards * h
     x = np.linspace(-0.3, 0.3, steps(4, d**0.5, 2))
     places = np.stack([a.ravel() for a in np.meshgrid(x, y, [-0.05])], axis=1)
-    glass = put(bottle(0.3, 0.6 * d, p.TEAL), places, shade=np.arange(len(places)) % 5)
+    glass = place_copies(bottle(0.3, 0.6 * d, p.TEAL), places, shade=np.arange(len(places)) % 5)
     return merge(shelf(w, h, 0.36, boards), assemble([glass]))
 
 

@@ -5,7 +5,7 @@ from threading import Lock
 
 import numpy as np
 
-from ...bvh.blocks import block_tree
+from ...bvh.block_tree import block_tree
 from ...bvh.nodes import Bvh
 from ...kernels.parallel import thread_count
 from ...query.query_bounds import bounds

@@ -12,15 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, box_at, rows_at, slot_at
-from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.nodes import block_leaf, box_at, rows_at, slot_at
+from ...kernels.exact.filters import is_nearer, meets, rounded_t
+from ...kernels.exact.predicate import ray_along, segment
+from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
-from ...kernels.predicate.exact import ray_along, segment
-from ...kernels.predicate.filters import is_nearer, meets
-from ...kernels.predicate.hits import rounded_t
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
-from ...kernels.vec import broadcasts
+from ...kernels.vec3 import broadcasts
 from ...trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
 from ...trace.frusta.bundle import shafts_of
 from ...trace.tree_list import Hits, item, list_of, root_in, tree_in, tree_list_pointers

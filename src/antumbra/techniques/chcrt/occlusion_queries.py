@@ -26,9 +26,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...bvh.links import box_at
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel, overloaded
+from ...bvh.nodes import box_at
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overloaded
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import (
     bits,
@@ -46,7 +45,7 @@ from ...kernels.simd import (
     splat16,
     stack_f32,
 )
-from ...kernels.vec import rows
+from ...kernels.vec3 import rows
 from ...trace.descent import entry, rays_as_shafts, slabs_of
 from ...trace.frusta.bundle import shafts_of
 from ...trace.frusta.tile_clusters import RegionLayout, layout_of

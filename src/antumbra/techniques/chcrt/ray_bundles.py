@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.exact.filters import BEYOND
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run
-from ...kernels.predicate.filters import BEYOND
 from ...kernels.simd import (
     as_i32,
     bits,
@@ -35,7 +35,7 @@ from ...kernels.simd import (
     stack_f32,
     store,
 )
-from ...kernels.vec import Vec, keep, largest, rows
+from ...kernels.vec3 import Vec3, keep, largest, rows
 from ...query.gbuffer import pixel_direction
 from ...query.raster_setup import direction_error
 from ...query.ray_passes import RayPass
@@ -370,7 +370,7 @@ def load_rays(rays, picture, y0, x0, bundle):
     store(bundle.lengths, 0, maximum(whole, splat16(_SMALLEST)))
     store(as_i32(bundle.lengths), 0, load16(as_i32(bundle.lengths), 0) & splat16(np.int32(_EXPONENT)))
     lengths = load16(bundle.lengths, 0)
-    keep(bundle.rays, 48, 16, Vec(d.x * lengths, d.y * lengths, d.z * lengths))
+    keep(bundle.rays, 48, 16, Vec3(d.x * lengths, d.y * lengths, d.z * lengths))
     limits = minimum(load16(bundle.limits, 0) / lengths * _F(BEYOND), splat16(_F(1.0)))
     store(bundle.limits, 0, select(lanes, limits, splat16(_F(-1.0))))
     return live
@@ -405,8 +405,8 @@ def _load_pass_bundle(source, picture, y0, x0, s, k, blind, bundle):
 def _box(vectors, live):
     """The corners of the box of the vectors in three rows, in the lanes of `live`."""
     lanes, v, inf = mask_from_bits16(live), rows(vectors, 0, 16), splat16(_F(np.inf))
-    low = Vec(select(lanes, v.x, inf), select(lanes, v.y, inf), select(lanes, v.z, inf))
-    high = Vec(select(lanes, v.x, -inf), select(lanes, v.y, -inf), select(lanes, v.z, -inf))
+    low = Vec3(select(lanes, v.x, inf), select(lanes, v.y, inf), select(lanes, v.z, inf))
+    high = Vec3(select(lanes, v.x, -inf), select(lanes, v.y, -inf), select(lanes, v.z, -inf))
     return (
         (reduce_min(low.x), reduce_min(low.y), reduce_min(low.z)),
         (reduce_max(high.x), reduce_max(high.y), reduce_max(high.z)),

@@ -11,9 +11,8 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree
-from ...bvh.links import CHILDREN, LINK, block_leaf, bvh_leaf
-from ...bvh.nodes import EMPTY, MAX_DEPTH, boxes_of, parents_first
+from ...bvh.block_tree import BlockTree
+from ...bvh.nodes import CHILDREN, EMPTY, LINK, MAX_DEPTH, block_leaf, boxes_of, bvh_leaf, parents_first
 from ...kernels.jit import kernel
 from ...kernels.simd import stack_array
 from ...trace.tree_list import addresses, head

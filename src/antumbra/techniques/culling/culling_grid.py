@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, F64Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import (
     broadcast4,

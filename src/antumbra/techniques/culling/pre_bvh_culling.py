@@ -19,14 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.bounds import corners_of
 from ...bvh.nodes import Bvh
-from ...kernels.fields import I32Ptr, U8Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.triangle_bounds import corners_of
+from ...kernels.jit import I32Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from ...query.query_bounds import bounds
-from ...scene.areas import solid_vertices
+from ...scene.triangle_setup import solid_vertices
 from ...scene.triangles import Triangles
 from .culling_grid import (
     FINEST,

@@ -39,7 +39,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec import Vec, cross, dot, largest, minus, times
+from ...kernels.vec3 import Vec3, cross, dot, largest, minus, times
 from . import ray_tree as names
 from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
 from .ray_leaves import block_of, origins_in
@@ -232,7 +232,7 @@ _LARGE = _F(2.0**40)  # products of three smaller lengths cannot overflow
 def _point_corner(corners, at, k, view):
     """(corner k of 16 triangles, the same relative to the apex); at: i32x16, positions of their first numbers."""
     at = at + np.int32(3 * k)
-    v = Vec(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
+    v = Vec3(gather(corners, at), gather(corners, at + 1), gather(corners, at + 2))
     return v, relative16(view, v)
 
 

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import U64Ptr
-from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import dot, plane, widest
+from ...kernels.exact.filters import dot, plane, widest
+from ...kernels.jit import U64Ptr, inlined, kernel
 from ...kernels.simd import (
     bits,
     fma,
@@ -29,7 +28,7 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec import Vec, times
+from ...kernels.vec3 import Vec3, times
 from ...query.query_bounds import bounds
 from ...query.receivers import NOTHING
 from ...query.shadow_query import (
@@ -43,7 +42,7 @@ from ...query.shadow_query import (
     set_of,
     three_at,
 )
-from ...scene.light_list import N_SETS
+from ...scene.light_lists import N_SETS
 from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 
@@ -239,9 +238,9 @@ def relative16(view, o):
     """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so a difference is rounded only once."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
-        return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
+        return times(Vec3(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
     o = times(o, s)
-    return Vec(_component(o, view.u), _component(o, view.v), _component(o, view.w))
+    return Vec3(_component(o, view.u), _component(o, view.v), _component(o, view.w))
 
 
 @inlined
@@ -430,4 +429,4 @@ def active_receivers(asking, view, samples, ids, lanes, last, counters):
 def origins_of(asking, ids):
     """The positions of 16 receivers, a `Vec` of f32x16."""
     at, p = ids * 3, asking.query.origins
-    return Vec(gather(p, at), gather(p, at + 1), gather(p, at + 2))
+    return Vec3(gather(p, at), gather(p, at + 1), gather(p, at + 2))

@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.exact.predicate import segment
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
-from ...kernels.predicate.exact import segment
 from ...kernels.simd import (
     as_i32,
     atomic_or,
@@ -34,7 +33,7 @@ from ...kernels.simd import (
     put,
 )
 from ...kernels.simd import bits as bits_of
-from ...kernels.vec import minus, rows
+from ...kernels.vec3 import minus, rows
 from ...query.shadow_query import patch_of, sample_of
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.radix_sort import radix_sort
+from ...bvh.morton_sort import radix_sort
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, N, items, new_ticket, run, shares
 from ...kernels.simd import (

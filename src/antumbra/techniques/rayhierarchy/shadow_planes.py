@@ -23,8 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...kernels.exact.filters import cross, dot
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import cross, dot
 from ...kernels.simd import as_i32, broadcast16, get, put
 from .light_beams import AROUND, PERSPECTIVE
 

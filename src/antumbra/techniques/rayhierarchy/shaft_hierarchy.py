@@ -17,10 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel, overload
+from ...kernels.exact.predicate import segment
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.parallel import shares
-from ...kernels.predicate.exact import segment
 from ...kernels.simd import (
     absolute,
     atomic_or,
@@ -46,7 +45,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec import broadcasts, minus, rows
+from ...kernels.vec3 import broadcasts, minus, rows
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_counters, cleared, count
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import ray_meets

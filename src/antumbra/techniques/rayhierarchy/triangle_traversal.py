@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, shares
 from ...kernels.simd import (
     atomic_and,

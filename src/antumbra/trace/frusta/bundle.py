@@ -7,10 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, bounds_at, is_leaf
-from ...bvh.nodes import MAX_DEPTH
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel, overload
+from ...bvh.nodes import MAX_DEPTH, block_leaf, bounds_at, is_leaf
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
 from ..descent import Shafts, left, next_leaf, nowhere, save, slabs_of
 from ..light_table import ALL_GROUPS, STRATA

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_i32,
     bits,
@@ -33,7 +32,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec import Vec, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
+from ...kernels.vec3 import Vec3, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..light_table import POINTS, STRATA
 from ..shafts import HALF, SPAN, D, N, keep_inverses, segments_in_box, shafts_in_box, widened
@@ -101,7 +100,7 @@ def reverse_frusta_in_box(fans, points, box):
     """Bits of the fans of a stratum that may meet a `Box`; points: pointer to the stratum's points."""
     p, zero = rows(points, 0, 16), splat16(_F(0.0))
     d, half = _axes(fans, p)
-    return shafts_in_box(p, d, Vec(zero, zero, zero), half, box.middle, box.half)
+    return shafts_in_box(p, d, Vec3(zero, zero, zero), half, box.middle, box.half)
 
 
 @inlined

@@ -44,9 +44,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bounds_at
+from ...bvh.nodes import bounds_at
+from ...kernels.exact.filters import plane
 from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import plane
 from ...kernels.simd import (
     absolute,
     bits,
@@ -63,7 +63,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec import Vec, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
+from ...kernels.vec3 import Vec3, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from ..light_table import group_of
 from ..shafts import (
@@ -177,7 +177,7 @@ def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
     k2, g2 = _slack(cp, p_d, receivers, half, twist, e)
     k1, g1 = _slack(cq, q_d, receivers, half, twist, e)
     k0, g0 = _slack(plus(n, minus(cq, cp)), minus(q_d, p_d), receivers, half, twist + twist, e)
-    return Vec(dn - e1 - e2, e1, e2), Vec(k0, k1, k2), Vec(g0, g1, g2)
+    return Vec3(dn - e1 - e2, e1, e2), Vec3(k0, k1, k2), Vec3(g0, g1, g2)
 
 
 @kernel

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_f32,
     as_i32,
@@ -38,7 +37,7 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec import keep, rows
+from ...kernels.vec3 import keep, rows
 from ..counters import COVERED, GROUP_STRATA, NODES, TILE_GROUP_TILES, TRIANGLE_TESTS, TRIANGLES
 from ..light_table import ALL_GROUPS
 from ..tile import Tile, TileShape, coherent_part, fetch_receivers, load_receivers, tile_at

@@ -14,10 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bounds_at
-from ...bvh.nodes import middle_and_half
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.nodes import bounds_at, middle_and_half
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_i32,
     bits,
@@ -36,7 +34,7 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec import Vec, broadcasts, rows
+from ...kernels.vec3 import Vec3, broadcasts, rows
 from ..counters import GROUP_STRATA, TRIANGLES, count
 from ..light_table import ALL_GROUPS, STRATA
 from ..shafts import box_at, is_near, make_shafts
@@ -196,8 +194,8 @@ def _fill_fans(tile_group, members, chunk):
     for g in range(16):
         tile = tile_at(tile_group.tiles, g if members >> g & 1 != 0 else tile_group.first, chunk)
         o = rows(tile.origins, 0, 16)
-        low = Vec(minimum(low.x, o.x), minimum(low.y, o.y), minimum(low.z, o.z))
-        high = Vec(maximum(high.x, o.x), maximum(high.y, o.y), maximum(high.z, o.z))
+        low = Vec3(minimum(low.x, o.x), minimum(low.y, o.y), minimum(low.z, o.z))
+        high = Vec3(maximum(high.x, o.x), maximum(high.y, o.y), maximum(high.z, o.z))
         add_to_reverse_frusta(tile_group.fans, np.int64(g), tile)
     close_reverse_frusta(tile_group.fans, low, high)
 

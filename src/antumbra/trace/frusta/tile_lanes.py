@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined
+from ...kernels.jit import F32Ptr, I32Ptr, inlined
 from ...kernels.simd import (
     as_i32,
     bits,
@@ -29,7 +28,7 @@ from ...kernels.simd import (
     store,
     store_compressed,
 )
-from ...kernels.vec import Vec, broadcasts, minus, rows
+from ...kernels.vec3 import Vec3, broadcasts, minus, rows
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, count
 from ..shafts import HALF, D, N, rays_in_box, shafts_in_box
 from ..tile import tile_at, with_blocked
@@ -136,7 +135,7 @@ def tiles_near_box(tile_group, c, e):
     """Bits of the tiles whose shafts to the whole light may meet a box."""
     o, shafts = rows(tile_group.boxes, 0, 16), tile_group.whole.shafts
     d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.whole.info, 0, 1)
-    v = Vec(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
+    v = Vec3(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
     return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
 
 

@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree
-from ...bvh.links import bvh_leaf
-from ...bvh.nodes import EMPTY, Bvh, Tree, tree_of
+from ...bvh.block_tree import BlockTree
+from ...bvh.nodes import EMPTY, Bvh, Tree, bvh_leaf, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64

@@ -15,13 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf
-from ...bvh.nodes import MAX_DEPTH, boxes_of
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
-from ...kernels.vec import broadcasts, minus, rows
+from ...kernels.vec3 import broadcasts, minus, rows
 from ...scene.lights import AMBIENT, FIXED, is_list
 from ..counters import TRIANGLES, count, new_counters
 from ..horizon import PLANES, apply_horizon

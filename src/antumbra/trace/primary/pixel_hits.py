@@ -12,10 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...kernels.fields import F64Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import is_nearer, meets
-from ...kernels.predicate.hits import hit_t
+from ...kernels.exact.filters import hit_t, is_nearer, meets
+from ...kernels.jit import F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     as_f32,
     bits,

@@ -34,10 +34,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import block_leaf, rows_at, slot_at
-from ...kernels.fields import F32Ptr, F32x16, I32Ptr
-from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.filters import plane_side
+from ...bvh.nodes import block_leaf, rows_at, slot_at
+from ...kernels.exact.filters import plane_side
+from ...kernels.jit import F32Ptr, F32x16, I32Ptr, inlined, kernel
 from ...kernels.simd import (
     absolute,
     bits,
@@ -60,7 +59,7 @@ from ...kernels.simd import (
     to_f32,
     to_i32,
 )
-from ...kernels.vec import Vec, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
+from ...kernels.vec3 import Vec3, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
 from ..counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 
 # --- A block of triangles set up for a tile of primary rays: edge functions and depth keys in pixel coordinates -------
@@ -108,20 +107,20 @@ WORK = 22 * 16  # float32 of scratch memory
 class TileFrame(NamedTuple):
     """Pixel coordinates relative to a tile; float32 scalars but `turn`."""
 
-    eye: Vec
-    x: Vec  # rows of the matrix
-    y: Vec
-    z: Vec
+    eye: Vec3
+    x: Vec3  # rows of the matrix
+    y: Vec3
+    z: Vec3
     error: float  # error of x and y, for each unit of a vector's largest component
     z_error: float
-    shift: Vec  # how far rounding moves the direction g of a pixel
+    shift: Vec3  # how far rounding moves the direction g of a pixel
     floor: float  # infinite: nothing is sure
     turn: int  # sign of the determinant of the inverse matrix
 
 
 @inlined
 def _row(x, y, z, scale):
-    return Vec(_F(x * scale), _F(y * scale), _F(z * scale))
+    return Vec3(_F(x * scale), _F(y * scale), _F(z * scale))
 
 
 @inlined
@@ -136,13 +135,13 @@ def frame_of(view, x0, y0, scale):
     m = _F64(abs(z.x) + abs(z.y) + abs(z.z))
     more = 1.001
     return TileFrame(
-        Vec(_F(view.eye_x), _F(view.eye_y), _F(view.eye_z)),
+        Vec3(_F(view.eye_x), _F(view.eye_y), _F(view.eye_z)),
         x,
         y,
         z,
         _F(6 * more * _U * n),
         _F(6 * more * _U * m),
-        Vec(_F(more * view.shift_x), _F(more * view.shift_y), _F(more * view.shift_z)),
+        Vec3(_F(more * view.shift_x), _F(more * view.shift_y), _F(more * view.shift_z)),
         _FLOOR if scale > 0.0 else _INFINITE,
         view.turn,
     )
@@ -159,7 +158,7 @@ class Sizes(NamedTuple):
 
 @inlined
 def _to_pixels(frame, v):
-    return Vec(dots(v, frame.x), dots(v, frame.y), dots(v, frame.z))
+    return Vec3(dots(v, frame.x), dots(v, frame.y), dots(v, frame.z))
 
 
 @inlined
@@ -282,7 +281,7 @@ def set_up_block(frame, tree, block, triangles, work):
     numbers = ptr_at(tree.blocks, rows_at(block))
     a3, p3, q3 = rows(numbers, 0, 16), rows(numbers, 48, 16), rows(numbers, 96, 16)
     e = frame.eye
-    a3 = Vec(a3.x - e.x, a3.y - e.y, a3.z - e.z)
+    a3 = Vec3(a3.x - e.x, a3.y - e.y, a3.z - e.z)
     a, p, q = _to_pixels(frame, a3), _to_pixels(frame, p3), _to_pixels(frame, q3)
     a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
     xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
@@ -291,7 +290,7 @@ def set_up_block(frame, tree, block, triangles, work):
     if left == 0:
         return left
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
-    e0 = minus(d, Vec(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
+    e0 = minus(d, Vec3(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
     volume, volume_error = dot(a, d), _volume_error(frame, d, a_size, p_size)
     store(work, SIGN, select(volume > _ZERO, splat16(_F(1.0)), splat16(_F(-1.0))))
     flat = bits(absolute(volume) <= volume_error) & left

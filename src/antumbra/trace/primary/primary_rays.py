@@ -18,14 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.blocks import BlockTree, block_tree
-from ...bvh.links import box_at
-from ...bvh.nodes import boxes_of
-from ...kernels.fields import F32Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.block_tree import BlockTree, block_tree
+from ...bvh.nodes import box_at, boxes_of
+from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
-from ...kernels.vec import rows
+from ...kernels.vec3 import rows
 from ...query.raster_setup import RasterView, direction_error, make_view
 from ...scene.camera import CameraRays
 from ..counters import N_COUNTERS, add_counters, cleared, new_counters

@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.wide import wide_tree_of
-from ...kernels.arguments import packed
-from ...kernels.fields import F32Ptr, F64Ptr
-from ...kernels.jit import inlined, kernel
+from ...bvh.nodes import wide_tree_of
+from ...kernels.exact.filters import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
+from ...kernels.exact.predicate import two_diff
+from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
+from ...kernels.marshalling import packed
 from ...kernels.parallel import STOP, items, new_ticket, run, thread_count
-from ...kernels.predicate.expansion import two_diff
-from ...kernels.predicate.hits import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
 from ...kernels.simd import (
     absolute,
     all_lanes,
@@ -38,7 +37,7 @@ from ...kernels.simd import (
     to_f64,
 )
 from ...query.ray_list import HitArrays, RayArguments
-from ...scene.recentre import NEAREST
+from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
 from .ray_packet import runs_along, walk_packet
 from .single_rays import walk_interleaved
@@ -217,7 +216,7 @@ def _point_at_targets(block):
 
 @inlined
 def _settle(rows, at):
-    """`scene.recentre.settled` for the points of a block, in three rows from word `at`."""
+    """`scene.scene_bounds.flush_to_zero` for the points of a block, in three rows from word `at`."""
     for k in range(3):
         x = load16(rows, at + LANES * k)
         store(rows, at + LANES * k, select(absolute(x) < _NEAREST, _ZERO, x))

@@ -9,15 +9,15 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from ...bvh.nodes import Bvh, tree_of
-from ...bvh.rayset import Intersections
+from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.predicate.exact import ray_along, segment
 from ...kernels.simd import atomic_add, get, ptr, put, stack_i32
 from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
 from ...query.ray_passes import RayPass, diffuse_rays
 from ...query.receivers import NOTHING, surface_receivers
 from ...query.shadow_query import Surfaces, surfaces_of
+from ...techniques.srdh.ray_split import Intersections
 from .ray_traversal import CLOSEST, LEFT_FIRST, HitList, walk
 
 # --- All triangles that segments meet. The builder `srdh` needs them for its rays [Feltman et al. 2012, Sec. 3.4] -----

@@ -16,11 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import wide_leaf
-from ...bvh.wide import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH
-from ...kernels.fields import I32Ptr, I64Ptr
-from ...kernels.jit import inlined
-from ...kernels.predicate.vector_filters import FilterTriangles, meet
+from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
+from ...kernels.exact.filters import FilterTriangles, meet
+from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
     absolute,
     all_lanes,

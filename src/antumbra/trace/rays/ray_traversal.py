@@ -14,13 +14,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import bvh_leaf, line_at, link_at, order_at
-from ...bvh.nodes import BACK_TO_FRONT, EMPTY, FRONT_TO_BACK, LEFT_FIRST, MAX_DEPTH, UNORDERED, Bvh
-from ...kernels.fields import F32x4, I32Ptr
-from ...kernels.jit import inlined, kernel, overload
-from ...kernels.predicate.exact import exact_meets
-from ...kernels.predicate.filters import BEYOND, UNSURE, single_end, verdict, volumes32, volumes64, widest
-from ...kernels.predicate.hits import comes_first, hit_t, rounded_t
+from ...bvh.nodes import (
+    BACK_TO_FRONT,
+    EMPTY,
+    FRONT_TO_BACK,
+    LEFT_FIRST,
+    MAX_DEPTH,
+    UNORDERED,
+    Bvh,
+    bvh_leaf,
+    line_at,
+    link_at,
+    order_at,
+)
+from ...kernels.exact.filters import (
+    BEYOND,
+    UNSURE,
+    comes_first,
+    hit_t,
+    rounded_t,
+    single_end,
+    verdict,
+    volumes32,
+    volumes64,
+    widest,
+)
+from ...kernels.exact.predicate import exact_meets
+from ...kernels.jit import F32x4, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import (
     as_i32,
     bits,

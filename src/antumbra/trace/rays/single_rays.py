@@ -21,13 +21,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import LINK, bvh_leaf
-from ...bvh.nodes import Bvh, Tree, parents_first, tree_of
-from ...bvh.wide import LINKS, NO_CHILD, NODE_WORDS, WIDTH, WideBvh, wide_tree_of
-from ...kernels.fields import F32Ptr, I32Ptr
-from ...kernels.jit import inlined, kernel, overload
+from ...bvh.nodes import (
+    LINK,
+    LINKS,
+    NO_CHILD,
+    NODE_WORDS,
+    WIDTH,
+    Bvh,
+    Tree,
+    WideBvh,
+    bvh_leaf,
+    parents_first,
+    tree_of,
+    wide_tree_of,
+)
+from ...kernels.exact.predicate import segment
+from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
-from ...kernels.predicate.exact import segment
 from ...kernels.simd import (
     atomic_add,
     bits,
@@ -51,7 +61,7 @@ from ...kernels.simd import (
     store,
     store_compressed,
 )
-from ...kernels.vec import scalars
+from ...kernels.vec3 import scalars
 from ...query.receivers import NOTHING
 from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import (

@@ -10,15 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bvh.links import wide_leaf
-from ...bvh.nodes import MAX_DEPTH
-from ...bvh.wide import GROUP_WORDS, NODE_WORDS, WIDTH
-from ...kernels.fields import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr
-from ...kernels.jit import inlined, kernel
-from ...kernels.predicate.exact import Ray, ray_along
-from ...kernels.predicate.filters import BEYOND
-from ...kernels.predicate.hits import comes_first, hit_t
-from ...kernels.predicate.vector_filters import FilterRays, FilterTriangles, error_unit, meet
+from ...bvh.nodes import GROUP_WORDS, MAX_DEPTH, NODE_WORDS, WIDTH, wide_leaf
+from ...kernels.exact.filters import BEYOND, FilterRays, FilterTriangles, comes_first, error_unit, hit_t, meet
+from ...kernels.exact.predicate import Ray, ray_along
+from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.simd import (
     absolute,
     broadcast8,

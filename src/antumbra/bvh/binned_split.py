@@ -1,0 +1,257 @@
+"""Splits of a range of records: the interface of top-down builders, and the binned SAH split [Wald 2007].
+
+A *method* holds a builder's arrays of records: `Binned` or `sweep_sah.SortedRecords`. In kernels, the type of the
+method chooses the implementation of the functions here at compile time.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import F32Ptr, F32x4, I32Ptr, kernel, overload, overloaded
+from ..kernels.simd import (
+    as_i32,
+    extract,
+    get,
+    load4,
+    load8,
+    maximum,
+    minimum,
+    ptr,
+    ptr_at,
+    put,
+    select,
+    splat8,
+    stack_f32,
+    store,
+    swap_halves,
+    to_i32,
+)
+from .nodes import MAX_DEPTH, aligned_empty
+from .triangle_bounds import INF, half_area
+
+# --- The split of a range of records, in which top-down builders differ. They share all else (`top_down`) -------------
+#
+# A *method* holds a builder's arrays of records: `bins.Binned` or `sweep.Swept`. In kernels, the type of the method
+# chooses the implementation of the functions here at compile time.
+
+
+class Split(NamedTuple):
+    """The split of a range. A range without a split of finite cost is halved: `axis` is -1."""
+
+    axis: int
+    place: int  # the first right bin (`bins`) or the first right record (`sweep`)
+    cost: np.float32  # sum over both sides of half the area times the number of records
+
+
+@kernel
+def no_split():
+    """The split that halves a range."""
+    return Split(np.int64(-1), np.int64(0), INF)
+
+
+@kernel
+def must_halve(n, depth):
+    """Whether a node at this depth must be halved, so that its tree ends by MAX_DEPTH.
+
+    If not, either child has less than 2 ** (MAX_DEPTH - 1 - depth) records, so halving suffices from there on.
+    """
+    return (n >> (MAX_DEPTH - 1 - depth)) > 0
+
+
+@overloaded("bins", "sweep")
+def source_of(method, depth, scratch):
+    """In kernels: pointers to the records of ranges at this depth. The field `records` has them in some order.
+
+    scratch : pointer to float32, as many as the method needs
+    """
+
+
+@overloaded("bins", "sweep")
+def find_split(source, first, last, centroids, depth, scale):
+    """In kernels: the `Split` of the records from `first` to `last` - 1, whose centroid box is `centroids`."""
+
+
+@overloaded("bins", "sweep")
+def divide(source, first, last, centroids, split):
+    """In kernels: move the left records of a range before its right ones, and return the first right record."""
+
+
+# --- The binned SAH split of a range of records [Wald 2007] -----------------------------------------------------------
+
+
+BINS = 32  # on each axis, at most
+BIN_COUNTS = 3 * BINS
+BIN_BOXES = BIN_COUNTS * 8
+BIN_WORDS = BIN_BOXES + BIN_COUNTS
+_BELOW_ONE = np.float32(1.0 - 2.0**-20)  # keeps the largest centroid in the last bin
+
+
+class Bins(NamedTuple):
+    """Memory for the bins of a range: pointers to 3 x BINS boxes (8 float32 each) and 3 x BINS counts."""
+
+    boxes: F32Ptr
+    counts: I32Ptr
+
+
+class Mapping(NamedTuple):
+    """Maps twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
+
+    origin: F32x4  # f32x4
+    factor: F32x4  # f32x4; 0 on an axis along which all centroids are (nearly) the same
+    n_bins: int
+
+
+class Binned(NamedTuple):
+    """The method of `bsah`, with two arrays of records.
+
+    While all threads split ranges together, a range is in `records` at even depths and in `spare` at odd depths. Below
+    that, a range stays in the array in which it is.
+    """
+
+    records: np.ndarray  # (n, 8) float32
+    spare: np.ndarray  # (n, 8) float32
+
+
+def binned(n: int) -> Binned:
+    """Memory for n records."""
+    return Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
+
+
+class BinnedSource(NamedTuple):
+    """Pointers of `Binned`."""
+
+    records: F32Ptr
+    bins: Bins
+
+
+@kernel
+def bin_count(n):
+    """The number of bins for n records: few records do not fill many bins."""
+    return min(np.int64(BINS), np.int64(4) + n // 16)
+
+
+@kernel
+def make_mapping(centroids, n):
+    """The `Mapping` of `n` records with this centroid box."""
+    n_bins = bin_count(n)
+    sides = -(centroids + swap_halves(centroids))
+    store_at = stack_f32(16)
+    store(store_at, 0, centroids)
+    store(store_at, 8, sides)
+    factor = (np.float32(n_bins) * _BELOW_ONE) / load4(store_at, 8)
+    factor = select(factor < INF, factor, np.float32(0.0))  # NaN becomes 0 too
+    return Mapping(load4(store_at, 0), factor, n_bins)
+
+
+@kernel
+def clear_bins(bins, n_bins):
+    for k in range(3 * n_bins):
+        store(bins.boxes, k * 8, splat8(INF))
+        put(bins.counts, k, 0)
+
+
+@kernel
+def fill_bins(records, first, last, mapping, bins):
+    """Add the records from `first` to `last` - 1 to the bins."""
+    top = np.int32(mapping.n_bins - 1)
+    n_bins = mapping.n_bins
+    boxes, counts = bins.boxes, bins.counts
+    for i in range(first, last):
+        record = load8(records, i * 8)
+        centroid = load4(records, i * 8) - load4(records, i * 8 + 4)
+        place = minimum(maximum(to_i32((centroid - mapping.origin) * mapping.factor), np.int32(0)), top)
+        x = np.int64(extract(place, 0))
+        y = np.int64(extract(place, 1)) + n_bins
+        z = np.int64(extract(place, 2)) + 2 * n_bins
+        store(boxes, x * 8, minimum(load8(boxes, x * 8), record))
+        store(boxes, y * 8, minimum(load8(boxes, y * 8), record))
+        store(boxes, z * 8, minimum(load8(boxes, z * 8), record))
+        put(counts, x, get(counts, x) + 1)
+        put(counts, y, get(counts, y) + 1)
+        put(counts, z, get(counts, z) + 1)
+
+
+@kernel
+def cheapest_split(bins, n_bins, scale):
+    """The cheapest split between two bins."""
+    right = stack_f32(BINS)
+    best, best_axis, best_bin = INF, np.int64(-1), np.int64(0)
+    for axis in range(3):
+        base = axis * n_bins
+        box, count = splat8(INF), np.int64(0)
+        for k in range(n_bins - 1, 0, -1):
+            box = minimum(box, load8(bins.boxes, (base + k) * 8))
+            count += get(bins.counts, base + k)
+            put(right, k, half_area(box, scale) * np.float32(count))
+        box, count = splat8(INF), np.int64(0)
+        for k in range(1, n_bins):
+            box = minimum(box, load8(bins.boxes, (base + k - 1) * 8))
+            count += get(bins.counts, base + k - 1)
+            cost = half_area(box, scale) * np.float32(count) + get(right, k)
+            if cost < best:  # false if a side is empty: infinite area * 0 is NaN
+                best, best_axis, best_bin = cost, np.int64(axis), np.int64(k)
+    return Split(best_axis, best_bin, best)
+
+
+@kernel
+def goes_left(records, i, axis, origin, factor, limit):
+    """Whether the record's bin on `axis` is less than `limit`, with the rounding of `fill_bins`."""
+    centroid = get(records, i * 8 + axis) - get(records, i * 8 + axis + 4)
+    return (centroid - origin) * factor < limit
+
+
+@kernel
+def partition(records, first, last, mapping, split):
+    """Move the left records of a range to its front, and return the index of the first right record.
+
+    It is Lomuto's scheme with both stores made each time, because the side of the next record is unpredictable.
+    """
+    origin, factor = extract(mapping.origin, split.axis), extract(mapping.factor, split.axis)
+    limit, middle = np.float32(split.place), first
+    for i in range(first, last):
+        left = goes_left(records, i, split.axis, origin, factor, limit)
+        record, other = load8(records, i * 8), load8(records, middle * 8)
+        store(records, middle * 8, record)
+        store(records, i * 8, other)
+        middle += np.int64(left)
+    return middle
+
+
+@overload(source_of)
+def _source_of(method, depth, scratch):
+    if method.instance_class is Binned:
+
+        def source(method, depth, scratch):
+            records = ptr(method.spare) if depth & 1 else ptr(method.records)
+            return BinnedSource(records, Bins(scratch, as_i32(ptr_at(scratch, BIN_BOXES))))
+
+        return source
+
+
+@overload(find_split)
+def _find_split(source, first, last, centroids, depth, scale):
+    if source.instance_class is BinnedSource:
+
+        def find(source, first, last, centroids, depth, scale):
+            n = last - first
+            if must_halve(n, depth):
+                return no_split()
+            mapping = make_mapping(centroids, n)
+            clear_bins(source.bins, mapping.n_bins)
+            fill_bins(source.records, first, last, mapping, source.bins)
+            return cheapest_split(source.bins, mapping.n_bins, scale)
+
+        return find
+
+
+@overload(divide)
+def _divide(source, first, last, centroids, split):
+    if source.instance_class is BinnedSource:
+
+        def cut(source, first, last, centroids, split):
+            if split.axis < 0:
+                return (first + last) >> 1
+            return partition(source.records, first, last, make_mapping(centroids, last - first), split)
+
+        return cut

@@ -1,0 +1,248 @@
+"""Order the children of nodes for any-hit rays: the child that is likelier to block a ray, or blocks it for less work.
+
+An any-hit ray ends at its first hit, so a good order saves the work after the hit. The order is fixed when the tree is
+made, and costs nothing when it is walked [Ize and Hansen 2011].
+
+Consider a convex body of surface S with triangles of total area A inside. A line through the body meets 2 A / S
+triangles on average. If the triangles lie at random, a fraction 1 - exp(-2 A / S) of the lines meets one. A node's
+probability follows from its children's probabilities. Rays enter children in proportion to their surfaces.
+
+Three functions apply this:
+
+- `sooner_for_bundles`: in a `BlockTree`, the child that blocks more of the node's rays for its cost to a bundle comes
+  first, unless the builder has chosen one.
+- `sooner_first`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
+- `soonest_last`: in a `WideBvh`, the same, with the first child in the last lane.
+
+The cost of a child is the expected number of steps in it. Only rays that a child lets pass take the steps after it.
+"""
+
+import numpy as np
+
+from ..kernels.jit import inlined, kernel
+from ..kernels.simd import get, ptr, put, stack_array
+from .nodes import (
+    EMPTY,
+    LEFT_FIRST,
+    LINK,
+    LINKS,
+    NO_CHILD,
+    NODE_WORDS,
+    ORDER,
+    WIDTH,
+    Bvh,
+    aligned_empty,
+    block_leaf,
+    boxes_of,
+    bvh_leaf,
+    line_at,
+    parents_first,
+    sides,
+    wide_leaf,
+)
+
+_BUNDLE = 0.01  # width of a bundle, as a share of the scene's diagonal
+_BLOCK_COST = 2.0  # of a block to a bundle, in visits of a node
+
+
+@inlined
+def _edge(corners, at, corner):
+    """The edge of a triangle from its first corner to another one."""
+    return (
+        np.float64(get(corners, at + corner)) - get(corners, at),
+        np.float64(get(corners, at + corner + 1)) - get(corners, at + 1),
+        np.float64(get(corners, at + corner + 2)) - get(corners, at + 2),
+    )
+
+
+@inlined
+def triangle_area(corners, slot):
+    """Area of the triangle in a slot; `corners` is a pointer to `Bvh.corners`."""
+    ux, uy, uz = _edge(corners, slot * 9, 3)
+    vx, vy, vz = _edge(corners, slot * 9, 6)
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return 0.5 * np.sqrt(x * x + y * y + z * z)
+
+
+@inlined
+def surface(nodes, at, other):
+    """Half the surface of the union of two boxes, whose lower x are the words `at` and `other`."""
+    return widened_surface(nodes, at, other, 0.0)
+
+
+@inlined
+def widened_surface(nodes, at, other, width):
+    """`surface` of the union with all its sides longer by `width`, a float64."""
+    x, y, z = sides(nodes, at, other)
+    x, y, z = np.float64(x) + width, np.float64(y) + width, np.float64(z) + width
+    return x * y + y * z + z * x
+
+
+@inlined
+def swap_children(words, node):
+    """Exchange the two children of a node."""
+    for k in range(0, ORDER, 2):
+        left, right = get(words, line_at(node) + k), get(words, line_at(node) + k + 1)
+        put(words, line_at(node) + k, right)
+        put(words, line_at(node) + k + 1, left)
+
+
+@inlined
+def _leaf_blocks(surface, area):
+    """The fraction of the rays through a box that its triangles block; `surface` is half the box's surface."""
+    return 1.0 - np.exp(-area / surface) if surface > 0.0 else 0.0
+
+
+@inlined
+def _child_for_bundles(nodes, links, node, side, width, areas, inner, cost):
+    """(fraction of the node's rays that a child blocks, expected cost of the child to a bundle at the node)."""
+    link, at = np.int64(links[node, LINK + side]), line_at(node)
+    size, whole = surface(nodes, at + side, at + side), surface(nodes, at, at + 1)
+    blocked = inner[link] if link >= 0 else _leaf_blocks(size, areas[block_leaf(link).block])
+    enter = widened_surface(nodes, at + side, at + side, width) / widened_surface(nodes, at, at + 1, width)
+    price = cost[link] if link >= 0 else _BLOCK_COST
+    return blocked * min(size / whole, 1.0) if whole > 0.0 else 0.0, (enter if enter < 1.0 else 1.0) * price
+
+
+@kernel
+def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
+    """`sooner_for_bundles`; `order` has parents first.
+
+    inner, cost : scratch memory for the fraction of rays that each node blocks, and its cost to a bundle in it
+    """
+    boxes, words = ptr(nodes), ptr(links)
+    for i in range(len(order) - 1, -1, -1):
+        node = np.int64(order[i])
+        first, price = _child_for_bundles(boxes, links, node, 0, width, areas, inner, cost)
+        second, other = _child_for_bundles(boxes, links, node, 1, width, areas, inner, cost)
+        right_first = second * price > first * other and links[node, ORDER] != LEFT_FIRST
+        inner[node] = 1.0 - (1.0 - first) * (1.0 - second)
+        cost[node] = 1.0 + (other + (1.0 - second) * price if right_first else price + (1.0 - first) * other)
+        if right_first:
+            swap_children(words, node)
+
+
+def sooner_for_bundles(nodes, links, areas) -> None:
+    """In all nodes of a `blocks.BlockTree`, put the child first that blocks more rays for its cost to a bundle.
+
+    A bundle is wide, so small boxes cost it more than their surface says: it enters each box that is as near as its
+    width. The width is a 100th of the scene's diagonal.
+
+    areas : (b,) total area of each block's triangles
+    """
+    width = _BUNDLE * float(np.linalg.norm(np.ptp(boxes_of(nodes[:1])[0].astype(np.float64), axis=0)))
+    _order_for_bundles(nodes, links, parents_first(links), width, areas, *np.empty((2, len(nodes))))
+
+
+@inlined
+def _leaf(corners, link, surface):
+    """(fraction of the rays through a leaf's box that it blocks, boxes and triangles tested by a ray)."""
+    if link == EMPTY:
+        return 0.0, 1.0
+    leaf, area = bvh_leaf(link), 0.0
+    for slot in range(leaf.first, leaf.first + leaf.count):
+        area += triangle_area(corners, slot)
+    return _leaf_blocks(surface, area), 1.0 + leaf.count
+
+
+@kernel
+def _order_by_cost(bvh, order, blocked, cost):
+    """In all nodes, put the child with the larger chance to block a ray for its cost first.
+
+    blocked, cost : scratch memory for the fraction of rays that each node blocks, and the cost of a ray in it
+    """
+    nodes, words, corners = ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.corners)
+    block, price, enter = stack_array(np.float64, 2), stack_array(np.float64, 2), stack_array(np.float64, 2)
+    for i in range(len(order) - 1, -1, -1):
+        node = np.int64(order[i])
+        at = line_at(node)
+        whole = surface(nodes, at, at + 1)
+        for side in range(2):
+            link, size = np.int64(bvh.links[node, LINK + side]), surface(nodes, at + side, at + side)
+            enter[side] = min(size / whole, 1.0) if whole > 0.0 else 1.0
+            block[side], price[side] = (blocked[link], cost[link]) if link >= 0 else _leaf(corners, link, size)
+        right_first = block[1] * price[0] > block[0] * price[1]
+        first, second = (1, 0) if right_first else (0, 1)
+        cost[node] = 1.0 + enter[first] * price[first]
+        cost[node] += (1.0 - enter[first] * block[first]) * enter[second] * price[second]
+        blocked[node] = 1.0 - (1.0 - enter[0] * block[0]) * (1.0 - enter[1] * block[1])
+        if right_first:
+            swap_children(words, node)
+
+
+def sooner_first(bvh: Bvh) -> Bvh:
+    """The same tree with children in the order of RTSAH, chosen from the leaves up [Ize and Hansen 2011].
+
+    Let C be the cost of a child, and b the fraction of its rays that it blocks. For a ray that enters both boxes and
+    visits the left child first, the expected cost is C_l + (1 - b_l) C_r. So the child with the larger b / C comes
+    first.
+    """
+    nodes = aligned_empty(bvh.nodes.shape, "f4")
+    nodes[:] = bvh.nodes
+    ordered = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
+    _order_by_cost(ordered, parents_first(ordered.links), *np.empty((2, len(nodes))))
+    return ordered
+
+
+@inlined
+def _extent(words, at, first, last):
+    low, high = np.float64(get(words, at + first)), np.float64(get(words, at + WIDTH + first))
+    for lane in range(first + 1, last):
+        low, high = min(low, get(words, at + lane)), max(high, get(words, at + WIDTH + lane))
+    return high - low
+
+
+@inlined
+def _surface_of_lanes(words, at, first, last):
+    """Half the surface of the union of the boxes in lanes `first` to `last` - 1 of the wide node at word `at`."""
+    x = _extent(words, at, first, last)
+    y = _extent(words, at + 2 * WIDTH, first, last)
+    z = _extent(words, at + 4 * WIDTH, first, last)
+    return x * y + y * z + z * x
+
+
+@inlined
+def _arrange(words, at, lanes, n, copy):
+    """Put the n children of the wide node at word `at` in the order of `lanes`."""
+    for row in range(0, LINKS + 1, WIDTH):
+        for k in range(n):
+            copy[k] = get(words, at + row + lanes[k])
+        for k in range(n):
+            put(words, at + row + k, copy[k])
+
+
+@kernel
+def _sort_by_cost(nodes, links, areas, blocked, cost):
+    """`soonest_last`; `blocked` and `cost` are scratch memory, as in `_order_by_cost`."""
+    words, lanes, copy = ptr(nodes), stack_array(np.int64, WIDTH), stack_array(np.float32, WIDTH)
+    enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of the children
+    price = stack_array(np.float64, WIDTH)
+    for node in range(len(nodes) - 1, -1, -1):  # children follow their parents
+        at, n = node * NODE_WORDS, 0
+        while n < WIDTH and links[node, LINKS + n] != NO_CHILD:
+            n += 1
+        whole = _surface_of_lanes(words, at, 0, n)
+        for lane in range(n):
+            link, surface = links[node, LINKS + lane], _surface_of_lanes(words, at, lane, lane + 1)
+            enter[lane] = min(surface / whole, 1.0) if whole > 0.0 else 1.0
+            block[lane] = blocked[link] if link >= 0 else _leaf_blocks(surface, areas[wide_leaf(link).group])
+            price[lane] = cost[link] if link >= 0 else 1.0
+            k = lane
+            while k > 0 and block[lane] * price[lanes[k - 1]] < block[lanes[k - 1]] * price[lane]:
+                lanes[k] = lanes[k - 1]
+                k -= 1
+            lanes[k] = lane
+        passing, steps = 1.0, 1.0
+        for k in range(n - 1, -1, -1):
+            steps += passing * enter[lanes[k]] * price[lanes[k]]
+            passing *= 1.0 - enter[lanes[k]] * block[lanes[k]]
+        blocked[node], cost[node] = 1.0 - passing, steps
+        _arrange(words, at, lanes, n, copy)
+
+
+def soonest_last(nodes, areas) -> None:
+    """Sort the children of all nodes of a `wide.WideBvh` by their chance to block a ray for its cost, best last.
+
+    areas : (n_groups,) total area of each group's triangles
+    """
+    _sort_by_cost(nodes, nodes.view(np.int32), areas, *np.empty((2, len(nodes))))

@@ -1,0 +1,257 @@
+"""Validation of a BVH, its SAH cost, and statistics of its shape."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import kernel
+from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
+from ..kernels.simd import ptr, stack_array
+from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at
+
+_CHUNK = 8192  # nodes whose areas a thread sums at a time
+_WAITING = MAX_DEPTH + 1
+_OK = 0
+_FAULTS = (
+    "",
+    "node {node}: the {side} link, {link}, leads to no node",
+    "node {node}: the {side} link, {link}, leads to a node that has another parent, or to the root",
+    "node {node}: more than MAX_DEPTH = {max_depth} inner nodes on the way to it",
+    "node {node}: the {side} child is missing, though the tree has more than one triangle or more than one node",
+    "node {node}: the {side} child is missing, but has not the box +inf to -inf",
+    "node {node}: the {side} leaf has slots beyond the last",
+    "node {node}: the {side} leaf has a slot that another leaf has too",
+    "node {node}: the {side} box is not the bounds of the triangles in its leaf",
+    "node {node}: the {side} box is not the bounds of the two boxes below it",
+)  # fmt: skip
+_NO_NODE, _SHARED, _DEEP, _MISSING, _NOT_EMPTY, _BEYOND, _TWICE, _LEAF_BOX, _INNER_BOX = range(1, len(_FAULTS))
+
+
+class TreeStatistics(NamedTuple):
+    """The shape of a BVH."""
+
+    nodes: int  # inner nodes
+    leaves: int
+    depth: int  # inner nodes on the longest path from the root
+    leaf_sizes: np.ndarray  # (MAX_LEAF + 1,) int64: [k] leaves have k triangles
+    bytes_per_triangle: float
+
+
+@kernel
+def _bounds_leaf(bvh, box, first, last):
+    """Whether the child box whose first word is `box` is exactly the bounds of the slots' corners; False for NaN."""
+    words = ptr(bvh.nodes)
+    for k in range(3):
+        low, high = np.float32(np.inf), np.float32(-np.inf)
+        for slot in range(first, last):
+            for c in range(k, 9, 3):
+                x = bvh.corners[slot, c]
+                if not (words[box + 4 * k] <= x <= words[box + 4 * k + 2]):
+                    return False
+                low, high = min(low, x), max(high, x)
+        if not (words[box + 4 * k] == low and words[box + 4 * k + 2] == high):
+            return False
+    return True
+
+
+@kernel
+def _bounds_node(bvh, box, node):
+    """Whether the child box whose first word is `box` is exactly the hull of the two boxes in `node`."""
+    words = ptr(bvh.nodes)
+    for k in range(3):
+        a, b = line_at(node) + 4 * k, box + 4 * k
+        low, high = min(words[a], words[a + 1]), max(words[a + 2], words[a + 3])
+        if not (words[b] == low and words[b + 2] == high):
+            return False
+    return True
+
+
+@kernel
+def _is_empty_box(bvh, box):
+    words = ptr(bvh.nodes)
+    for k in range(3):
+        if words[box + 4 * k] != np.inf or words[box + 4 * k + 2] != -np.inf:
+            return False
+    return True
+
+
+@kernel
+def _check_child(bvh, node, side, reached, used):
+    """The fault of one child, or _OK. Marks the child's node, or the slots of its leaf."""
+    n_nodes, n, link = np.int64(len(bvh.nodes)), np.int64(len(bvh.prim_ids)), np.int64(bvh.links[node, LINK + side])
+    box = box_at(node, side)
+    if link == EMPTY:
+        if n_nodes > 1 or n > 1 or n > side:  # a single triangle is on the left
+            return _MISSING
+        return _OK if _is_empty_box(bvh, box) else _NOT_EMPTY
+    if link >= 0:
+        if link >= n_nodes:
+            return _NO_NODE
+        if reached[link]:
+            return _SHARED
+        reached[link] = True
+        return _OK if _bounds_node(bvh, box, link) else _INNER_BOX
+    first, count = bvh_leaf(link)
+    last = first + count
+    if last > n:
+        return _BEYOND
+    for slot in range(first, last):
+        if used[slot]:
+            return _TWICE
+        used[slot] = True
+    return _OK if _bounds_leaf(bvh, box, first, last) else _LEAF_BOX
+
+
+@kernel
+def _check_tree(bvh, reached, used):
+    """(fault, node, side) of the first fault on a walk from the root; (_OK, 0, 0) if there is none."""
+    waiting = stack_array(np.int64, _WAITING, 2)
+    waiting[0, 0], waiting[0, 1] = 0, 1
+    reached[0] = True
+    height = 1
+    while height > 0:
+        height -= 1
+        node, depth = waiting[height, 0], waiting[height, 1]
+        if depth > MAX_DEPTH:
+            return _DEEP, node, 0
+        for side in (1, 0):
+            fault = _check_child(bvh, node, side, reached, used)
+            if fault != _OK:
+                return fault, node, side
+            link = bvh.links[node, LINK + side]
+            if link >= 0:
+                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                height += 1
+    return _OK, 0, 0
+
+
+@kernel
+def _check_slots(bvh, vertices, seen):
+    """The first slot whose triangle does not exist, is in an earlier slot, or has other corners; -1 if none."""
+    for slot in range(len(bvh.prim_ids)):
+        prim = np.int64(bvh.prim_ids[slot])
+        if prim < 0 or prim >= len(vertices) or seen[prim]:
+            return slot
+        seen[prim] = True
+        for k in range(9):
+            if bvh.corners[slot, k] != vertices[prim, k]:  # NaN too
+                return slot
+    return np.int64(-1)
+
+
+def _check_arrays(bvh: Bvh, n: int) -> None:
+    shapes = {
+        "nodes": (bvh.nodes, (max(len(bvh.nodes), 1), 16), np.float32),
+        "links": (bvh.links, (len(bvh.nodes), 16), np.int32),
+        "prim_ids": (bvh.prim_ids, (n,), np.int32),
+        "corners": (bvh.corners, (n, 9), np.float32),
+    }
+    for name, (array, shape, dtype) in shapes.items():
+        if array.shape != shape or array.dtype != dtype or not array.flags.c_contiguous:
+            raise ValueError(
+                f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(dtype)} {shape}, C-contiguous"
+            )
+    if bvh.links.ctypes.data != bvh.nodes.ctypes.data or bvh.nodes.ctypes.data % 64:
+        raise ValueError("links and nodes must be the same memory, aligned to 64 bytes")
+
+
+def validate(bvh: Bvh, vertices: np.ndarray) -> None:
+    """Check that `bvh` is a correct BVH of the triangles `vertices`, (n, 3, 3) float32.
+
+    In a correct BVH:
+
+    - every node but the root has one parent;
+    - no path has more than MAX_DEPTH inner nodes;
+    - every triangle is in exactly one leaf, and the slot has its corners;
+    - every box is exactly the bounds of the triangles or boxes below it.
+
+    Raises
+    ------
+    ValueError
+        With the first fault, and its node or slot.
+    """
+    flat = np.ascontiguousarray(vertices, np.float32).reshape(-1, 9)
+    n = len(flat)
+    _check_arrays(bvh, n)
+    slot = _check_slots(bvh, flat, np.zeros(n, np.bool_))
+    if slot >= 0:
+        raise ValueError(
+            f"slot {slot}: triangle {bvh.prim_ids[slot]} does not exist, is in two slots, or has other corners (or NaN)"
+        )
+    reached, used = np.zeros(len(bvh.nodes), np.bool_), np.zeros(n, np.bool_)
+    fault, node, side = _check_tree(bvh, reached, used)
+    if fault != _OK:
+        link, side_name = bvh.links[node, LINK + side], ("left", "right")[side]
+        raise ValueError(_FAULTS[fault].format(node=node, side=side_name, link=link, max_depth=MAX_DEPTH))
+    for name, marks in (("node", reached), ("slot", used)):
+        if not marks.all():
+            raise ValueError(f"{name} {int(np.argmin(marks))}: it is not in the tree")
+
+
+@kernel
+def _half_area(words, a, b):
+    """Half the area, in float64, of the hull of the two child boxes that start at words `a` and `b`."""
+    x = np.float64(max(words[a + 2], words[b + 2])) - min(words[a], words[b])
+    y = np.float64(max(words[a + 6], words[b + 6])) - min(words[a + 4], words[b + 4])
+    z = np.float64(max(words[a + 10], words[b + 10])) - min(words[a + 8], words[b + 8])
+    return x * (y + z) + y * z
+
+
+@kernel
+def _areas(ticket, bvh, sums):
+    """Worker: per chunk of nodes, sum half their areas, and half their leaves' areas times the triangles."""
+    words = ptr(bvh.nodes)
+    for first, last in shares(ticket):
+        nodes, leaves = 0.0, 0.0
+        for node in range(first, last):
+            nodes += _half_area(words, box_at(node, 0), box_at(node, 1))
+            for side in range(2):
+                link = np.int64(bvh.links[node, LINK + side])
+                if link < 0 and link != EMPTY:
+                    leaves += _half_area(words, box_at(node, side), box_at(node, side)) * bvh_leaf(link).count
+        sums[first // ticket[CHUNK], 0], sums[first // ticket[CHUNK], 1] = nodes, leaves
+
+
+def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:
+    """The SAH cost: expected cost of a ray that meets the root's box, in float64.
+
+    An inner node that the ray enters costs `c_traverse`. Each triangle in a leaf that it enters costs `c_intersect`.
+    The chance to enter a box is its area over the root's area, or 1 if the root has no area. A tree without triangles
+    costs 0. The result is the same, bit for bit, for any number of threads.
+    """
+    if len(bvh.prim_ids) == 0:
+        return 0.0
+    sums = np.empty((-(-len(bvh.nodes) // _CHUNK), 2))
+    run(_areas, thread_count(threads), new_ticket(len(bvh.nodes), _CHUNK), bvh, sums)
+    root, (nodes, leaves) = _half_area(bvh.nodes.reshape(-1), 0, 1), sums.sum(axis=0)
+    if root == 0.0:
+        return c_traverse * len(bvh.nodes) + c_intersect * len(bvh.prim_ids)
+    return float((c_traverse * nodes + c_intersect * leaves) / root)
+
+
+@kernel
+def _shape(links, sizes):
+    """Fill the histogram of leaf sizes, and return the depth."""
+    waiting = stack_array(np.int64, _WAITING, 2)
+    waiting[0, 0], waiting[0, 1] = 0, 1
+    height, deepest = 1, 0
+    while height > 0:
+        height -= 1
+        node, depth = waiting[height, 0], waiting[height, 1]
+        deepest = max(deepest, depth)
+        for side in range(2):
+            link = np.int64(links[node, LINK + side])
+            if link >= 0:
+                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                height += 1
+            elif link != EMPTY:
+                sizes[bvh_leaf(link).count] += 1
+    return deepest
+
+
+def statistics(bvh: Bvh) -> TreeStatistics:
+    """Nodes, leaves, depth, leaf sizes and memory of a correct BVH (see `validate`)."""
+    sizes = np.zeros(MAX_LEAF + 1, np.int64)
+    depth = _shape(bvh.links, sizes)
+    size = bvh.nodes.nbytes + bvh.prim_ids.nbytes + bvh.corners.nbytes
+    return TreeStatistics(len(bvh.nodes), int(sizes.sum()), int(depth), sizes, size / max(1, len(bvh.prim_ids)))

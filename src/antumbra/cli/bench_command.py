@@ -1,0 +1,273 @@
+"""``antumbra bench``: repeats the measurements of the papers, with the papers' figures beside ours.
+
+Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. Other packages can
+announce more. They are looked up when the command is used. `benchmark` gives a command the options --quick and
+--output, and `Results` writes its tables and plots. ``all`` passes the options on to the commands that have them.
+"""
+
+import gc
+import inspect
+import json
+import shlex
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from datetime import UTC, datetime
+from importlib.util import find_spec
+from pathlib import Path
+from time import monotonic
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from ..errors import InputError
+from ..extras import plugins_of
+from ..files import atomic_output, checked_output
+from . import console as report
+from .arguments import check_plot
+from .console import UNFORESEEN, Record, explained, say
+from .options import Quiet, writes_folder
+
+# --- Commands of ``antumbra bench``: their options --quick and --output, and the files of their results ---------------
+
+
+OutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write the tables (.md, .json) and plots (.png) to a folder too.",
+        metavar="FOLDER",
+        show_default=False,
+        callback=writes_folder(),
+    ),
+]
+_ELSEWHERE = "output", "json", "quiet"  # options that change no result
+
+
+class Results:
+    """The results of one run of a bench: what is printed, and files in the folder of --output, if it is given."""
+
+    def __init__(self, name: str, command: str, folder: Path | None, as_json: bool, quiet: bool):
+        self.name, self.command = name, command
+        self._folder, self._json, self._quiet = folder, as_json, quiet
+        self._draws = folder is not None and find_spec("matplotlib") is not None
+
+    def plots(self, asked: Path | None) -> list[Path]:
+        """The files for the plot: `asked`, from --plot, and one in the folder.
+
+        Raises
+        ------
+        InputError
+            If `asked` cannot be written, or Matplotlib is missing for it.
+        """
+        if asked is not None:
+            check_plot(asked)
+        own = self._folder / f"{self.name}.png" if self._folder and self._draws else None
+        return [path for path in (asked, own) if path is not None]
+
+    def pictures(self) -> Path | None:
+        """The folder for further pictures; None if they cannot be drawn, or without --output."""
+        return self._folder if self._draws else None
+
+    @contextmanager
+    def told(self, answer: dict) -> Iterator[None]:
+        """Print the JSON object, or the tables that the block prints. Both are written to the folder."""
+        record = Record(None if self._json or self._quiet else sys.stdout)
+        with redirect_stdout(record):
+            yield
+        if self._folder is not None:
+            self._write(self._folder, record, answer)
+        if self._json:
+            report.print_json(answer)
+
+    def _write(self, folder: Path, record: Record, answer: dict) -> None:
+        from .installation_commands import about
+
+        header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}
+        text = json.dumps(report.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
+        top = Record(None)
+        top.keep_fields((name, str(value)) for name, value in header.items())
+        tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"
+        for suffix, content in ((".json", text), (".md", tables)):
+            with atomic_output(folder / f"{self.name}{suffix}") as temporary:
+                temporary.write_text(content, encoding="utf-8")
+        if not self._draws:
+            say(f"no plots in {folder}, because matplotlib is missing: pip install 'antumbra[plot]'")
+
+
+def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator of a command ``f(results, ...)`` of ``antumbra bench``. It adds the options --quick and --output.
+
+    quick : option -> its value with --quick. Options that the user gives keep their values.
+    """
+
+    def wrap(command: Callable[..., None]) -> Callable[..., None]:
+        def run(context: typer.Context, quick: bool, output: Path | None, **given) -> None:
+            if quick:
+                given |= {name: value for name, value in found.quick.items() if not _is_given(context, name)}
+            name = context.command.name or ""
+            with results_folder(output):
+                command(Results(name, _command_line(context), output, given["json"], given["quiet"]), **given)
+
+        found: Any = run
+        found.quick = dict(quick)
+        found.__doc__, found.__name__ = command.__doc__, command.__name__
+        found.__signature__ = inspect.Signature(_parameters(command, quick))
+        found.__annotations__ = {p.name: p.annotation for p in found.__signature__.parameters.values()}
+        return found
+
+    return wrap
+
+
+@contextmanager
+def results_folder(folder: Path | None) -> Iterator[None]:
+    """Make a folder, and remove it if it is empty at the end. None: there is no folder.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or nothing can be written in it.
+    """
+    if folder is None:
+        yield
+        return
+    if made := not folder.exists():
+        _make(folder)
+    try:
+        checked_output(folder / "results.md", (".md",))
+        yield
+    finally:
+        if made:
+            with suppress(OSError):  # it has files
+                folder.rmdir()
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another folder") from None
+
+
+def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[inspect.Parameter]:
+    """The parameters that Typer sees: those of the command but `results`, and the new ones before --json."""
+    _, *own = inspect.signature(command).parameters.values()
+    values = ((name, value if isinstance(value, list) else [value]) for name, value in quick.items())
+    shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
+    option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    new = [
+        inspect.Parameter("quick", keyword, default=False, annotation=option),
+        inspect.Parameter("output", keyword, default=None, annotation=OutputOption),
+    ]
+    at = next(i for i, p in enumerate(own) if p.name == "json")
+    own = [p.replace(kind=keyword) for p in own]
+    return [inspect.Parameter("context", keyword, annotation=typer.Context), *own[:at], *new, *own[at:]]
+
+
+def _is_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
+
+
+def _command_line(context: typer.Context) -> str:
+    """The command as users type it, without the options that change no result."""
+    words = ["antumbra", "bench", context.command.name or ""]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        if not _is_given(context, name) or name in _ELSEWHERE:
+            continue
+        value = context.params[name]
+        if value is True:
+            words.append(parameter.opts[0])
+        else:
+            for each in value if isinstance(value, (list, tuple)) else (value,):
+                words += [parameter.opts[0], str(each)]
+    return shlex.join(words)
+
+
+# --- ``antumbra bench``: repeats the measurements of the papers, and prints the papers' figures beside ours -----------
+#
+# Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. `antumbra.papers`
+# announces some; other packages can do the same. The program looks for them when the command is used.
+# `results.benchmark` gives a command its options --quick and --output. ``all`` passes them on to the commands that
+# have them.
+
+
+_GROUP = "antumbra.bench"
+
+
+class _Announced(TyperGroup):
+    """A group that finds its commands when it is asked for them."""
+
+    def list_commands(self, ctx) -> list[str]:
+        return [*super().list_commands(ctx), *plugins_of(_GROUP)]
+
+    def get_command(self, ctx, cmd_name: str):
+        return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
+
+
+def _loaded(name: str) -> Any:
+    """The announced command of this name."""
+    alone = typer.Typer(rich_markup_mode=None, add_completion=False)
+    alone.command(name)(plugins_of(_GROUP)[name].load())
+    return typer.main.get_command(alone)
+
+
+app = typer.Typer(cls=_Announced, help="Measure what the papers measured.", rich_markup_mode=None)
+
+
+@app.callback()
+def _bench() -> None:
+    """Measure the tables and plots of the papers on this machine, with the papers' figures beside ours."""
+
+
+@app.command("all")
+def all_(
+    quick: Annotated[bool, typer.Option("--quick", help="Measure less: all in ten minutes on two cores.")] = False,
+    output: OutputOption = None,
+    quiet: Quiet = False,
+) -> int:
+    """All other benches, one after the other.
+
+    If one fails, a line on standard error says why, the others follow, and the exit code is 1. After Ctrl-C, files of
+    finished benches remain.
+
+    \b
+    Examples
+      antumbra bench all --quick --output results
+    """
+    took: dict[str, str] = {}
+    names = list(plugins_of(_GROUP))
+    with results_folder(output):
+        try:
+            for k, name in enumerate(names, 1):
+                if not quiet:
+                    print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
+                start, failed = monotonic(), _run(name, quick, output, quiet)
+                took[name] = "failed after " * failed + report.duration(monotonic() - start)
+                gc.collect()  # scenes of one bench do not stay in memory beside those of the next
+        finally:
+            if not quiet:
+                report.print_fields(took.items())
+    return UNFORESEEN if any(text.startswith("failed") for text in took.values()) else 0
+
+
+def _run(name: str, quick: bool, output: Path | None, quiet: bool) -> bool:
+    """Run a bench. If it fails, say why and return True."""
+    try:
+        command = _loaded(name)
+        options = {
+            "quick": ["--quick"] * quick,
+            "output": ["--output", str(output)] if output else [],
+            "quiet": ["--quiet"] * quiet,
+        }
+        words = [word for parameter in command.params for word in options.get(parameter.name or "", [])]
+        with command.make_context(f"antumbra bench {name}", words) as context:
+            command.invoke(context)
+    except (BrokenPipeError, typer.Abort):
+        raise
+    except Exception as error:
+        say(f"antumbra bench {name} failed: {explained(error)[0]}")
+        return True
+    return False

@@ -1,0 +1,427 @@
+"""Terminal output: answers on standard output, as tables or JSON; progress and errors on standard error.
+
+A `Record` keeps what is printed as Markdown. `guarded` turns exceptions into one line and an exit code.
+"""
+
+import hashlib
+import io
+import json
+import logging
+import math
+import os
+import re
+import sys
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TextIO
+
+import typer
+
+from ..errors import InputError, one_line
+from ..progress import LOG, progress_listener, split_progress
+
+# --- Keeps what a command prints as Markdown --------------------------------------------------------------------------
+
+
+_ESCAPED = str.maketrans({c: f"\\{c}" for c in "\\|*<>`[]"})
+
+
+class Record(io.TextIOBase):
+    """A stream for standard output that also keeps what is printed, as Markdown.
+
+    `report` gives it tables and fields. A line just before a table becomes the table's caption.
+
+    shown : the stream on which all text appears; None: nowhere
+    """
+
+    def __init__(self, shown: TextIO | None):
+        self.shown = shown
+        self._blocks: list[str] = []
+        self._text = ""  # printed since the last block
+
+    def write(self, text: str) -> int:
+        self._text += text
+        if self.shown is not None:
+            self.shown.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        if self.shown is not None:
+            self.shown.flush()
+
+    def isatty(self) -> bool:
+        return self.shown is not None and self.shown.isatty()
+
+    def keep_table(self, headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
+        """Keep a table. Columns in `right` hold numbers."""
+        self._end_text(caption=True)
+        marks = ["---:" if i in right else "---" for i in range(len(headers))]
+        lines = [[escaped(h) for h in headers], marks, *([escaped(cell) for cell in row] for row in rows)]
+        self._blocks.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
+
+    def keep_fields(self, rows: Iterable[tuple[str, str]]) -> None:
+        """Keep names and values as a list."""
+        self._end_text()
+        self._blocks.append("\n".join(f"- **{escaped(name)}**: {escaped(value)}" for name, value in rows))
+
+    def markdown(self) -> str:
+        """All that was kept."""
+        self._end_text()
+        return "\n\n".join(self._blocks) + "\n"
+
+    def _end_text(self, caption: bool = False) -> None:
+        lines = [escaped(line.strip()) for line in self._text.splitlines() if line.strip()]
+        self._text = ""
+        if caption and lines:
+            lines[-1] = f"**{lines[-1]}**"
+        self._blocks += lines
+
+
+def escaped(text: str) -> str:
+    """Text for a line of Markdown in which no character has a meaning."""
+    return " ".join(text.translate(_ESCAPED).split())
+
+
+# --- Prints answers on standard output: tables for people, or one JSON object for programs ----------------------------
+#
+# While a `Record` is standard output, tables are kept as Markdown too.
+
+
+def print_json(answer: dict) -> None:
+    """Print one JSON object on one line, and flush it. Infinity and NaN become null."""
+    sys.stdout.write(json.dumps(plain(answer), allow_nan=False) + "\n")
+    sys.stdout.flush()
+
+
+def print_fields(rows: Iterable[tuple[str, str]]) -> None:
+    """Print names and values, one below the other."""
+    from rich.table import Table
+
+    rows = list(rows)
+    if isinstance(sys.stdout, Record):
+        sys.stdout.keep_fields(rows)
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold")
+    grid.add_column(overflow="fold")
+    _print_rows(grid, rows)
+
+
+def print_table(
+    headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = (), width: int | None = None
+) -> None:
+    """Print a table with headers. Columns in `right` hold numbers. `width` is the least number of characters a line."""
+    from rich import box
+    from rich.table import Table
+
+    rows = list(rows)
+    if isinstance(sys.stdout, Record):
+        sys.stdout.keep_table(headers, rows, right)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for i, header in enumerate(headers):
+        table.add_column(header, justify="right" if i in right else "left", overflow="fold")
+    _print_rows(table, rows, width)
+
+
+def duration(seconds: float) -> str:
+    """Seconds as text: 12 ms, 3.45 s, 12 min, 1.5 h."""
+    if seconds >= 600.0:
+        return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
+    return f"{seconds:.2f} s" if seconds >= 1.0 else f"{1000.0 * seconds:.3g} ms"
+
+
+def size_in_memory(n: int) -> str:
+    """Bytes as text: 12.3 MB."""
+    return f"{n / 1e6:,.1f} MB"
+
+
+def vector(values) -> str:
+    """Three numbers as text."""
+    return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
+
+
+def light_fields(light) -> dict:
+    """A light as names and values. A list of lights has only the number of its lights, a sky a digest of its map."""
+    from ..scene.sky import Sky
+
+    kind = {"type": type(light).__name__, **({"name": light.name} if light.name else {})}
+    if isinstance(light, Sky):
+        digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
+        own = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
+        return {**kind, "map": digest, **own}
+    if light.domain == "list":
+        return {**kind, "count": len(light.points), "interleave": light.interleave}
+    return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
+
+
+def camera_fields(camera) -> dict:
+    """A camera as names and values."""
+    other = ("projection", "extent") if camera.listed else ()
+    return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height", *other)}
+
+
+def srdh_rays_fields(rays) -> dict:
+    """`SrdhRays` from the command line as names and values."""
+    return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
+
+
+def _print_rows(table, rows, width: int | None = None) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    out = sys.stdout.shown if isinstance(sys.stdout, Record) else sys.stdout
+    if out is None:
+        return
+    for row in rows:
+        table.add_row(*(Text(_encodable(cell)) for cell in row))
+    terminal = Console(highlight=False, file=out)
+    Console(highlight=False, file=out, width=max(width or 0, terminal.width)).print(table)
+
+
+def _encodable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
+
+
+def plain(value):
+    """A value in the types of JSON: arrays and tuples become lists, infinite numbers and NaN become None."""
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+
+
+# --- Shows progress on a terminal for operations that take longer than a second ---------------------------------------
+
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
+DELAY = 1.0
+
+
+class ProgressDisplay:
+    """A progress line on standard error while the block runs.
+
+    There is none if the block is fast. If standard error is no terminal, the begin and the end of long work appear as
+    lines instead. A timer starts the line, so it appears during a single long call too (reading a file, building a
+    BVH). `quiet`: nothing appears.
+    """
+
+    def __init__(self, quiet: bool = False, delay: float = DELAY):
+        self._lock = threading.Lock()
+        self._text, self._done, self._total = "", 0, 0
+        self._bar: Progress | None = None
+        self._quiet, self._closed = quiet, quiet or not sys.stderr.isatty()
+        self._heard: AbstractContextManager[None] | None = None
+        self._timer = None if self._closed else threading.Timer(delay, self._start)
+
+    def __enter__(self) -> "ProgressDisplay":
+        self._heard = _logged() if self._closed and not self._quiet else progress_listener(self.say)
+        self._heard.__enter__()
+        if self._timer is not None:
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._heard is not None:
+            self._heard.__exit__(None, None, None)
+        with self._lock:
+            self._closed = True
+            if self._bar is not None:
+                self._bar.stop()
+
+    def say(self, text: str, done: int = 0, total: int = 0) -> None:
+        """Show the current operation, and how much of it is done. `total` 0: unknown."""
+        self._text, self._done, self._total = text, done, total
+        with self._lock:
+            if self._bar is not None:
+                self._update(self._bar)
+
+    def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], object]:
+        """A function ``progress(done, total)`` for `count` runs, one after the other. `done` restarts in each run.
+
+        All runs together are piece `index` of `of` pieces.
+        """
+        made = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
+        assert made is not None
+        return made
+
+    def _start(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        columns = SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
+        with self._lock:
+            if not self._closed:
+                self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+                self._task: TaskID = self._bar.add_task(self._text)
+                self._update(self._bar)
+                self._bar.start()
+
+    def _update(self, bar: "Progress") -> None:
+        bar.update(self._task, description=self._text, completed=self._done, total=self._total or None)
+
+
+@contextmanager
+def _logged() -> Iterator[None]:
+    """Let the progress of the library through to its logger."""
+    before = LOG.level
+    LOG.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        LOG.setLevel(before)
+
+
+# --- Errors on the command line: one line on standard error, and an exit code -----------------------------------------
+
+
+UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+# Typer does not export the base class of its usage errors, and its module depends on Typer's version.
+_UsageError: Any = typer.BadParameter.__mro__[1]
+
+
+def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
+    """Run ``run(arguments)`` and return its exit code. Any exception becomes one line on standard error.
+
+    With ``--json`` it is a JSON object on standard output too: {"error": line}.
+
+    ``--debug`` may stand anywhere, because users add it to a command that has just failed.
+    """
+    _prepare_streams()
+    before = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    debug = "--debug" in before or os.environ.get("ANTUMBRA_DEBUG", "") not in ("", "0")
+    arguments = [a for a in before if a != "--debug"] + arguments[len(before) :]
+    try:
+        with _log_lines():
+            code = run(arguments)
+        sys.stdout.flush()
+        code = code if isinstance(code, int) else 0
+        if code == INTERRUPTED:
+            raise KeyboardInterrupt
+        return code
+    except BrokenPipeError:  # the reader of the output has ended
+        _drop_output()
+        return UNFORESEEN
+    except BaseException as error:
+        if isinstance(error, SystemExit):
+            raise
+        if debug and not isinstance(error, (_UsageError, KeyboardInterrupt, typer.Abort)):
+            raise
+        if isinstance(error, OSError):
+            _drop_output()
+        line, code = explained(error)
+        say(line)
+        if "--json" in before:
+            with suppress(OSError, ValueError):
+                print(json.dumps({"error": line}), flush=True)
+        return code
+
+
+def _drop_output() -> None:
+    """Drop buffered standard output if it cannot be written.
+
+    Otherwise Python would flush it at exit, print an error, and change the exit code.
+    """
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def explained(error: BaseException) -> tuple[str, int]:
+    """(one line about an exception, exit code)."""
+    if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+        return "interrupted", INTERRUPTED
+    if isinstance(error, InputError):
+        return str(error), BAD_INPUT
+    if isinstance(error, _UsageError):
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "antumbra"
+        return f"{_usage(error)}; see {command} --help", BAD_INPUT
+    if isinstance(error, MemoryError):
+        return "not enough memory; take a smaller --size, fewer --spp or a smaller scene", UNFORESEEN
+    if isinstance(error, OSError):  # such as standard output on a full disk
+        return f"the system reports: {error}", UNFORESEEN
+    reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    return f"unexpected {reason}; this is a bug, --debug shows where", UNFORESEEN
+
+
+class _LogLines(logging.Handler):
+    """Records of a logger as lines on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(record.getMessage())
+
+
+@contextmanager
+def _log_lines() -> Iterator[None]:
+    """Say what the library logs: warnings, and progress where `progress.ProgressDisplay` asks for it."""
+    log, lines = logging.getLogger("antumbra"), _LogLines()
+    log.addHandler(lines)
+    try:
+        yield
+    finally:
+        log.removeHandler(lines)
+
+
+# What Typer says of values, by the words of pydantic -> what this package says.
+_WORDS = (
+    (r"Value error, .* is not one of (.*)", r"it must be one of \1"),
+    (r"Input should be a valid integer.*", "it must be a whole number"),
+    (r"Input should be a valid number.*", "it must be a number"),
+    (r"Input should be a finite number.*", "it must be a finite number"),
+    (r"Input should be greater than or equal to (.*)", r"it must be at least \1"),
+    (r"Input should be less than or equal to (.*)", r"it must be at most \1"),
+)
+
+
+def _usage(error) -> str:
+    """An error of Typer about a value, in the words of other errors: ``--spp is 'x'; it must be a whole number``."""
+    said = error.format_message().rstrip(".")
+    option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
+    for pattern, words in _WORDS:
+        found = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
+        if found and option:
+            return f"{option}{_given(error)}; {found.expand(words)}"
+    return said
+
+
+def _given(error) -> str:
+    """`` is 'x'`` of the value that pydantic refused; nothing if it is not known."""
+    try:
+        return f" is {error.__cause__.errors()[0]['input']!r}"
+    except (AttributeError, IndexError, KeyError, TypeError):
+        return ""
+
+
+def say(line: str) -> None:
+    """Print a line on standard error."""
+    text = " ".join(one_line(line).split())
+    with suppress(OSError, ValueError):
+        print("antumbra:", text, file=sys.stderr, flush=True)
+
+
+def _prepare_streams() -> None:
+    """Make writing to the standard streams safe.
+
+    A stream may be closed, and file names may have characters that the terminal's encoding lacks.
+    """
+    for name in ("stdout", "stderr"):
+        stream: Any = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
+        else:
+            with suppress(AttributeError, OSError, ValueError):
+                stream.reconfigure(errors="backslashreplace")

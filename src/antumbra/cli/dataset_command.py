@@ -1,0 +1,195 @@
+"""``antumbra dataset``: renders a scene with many cameras and lights, with ids, to a folder."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from . import arguments
+from . import console as report
+from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
+from .console import ProgressDisplay, say
+from .options import (
+    SCENE_HELP,
+    AoOption,
+    Json,
+    MaxMemoryOption,
+    PictureLightOption,
+    Quiet,
+    SamplerOption,
+    SppOption,
+    Threads,
+    TimeOption,
+    UpOption,
+    takes,
+    writes,
+    writes_folder,
+)
+from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.dataset.dataset_job import Dataset
+
+
+@dataclass(frozen=True)
+class DatasetArguments:
+    """The arguments of the command line: each field is an argument or an option."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER", callback=writes_folder()
+        ),
+    ]
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="An index, or POSITION:TARGET[:VFOV]; may be repeated.", metavar="CAMERA", show_default=False
+        ),
+    ] = None
+    orbit: Annotated[int, typer.Option(help="So many cameras around the scene.", min=0, metavar="N")] = 0
+    random: Annotated[int, typer.Option(help="So many random cameras in and around it.", min=0, metavar="N")] = 0
+    light: PictureLightOption = None
+    random_lights: Annotated[
+        int, typer.Option(help="So many random lights: by turns a sun and a sphere.", min=0, max=1000, metavar="N")
+    ] = 0
+    ao: AoOption = None
+    seed: Annotated[int, typer.Option(help="Decides random cameras and lights.", min=0)] = 0
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    spp: SppOption = 16
+    sampler: SamplerOption = "larcher-pillichshammer"
+    time: TimeOption = 0.0
+    up: UpOption = None
+    plan: Annotated[
+        str | None,
+        typer.Option(
+            help="The methods that answer; see antumbra plans. Exact plans change no bit.", show_default=False
+        ),
+    ] = None
+    threads: Threads = None
+    max_memory: MaxMemoryOption = None
+    shard: ShardOption = None
+    ray: RayOption = None
+    merge: MergeOption = None
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
+    ] = False
+    sheet: Annotated[
+        Path | None,
+        typer.Option(
+            help="Also write a .png with the layers of the first frame.",
+            metavar="FILE",
+            show_default=False,
+            callback=writes(".png"),
+        ),
+    ] = None
+    json: Json = False
+    quiet: Quiet = False
+
+    def parsed(self) -> "_Parsed":
+        """The arguments that are more than words and numbers, checked before a scene is read."""
+        return _Parsed(
+            arguments.parse_scene(self.scene),
+            arguments.parse_size(self.size),
+            [arguments.parse_camera(text) for text in self.camera or []],
+            [arguments.parse_light(text) for text in self.light or []],
+            [] if self.ao is None else [arguments.parse_ambient(self.ao)],
+            None if self.max_memory is None else arguments.parse_bytes(self.max_memory, "--max-memory"),
+            parse_shard(self.shard),
+        )
+
+
+class _Parsed(NamedTuple):
+    spec: SceneSpec
+    size: tuple[int, int]  # width, height
+    cameras: list[int | CameraSpec]
+    lights: list  # lights, and indices of the scene's own
+    ambient: list  # ambient occlusion, or nothing
+    memory: int | None  # bytes
+    shard: "Share | None"
+
+
+@takes(DatasetArguments)
+def dataset(given: DatasetArguments) -> int:
+    """Render a data set of SCENE: for each camera a multi-layer EXR and a mask of each light's shadow.
+
+    Without cameras or lights, the file's are used, or one of each that suits the scene. Cameras are numbered in the
+    order of --camera, --orbit, --random; lights in the order of --light, --ao, --random-lights. antumbra render --help
+    explains CAMERA and LIGHT.
+
+    FOLDER gets frames/0000.exr, masks/0000.Light000.png and manifest.json. The manifest has the settings, seeds,
+    cameras, lights, names of objects, and a SHA-256 of the scene and of each file. The same command goes on after an
+    interruption, and changes nothing once it is done.
+
+    \b
+    Examples
+      antumbra dataset room.glb -o room --random 100 --random-lights 4 --seed 7
+      antumbra dataset room.glb -o room --camera 0,1.7,8:0,1,0 --light sun:1,-1,0.5 --sheet room.png
+      antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
+      antumbra dataset room.glb -o room --random 1000 --shard 0/4
+    """
+    asked = given.parsed()
+
+    with ProgressDisplay(given.quiet) as display:
+        display.say("reading the scene")
+        scene = open_scene(asked.spec, None if given.up is None else given.up.value, given.quiet)
+        limit_memory(scene, asked.memory)
+        display.say("preparing")
+        try:
+            made = _made(given, asked, scene, display)
+        except KeyboardInterrupt:
+            say("frames that are finished stay; the same command goes on from there")
+            raise
+        if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
+            from ..jobs.dataset.dataset_files import contact_sheet
+            from ..picture.image_files import save_png
+
+            save_png(contact_sheet(made.folder), given.sheet)
+    if given.json:
+        report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
+    elif not given.quiet:
+        report.print_fields(_fields(made, scene, asked.shard))
+    return 0
+
+
+def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+    from ..jobs.dataset.dataset_job import dataset as make
+
+    own = asked.ambient and not given.random_lights  # the scene's lights stay if only ambient light is added
+    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights or own else []
+    return make(
+        scene,
+        given.output,
+        [arguments.make_camera(camera, scene, given.time, asked.size) for camera in asked.cameras] or None,
+        lights + asked.ambient or None,
+        orbit=given.orbit,
+        random=given.random,
+        random_lights=given.random_lights,
+        seed=given.seed,
+        size=asked.size,
+        spp=given.spp,
+        sampler=given.sampler,
+        time=given.time,
+        plan=given.plan,
+        threads=given.threads,
+        max_memory=asked.memory,
+        keep=engine_for(given, given.output),
+        overwrite=given.overwrite,
+        progress=display.say,
+    )
+
+
+def _fields(made: "Dataset", scene: "AnyScene", shard: "Share | None") -> Iterator[tuple[str, str]]:
+    yield "data set", str(made.folder / "manifest.json")
+    yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
+    yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"
+    found = f", {made.finished:,} were finished" if made.finished else ""
+    part = "" if shard is None else f" (shard {shard})"
+    yield "rendered", f"{made.rendered:,}{found}{part}"
+    if not made.complete:
+        yield "", "other shards have frames to render; the last one completes the manifest"
+    yield "time", report.duration(made.seconds)

@@ -1,0 +1,329 @@
+"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps, and of triangles left by culling."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments
+from . import console as report
+from .arguments import in_memory, limit_memory, open_scene
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    CameraOption,
+    Json,
+    LightOption,
+    MaxMemoryOption,
+    Quiet,
+    SppOption,
+    SrdhRaysOption,
+    Threads,
+    TimeOption,
+    UpOption,
+    writes,
+)
+
+# --- ``antumbra explain``: shows where shadow rays spend their steps, plan by plan ------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..picture.traversal_steps import Explanation, PlanSteps
+
+_PLANS = "bsah+single:random", "srdh+single"
+_STORE_PLANS = ("bsah+chcrt",)
+_WIDTH = 120  # width of the tables, in characters
+_CAPTION = "box tests of each pixel's rays; black: no rays"
+
+
+def explain(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .png file.  [default: SCENE's name-explain.png, here]",
+            metavar="FILE",
+            callback=writes(".png"),
+        ),
+    ] = None,
+    plan: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}; for a "
+            "store bsah+chcrt]",
+            metavar="PLAN",
+            show_default=False,
+        ),
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "512x512",
+    camera: CameraOption = None,
+    light: LightOption = None,
+    time: TimeOption = 0.0,
+    before: Annotated[
+        float | None,
+        typer.Option(
+            help="A frame so many seconds before is built first, for plans that keep something (refit, last-frame).",
+            metavar="SECONDS",
+            show_default=False,
+        ),
+    ] = None,
+    up: UpOption = None,
+    spp: SppOption = 16,
+    srdh_rays: SrdhRaysOption = None,
+    max_memory: MaxMemoryOption = None,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show where plans spend the steps of SCENE's shadow rays.
+
+    The picture shows a panel for each plan, side by side: the boxes tested for each pixel, in the same colours for all.
+    The tables split box tests into the classes of the SRDH paper: on the path to the hit, in vain beside it, for
+    unblocked rays. They also show how deep in each tree the triangles lie that block half of all blocked rays.
+
+    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays. Their
+    panels show the tests in windows of 16x16 pixels, shared among the pixels, and the classes are unknown. Plans
+    without a builder have no tree and no steps. A store is explained by its own tree, with the plan bsah+chcrt.
+
+    \b
+    Examples
+      antumbra explain
+      antumbra explain zdm2.glb --plan bsah+single:rtsah --plan srdh+single --srdh-rays 32
+      antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
+      antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
+    """
+    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
+    asked_camera = None if camera is None else arguments.parse_camera(camera)
+    asked_lights = [arguments.parse_light(text) for text in light or []]
+    if before is not None and not 0.0 < before <= 1e9:
+        raise InputError(f"--before is {before:g}; it must be a number of seconds above 0, such as 0.04")
+    asked_rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
+    if asked_rays is not None and asked_rays.last_frame and before is None:
+        raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
+
+    from ..engine.paged_scene import PagedScene
+    from ..engine.plan import with_sample
+    from ..files import checked_output
+    from ..picture.frame_request import TimeSample
+    from ..picture.image_files import save_png
+    from ..picture.traversal_steps import explain as explained
+    from ..picture.traversal_steps import explained_plans
+
+    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
+    plans = explained_plans(plan or [])
+    with_sample(plans or explained_plans(_PLANS), asked_rays)
+    memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
+    with ProgressDisplay(quiet) as display:
+        display.say("reading the scene")
+        opened = open_scene(spec, None if up is None else up.value, quiet)
+        of_store = isinstance(opened, PagedScene)
+        limit_memory(opened, memory)
+        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
+
+        def moment(at: float) -> TimeSample:
+            view = arguments.make_camera(asked_camera, opened, at, width_height)
+            return TimeSample(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
+
+        moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
+        display.say("preparing")
+        explanation = explained(
+            opened, moments, plans, spp=spp, threads=threads,
+            say=lambda plan, i: display.say(f"walking by {plan}", i, len(plans)),
+        )  # fmt: skip
+        display.say("writing the picture")
+        save_png(_picture(explanation), path)
+    if json:
+        asked = {
+            "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
+            "before": before, "camera": report.camera_fields(moments[-1].camera),
+            "lights": [report.light_fields(light) for light in moments[-1].lights], "spp": spp,
+            "srdh_rays": None if asked_rays is None else report.srdh_rays_fields(asked_rays), "threads": threads,
+        }  # fmt: skip
+        report.print_json({**asked, **_answer(explanation)})
+    elif not quiet:
+        report.print_fields(
+            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(explanation)]
+        )
+        _print_tables(explanation)
+
+
+def _picture(explanation: "Explanation"):
+    """(H, W, 3) uint8: the panels of all plans."""
+    from ..picture.heat_maps import heat_map
+
+    labels = [(str(one.plan), _label(explanation, one)) for one in explanation.plans]
+    return heat_map([one.boxes for one in explanation.plans], explanation.asks, labels, _CAPTION)
+
+
+def _label(explanation: "Explanation", one: "PlanSteps") -> str:
+    each = f"{_each(one.box_tests, explanation.rays)} box tests a ray"
+    return each if one is explanation.plans[0] else f"{each}, {_ratio(explanation, one)} times the first"
+
+
+def _each(n: float, rays: int) -> str:
+    """The mean for each ray, as text."""
+    return f"{n / rays:.4g}" if rays else "-"
+
+
+def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
+    first = explanation.plans[0].box_tests
+    return f"{one.box_tests / first:.3f}" if first else "-"
+
+
+def _answer(explanation: "Explanation") -> dict:
+    """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
+    from ..trace.rays.single_rays import CLASSES
+
+    first, rays = explanation.plans[0].box_tests, explanation.rays or float("nan")
+    plans = [
+        {
+            "plan": str(one.plan),
+            "one_by_one": one.classes is not None,
+            "box_tests": one.box_tests,
+            "box_tests_per_ray": one.box_tests / rays,
+            "ratio": one.box_tests / first if first else None,
+            "classes": None if one.classes is None else dict(zip(CLASSES, one.classes.tolist())),
+            "triangle_tests": one.triangle_tests,
+            "triangle_tests_per_ray": one.triangle_tests / rays,
+            "depths": one.depths._asdict(),
+        }
+        for one in explanation.plans
+    ]
+    frequent = {"triangles": len(explanation.frequent), "rays": explanation.frequent_rays}
+    answer = {"rays": explanation.rays, "blocked": explanation.blocked, "frequent": frequent}
+    return {**answer, "plans": plans, "same_bits": True}
+
+
+def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
+    """The fields that are the same for all plans."""
+    rays, blocked = explanation.rays, explanation.blocked
+    yield "rays", f"{rays:,}" + (f", {100 * blocked / rays:.3g} % of them blocked" if rays else "")
+    if blocked:
+        share = 100 * explanation.frequent_rays / blocked
+        yield "frequent", f"{len(explanation.frequent):,} triangles block {share:.0f} % of the blocked rays"
+    yield "bits", "the same by all plans"
+
+
+def _print_tables(explanation: "Explanation") -> None:
+    """Print the figures that differ between plans."""
+    from ..trace.rays.single_rays import CLASSES
+
+    steps = [
+        (
+            str(one.plan), _each(one.box_tests, explanation.rays), _ratio(explanation, one),
+            *_classes(explanation, one), _each(one.triangle_tests, explanation.rays),
+        )
+        for one in explanation.plans
+    ]  # fmt: skip
+    print("Steps for each ray")
+    report.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
+    depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
+    print("Boxes from the root to a leaf")
+    head = "plan", "frequent blockers", "where rays end: mean", "median", "deepest leaf"
+    report.print_table(head, depths, range(1, 5), _WIDTH)
+
+
+def _classes(explanation: "Explanation", one: "PlanSteps") -> list[str]:
+    """The box tests of each class for each ray, and their shares, as text."""
+    if one.classes is None or not one.box_tests:
+        return ["-"] * 3
+    return [f"{_each(n, explanation.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
+
+
+def _depth(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+# --- ``antumbra culling``: shows the triangles that pre-BVH culling leaves --------------------------------------------
+
+
+def culling(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .png file.  [default: SCENE's name-culling.png, here]",
+            metavar="FILE",
+            callback=writes(".png"),
+        ),
+    ] = None,
+    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
+    camera: CameraOption = None,
+    light: LightOption = None,
+    time: TimeOption = 0.0,
+    up: UpOption = None,
+    spp: SppOption = 16,
+    culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show which triangles of SCENE pre-BVH culling leaves.
+
+    The picture has three panels: the camera's view, then the scene from above and from the side, drawn transparent.
+    Orange triangles may meet a shadow ray of the camera's pixels. All other triangles are blue, receivers are white,
+    and lights are yellow.
+
+    \b
+    Examples
+      antumbra culling
+      antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
+      antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
+    """
+    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
+    asked_camera = None if camera is None else arguments.parse_camera(camera)
+    asked_lights = [arguments.parse_light(text) for text in light or []]
+
+    from ..checks import spelling_hint
+    from ..engine.method_registry import CULLERS, find_method
+    from ..files import checked_output
+    from ..picture.culling_picture import culling_picture
+    from ..picture.image_files import save_png, to_srgb8
+
+    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
+    if find_method("cull", culler) is None:
+        raise InputError(
+            f"culler {culler!r} is unknown; {spelling_hint(culler, CULLERS)}choose one of {', '.join(CULLERS)}"
+        )
+    with ProgressDisplay(quiet) as display:
+        display.say("reading the scene")
+        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
+        view = arguments.make_camera(asked_camera, opened, time, width_height)
+        lights = arguments.make_lights(asked_lights, opened, time)
+        display.say("preparing")
+        shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
+        display.say("writing the picture")
+        save_png(to_srgb8(shown.image, 1.0), path)
+    share = shown.kept / max(1, opened.n_triangles)
+    answer = {
+        "output": str(path),
+        "culler": culler,
+        "triangles": opened.n_triangles,
+        "kept": shown.kept,
+        "share": share,
+        "cells": shown.cells,
+        "marked": shown.marked,
+        "sources": shown.sources,
+        "targets": shown.targets,
+        "seconds": shown.seconds,
+    }
+    if json:
+        report.print_json(answer)
+    elif not quiet:
+        report.print_fields(
+            [
+                ("picture", str(path)),
+                ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
+                ("left", f"{shown.kept:,} triangles, {100 * share:.3g} %"),
+                ("cells", f"{shown.marked:,} of {shown.cells:,} marked, between {shown.sources:,} boxes of receivers "
+                          f"and {shown.targets:,} of lights"),
+                ("time", report.duration(shown.seconds)),
+            ]
+        )  # fmt: skip

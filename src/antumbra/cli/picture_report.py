@@ -1,0 +1,353 @@
+"""Reports on rendered pictures: summaries as text and JSON, the choices of the plan `auto`, and HTML pages."""
+
+import shlex
+import sys
+from base64 import b64encode
+from collections.abc import Iterable, Iterator, Sequence
+from html import escape
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+from . import console as report
+
+# --- Pages of results: one HTML file that holds its pictures, and needs nothing else ----------------------------------
+
+
+_STYLE = """
+:root { background: #1e1e22; color: #ececec; color-scheme: dark; }
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2em auto; max-width: 1400px; padding: 0 1.5em; }
+h1 { font-size: 1.6em; } h2 { font-size: 1.15em; margin-top: 2em; }
+.panels { display: flex; flex-wrap: wrap; gap: 1.2em; }
+figure { flex: 1 1 300px; margin: 0; }
+figcaption span { color: #a0a0a6; display: block; }
+img { display: block; max-width: 100%; width: 100%; }
+.bar { margin: 1.2em 0; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; }
+th, td { border-bottom: 1px solid #8884; padding: 0.25em 1em 0.25em 0; text-align: left; vertical-align: top; }
+td { overflow-wrap: anywhere; }
+table.numbers td, table.numbers th + th { font-variant-numeric: tabular-nums; text-align: right; white-space: nowrap; }
+small { color: #a0a0a6; display: inline-block; min-width: 4em; }
+tr.sum { font-weight: bold; }
+.bad { color: #f66; font-weight: bold; }
+pre { overflow-x: auto; padding: 0.8em 1em; background: #8882; }
+"""
+
+
+def save_page(title: str, parts: Iterable[str], path: Path) -> None:
+    """Write a page of these parts, which are HTML, whole or not at all."""
+    from ..files import atomic_output
+
+    head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+    head += f"<title>{escape(title)}</title><style>{_STYLE}</style>"
+    body = [f"<h1>{escape(title)}</h1>", *parts]
+    text = "\n".join(["<!doctype html>", f'<html lang="en"><head>{head}</head><body>', *body, "</body></html>", ""])
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def data_url(rgb) -> str:
+    """A picture, (H, W, 3) uint8 sRGB, as the address of an image."""
+    from ..picture.image_files import png_bytes
+
+    return "data:image/png;base64," + b64encode(png_bytes(rgb)).decode("ascii")
+
+
+def html_table(headers: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """A table of numbers; the cells are HTML, the names of rows and columns are text."""
+    head = "".join(f"<th>{escape(header)}" for header in headers)
+    body = "\n".join(
+        f"<tr{' class=sum' if name == 'total' else ''}><th>{escape(name)}{''.join(f'<td>{cell}' for cell in cells)}"
+        for name, cells in rows
+    )
+    return f"<div class=scroll><table class=numbers><thead><tr>{head}</thead>\n<tbody>\n{body}\n</table></div>"
+
+
+def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
+    """A table of names and values."""
+    body = "\n".join(f"<tr><th>{escape(name)}<td>{escape(value)}" for name, value in rows)
+    return f"<table>\n{body}\n</table>"
+
+
+# --- Writes the pictures of ``antumbra render``, and summarises them as text or JSON ----------------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.plan import Plan
+    from ..engine.scene import AnyScene
+    from ..picture.frame import Frame
+    from .picture_spec import PictureSpec, Shot
+
+
+class SavedPicture(NamedTuple):
+    """A picture on disk."""
+
+    path: Path
+    exposure: float | None  # None: the file holds linear light
+    seconds: float  # time of writing it
+
+
+def save_picture(
+    frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None
+) -> SavedPicture:
+    """Write the picture. Exposure None: automatic."""
+    from ..picture.image_files import frame_exposure, save_frame
+
+    start = perf_counter()
+    if path.suffix.lower() == ".exr":
+        exposure = None
+    elif exposure is None:
+        exposure = frame_exposure(frame)
+    save_frame(frame, path, exposure, note, background)
+    return SavedPicture(path, exposure, perf_counter() - start)
+
+
+def picture_answer(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture) -> dict:
+    """The fields of ``--json`` for a single picture."""
+    return {"scene": scene_answer(asked, scene), **asked.record(shot.options), "load": load, **shot_answer(shot, saved)}
+
+
+def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
+    """The fields of ``--json`` for the scene."""
+    return {
+        "source": asked.source,
+        "name": scene.name,
+        "triangles": scene.n_triangles,
+        "duration": scene.duration,
+        "up": scene.up,
+        "notes": list(scene.notes),
+    }
+
+
+def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
+    """The fields of ``--json`` for a single picture, or for one frame of an animation."""
+    frame = shot.frame
+    seen = frame.mask
+    return {
+        "output": str(saved.path),
+        "time": shot.time,
+        "camera": report.camera_fields(shot.camera),
+        "lights": [report.light_fields(light) for light in shot.lights],
+        "ground": None if frame.ground is None else frame.ground.height,
+        "exposure": saved.exposure,
+        "seen": int(seen.sum()),
+        "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
+        "refined": None if frame.refined is None else _refined(frame),
+        "rays": frame.rays,
+        "mrays_per_second": _speed(frame),
+        "ran": frame.plan,
+        "choices": None if frame.choices is None else [choice._asdict() for choice in frame.choices],
+        "timings": frame.timings,
+        "save": saved.seconds,
+        "counters": frame.counters,
+        "scheduled": frame.scheduled,
+        "paging": frame.paging,
+        "uncertain_fraction": _uncertain(frame),
+    }
+
+
+def picture_fields(
+    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
+) -> Iterator[tuple[str, str]]:
+    """The names and values that are printed for a single picture."""
+    frame = shot.frame
+    yield "picture", str(saved.path)
+    moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
+    yield "scene", scene_text(asked, scene) + moment
+    yield from shot_fields(asked, shot)
+    phases = {"load": load, **frame.timings, "save": saved.seconds}
+    frame_seconds = phases.pop("total")
+    yield "time", phases_text(phases)
+    yield "frame", f"{report.duration(frame_seconds)} without load and save"
+    for name, value in (frame.counters or {}).items():
+        yield name.replace("_", " "), f"{value:,}"
+    if frame.counters is not None:
+        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
+
+
+def scene_text(asked: "PictureSpec", scene: "AnyScene") -> str:
+    return f"{asked.source}, {scene.n_triangles:,} triangles"
+
+
+def phases_text(seconds: dict[str, float]) -> str:
+    """The seconds of each phase as text, without phases that did not happen."""
+    return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
+
+
+def shot_fields(asked: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
+    """The names and values from the camera to the plan."""
+    yield from view_fields(shot, _speed(shot.frame))
+    yield "plan", ran_text(asked.engine.plan, shot.frame)
+    if shot.frame.paging is not None:
+        paging = shot.frame.paging
+        yield (
+            "chunks",
+            (
+                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when rays met them, "
+                f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
+            ),
+        )
+
+
+def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
+    """The names and values from the camera to the rays; `speed`: million rays a second."""
+    camera, frame, options = shot.camera, shot.frame, shot.options
+    spp = options.spp
+    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    if frame.ground is not None:
+        share = frame.ground.mask.mean()
+        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture sees it, by its shadows alone"
+    yield "lights", ", ".join(_light_text(light) for light in shot.lights)
+    if not frame.mask.any():
+        yield "", "the camera sees no surface"
+    samples = [light.samples(spp) for light in shot.lights]
+    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
+    finer += "" if options.bounce is None else f", {options.bounce} bounces a pixel"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    if frame.refined is not None:
+        yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
+
+
+def _light_text(light) -> str:
+    """A light's kind, and its intensity with the unit."""
+    from ..scene.lights import DirectionalLight
+
+    if light.domain == "list" or light.domain == "hemisphere":
+        return type(light).__name__
+    unit = "lux" if isinstance(light, DirectionalLight) else "cd"
+    return f"{type(light).__name__} of {light.intensity:.4g} {unit}"
+
+
+def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
+    """The plan that was asked for, and the methods that ran if it chose them."""
+    return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
+
+
+def _speed(frame) -> float | None:
+    seconds = frame.timings["trace"]
+    return frame.rays / seconds / 1e6 if frame.rays and seconds > 0.0 else None
+
+
+def _refined(frame) -> float:
+    """The share of all pixels that were refined."""
+    return float(frame.refined.mean())
+
+
+def _uncertain(frame) -> float | None:
+    """The share of the triangle tests that float32 left to float64; None without counters."""
+    if frame.counters is None:
+        return None
+    return frame.counters["uncertain"] / max(1, frame.counters["triangle_tests"])
+
+
+# --- What the plan `auto` chose for a picture, why, and how well it predicted -----------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.auto.strategies import StrategyChoice
+    from .picture_spec import Shot
+
+_WIDTH = 110  # characters of a line
+_REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query"}
+
+
+def print_choices(shot: "Shot", triangles: int) -> None:
+    """Print a row for the tree and one for each query; for a plan that chooses nothing, its name."""
+    from ..engine.auto.cost_model import build_seconds, machine_rates
+    from ..engine.plan import parse_plan
+
+    frame = shot.frame
+    if frame.choices is None:
+        print(f"The plan {frame.plan} names its methods; nothing was chosen.")
+        return
+    built, builder = frame.timings["build"], parse_plan(frame.plan).build
+    rows = []
+    if builder in machine_rates().builds:
+        predicted = report.duration(build_seconds(builder, triangles))
+        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, report.duration(built)))
+    names = [type(light).__name__ for light in shot.lights]
+    for i, choice in enumerate(frame.choices):
+        times = report.duration(choice.predicted), report.duration(choice.seconds)
+        way = choice.way + ", sorted" * choice.sorted
+        rows.append((names[i] if i < len(names) else "more rays", f"{choice.rays:,}", way, _reason(choice), *times))
+    head = ("query", "rays", "method", "why", "predicted", "measured")
+    report.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
+
+
+def _reason(choice: "StrategyChoice") -> str:
+    if choice.reason != "sample":
+        return _REASONS[choice.reason]
+    of_ray = ", ".join(f"{way} {ns:.3g}" for way, ns in sorted(choice.tried.items(), key=lambda item: item[1]))
+    return f"a sample: {of_ray} ns a ray"
+
+
+# --- The page of ``antumbra render --html``: the picture, its settings, times and counters ----------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from .picture_spec import PictureSpec, Shot
+
+
+def save_render_page(
+    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
+) -> None:
+    """Write the page whole or not at all."""
+    from ..picture.image_files import frame_exposure, screen_picture
+    from .installation_commands import about
+
+    frame = shot.frame
+    exposure = asked.exposure if asked.exposure is not None else frame_exposure(frame)
+    width = frame.image.shape[1]
+    picture = data_url(screen_picture(frame, exposure, asked.behind))
+    parts = [
+        f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
+        "<h2>Picture</h2>",
+        html_pairs(_facts(asked, scene, shot, saved, exposure)),
+        "<h2>Lights</h2>",
+        html_table(["", "kind", "share lit", "intensity"], _lights(shot)),
+        "<h2>Milliseconds</h2>",
+        html_table(["", ""], _times(load, shot, saved)),
+    ]
+    if frame.counters is not None:
+        rows = [(name.replace("_", " "), [f"{value:,}"]) for name, value in frame.counters.items()]
+        parts += ["<h2>Counters of shadow rays</h2>", html_table(["", ""], rows)]
+    parts += [
+        "<h2>Settings</h2>",
+        html_pairs((name, str(v)) for name, v in report.plain(asked.record(shot.options)).items()),
+    ]
+    parts += ["<h2>Machine</h2>", html_pairs((name, str(value)) for name, value in about().items())]
+    parts += ["<h2>Command</h2>", f"<pre>{escape(shlex.join(['antumbra', *sys.argv[1:]]))}</pre>"]
+    save_page(f"{scene.name}: {width}x{frame.image.shape[0]}", parts, path)
+
+
+def _facts(asked, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> Iterator[tuple[str, str]]:
+    yield "scene", scene_text(asked, scene)
+    yield "file", str(saved.path)
+    yield "exposure", f"{exposure:.4g}"
+    if scene.animated:
+        yield "time", f"{shot.time:g} of {scene.duration:g} s"
+    yield from shot_fields(asked, shot)
+    for note in scene.notes:
+        yield "left out", note
+
+
+def _lights(shot: "Shot") -> Iterator[tuple[str, list[str]]]:
+    """One row for each light: the share of it that the surfaces of the picture see."""
+    frame = shot.frame
+    for name, light, seen in zip(frame.names, shot.lights, frame.visibility):
+        lit = f"{100.0 * float(seen[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
+        yield name, [type(light).__name__, lit, f"{light.intensity:.4g}"]
+
+
+def _times(load: float, shot: "Shot", saved: SavedPicture) -> Iterator[tuple[str, list[str]]]:
+    phases = dict(shot.frame.timings)
+    total = phases.pop("total")
+    for name, each in phases.items():
+        if each > 0.0:
+            yield name, [f"{1000.0 * each:.1f}"]
+    yield "total", [f"{1000.0 * total:.1f}"]
+    yield "load the scene", [f"{1000.0 * load:.1f}"]
+    yield "save the picture", [f"{1000.0 * saved.seconds:.1f}"]

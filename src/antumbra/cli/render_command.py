@@ -1,0 +1,460 @@
+"""``antumbra render``: renders a picture or an animation with exact shadows.
+
+An animation is rendered frame by frame by one `Renderer`, which keeps its state. Finished frames are not repeated.
+"""
+
+import json
+import re
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+from ..errors import InputError
+from ..files import checked_folder
+from . import arguments
+from . import console as report
+from . import picture_report as renderpage
+from . import picture_report as summary
+from .arguments import FrameSequence, open_scene
+from .console import BAD_INPUT, ProgressDisplay, explained, say
+from .options import takes
+from .picture_report import print_choices
+from .picture_spec import PictureSpec, RenderArguments, Shot, scene_digest
+from .shards import engine_for, report_shard
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
+#
+# Every picture stores its settings (`PictureSpec.settings`) and its exposure as JSON. A frame is finished if its file
+# has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure
+# of the first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of
+# its first frame.
+
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.executors import Executor
+    from .picture_spec import Shot
+
+_HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
+STATES = "rendered", "finished", "failed"
+
+
+class AnimationJob(NamedTuple):
+    """An animation to render."""
+
+    asked: PictureSpec
+    scene: "AnyScene"
+    load: float  # seconds that reading the scene took
+    pattern: Path  # path of the pictures, with # for the frame's number
+    overwrite: bool  # whether finished frames are rendered again
+    film: Path | None = None  # the film that the pictures become
+
+
+def film_path(output: Path | None, sequence: FrameSequence | None, asked: PictureSpec) -> Path | None:
+    """The film that `output` names, checked; None if it names pictures."""
+    from ..picture.image_files import FILM_SUFFIXES, check_film
+
+    if output is None or output.suffix.lower() not in FILM_SUFFIXES:
+        return None
+    if sequence is None:
+        raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
+    if isinstance(asked.behind, str):
+        raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
+    film = check_film(output)
+    checked_folder(pictures_of(film).parent)
+    return film
+
+
+def pictures_of(film: Path) -> Path:
+    """The pattern of a film's pictures while they are rendered."""
+    return film.with_name(film.name + ".frames") / "######.png"
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); the pictures of the film go there") from error
+
+
+def output_path(output: Path | None, stem: str, sequence: FrameSequence | None) -> Path:
+    """The path of the picture. For a sequence, it has ``#`` in place of the frame's number."""
+    from ..picture.image_files import check_output
+
+    if sequence is None:
+        if output is not None and "#" in output.name:
+            raise InputError(f"{output}: # stands for a frame's number; add --frames FIRST:LAST, or leave # out")
+        return check_output(Path(stem + ".png") if output is None else output)
+    pattern = Path(f"{stem}.####.png") if output is None else output
+    if "#" not in pattern.name:
+        named = pattern.with_name(f"{pattern.stem}.####{pattern.suffix}")
+        raise InputError(f"{pattern}: all frames would be one file; write #### for the frame's number, such as {named}")
+    check_output(numbered(pattern, sequence.numbers[0]))
+    return pattern
+
+
+def numbered(pattern: Path, number: int) -> Path:
+    """The file of a frame: its number, with leading zeros, replaces ``####``."""
+    return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
+
+
+def render_frames(
+    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Executor"
+) -> "Animation":
+    """Render all frames that are not finished, or those that the engine leaves to this process."""
+    job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
+    job.asked.direct_lights(job.scene, 0.0)
+    job.asked.ground_height(job.scene, 0.0)
+    if job.film is not None:
+        _make_folder(job.pattern.parent)
+    last = sequence.time(sequence.numbers[-1])
+    if last > job.scene.duration and not job.asked.quiet:
+        say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
+    animation = Animation(job, sequence, display)
+    try:
+        animation.complete = engine.finish([animation])
+    except KeyboardInterrupt:
+        done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
+        say(f"{done} of {len(sequence.numbers)} frames are finished; the same command goes on from there")
+        raise
+    if job.film is not None and not animation.numbers["failed"]:
+        animation.write_film(job.film, display)
+    return animation
+
+
+class Animation:
+    """The frames of a run so far: units of work, one for each frame."""
+
+    what = ""
+
+    def __init__(self, job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay):
+        self.job, self.sequence, self._display = job, sequence, display
+        self.complete = False  # whether no frame is left to other processes
+        self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
+        self.exposure = job.asked.exposure
+        self.seconds: list[float] = []  # time of each rendered frame, with saving, without compilation
+        self.timings: dict[str, float] = {}  # sums over these frames
+        self.unforeseen: Exception | None = None  # the first error that the input did not cause
+        self.start = perf_counter()
+        self._digest = scene_digest(job.asked.spec)
+        self._renderer = job.asked.renderer(job.scene)
+        self._replaces = False  # whether the user has been told that older pictures are replaced
+        self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render, finished or not
+        if self.exposure is None and not job.overwrite:
+            self.exposure = self._first_exposure()
+
+    @property
+    def root(self) -> Path:
+        return self.job.pattern.parent
+
+    def root_of(self, folder: Path) -> Path:
+        return folder.parent
+
+    def __len__(self) -> int:
+        return len(self.sequence.numbers)
+
+    def files(self, k: int) -> list[str]:
+        return [numbered(self.job.pattern, self.sequence.numbers[k]).name]
+
+    def done(self, k: int, root: Path | None = None) -> bool:
+        number = self.sequence.numbers[k]
+        if root is None and number in self._again:
+            return False
+        path = (root or self.root) / self.files(k)[0]
+        return self._is_finished(path, self._settings(path, self.sequence.time(number)), root is None)
+
+    def found(self, k: int) -> None:
+        self._tell(k, {"state": "finished", "exposure": self.exposure})
+
+    def clear(self) -> None:
+        """All files are results."""
+
+    def _settings(self, path: Path, time: float) -> dict:
+        """The settings that the picture of a time depends on."""
+        linear = path.suffix.lower() == ".exr"
+        settings = self.job.asked.settings(self.job.scene, self._digest, time)
+        return {**settings, "exposure": None if linear else self.job.asked.exposure or "automatic"}
+
+    def _first_exposure(self) -> float | None:
+        """The exposure of the first finished frame; None if there is none.
+
+        So a frame before it, which failed in an earlier run, does not change the exposure of the others.
+        """
+        for number in self.sequence.numbers:
+            path = numbered(self.job.pattern, number)
+            found = _noted(path) if path.exists() else {}
+            if found.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= found.items():
+                return found["exposed"]
+        return None
+
+    def do(self, k: int) -> None:
+        """Render a frame. An error is printed, not raised."""
+        number, count = self.sequence.numbers[k], len(self)
+        text = f"frame {number}{self._forecast(count - k)}"
+        self._display.say(text, k, count)
+        progress = lambda _, runs: self._display.parts(text, runs, k, count)
+        try:
+            if self.exposure is None and not self._linear:
+                self._find_exposure(k, progress)
+            outcome = self._picture(number, progress)
+        except Exception as error:
+            reason, code = explained(error)
+            say(f"frame {number}: {reason}")
+            if code != BAD_INPUT:
+                self.unforeseen = self.unforeseen or error
+            outcome = {"state": "failed", "reason": reason}
+        self._again.discard(number)
+        self._tell(k, outcome)
+
+    def _tell(self, k: int, outcome: dict) -> None:
+        """Count the outcome of a frame, and print its fields for ``--json``."""
+        number = self.sequence.numbers[k]
+        self.numbers[outcome["state"]].append(number)
+        if self.job.asked.json:
+            time = self.job.scene.clamped(self.sequence.time(number))
+            report.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
+
+    @property
+    def _linear(self) -> bool:
+        return self.job.pattern.suffix.lower() == ".exr"
+
+    def _path(self, number: int) -> Path:
+        return numbered(self.job.pattern, number)
+
+    def _find_exposure(self, k: int, progress) -> None:
+        """Find the exposure of the first frame that can be rendered, if that is before frame k.
+
+        Other processes save the frames before k. A run of all frames comes here with none that it has not tried.
+        """
+        from ..picture.image_files import frame_exposure
+
+        for number in self.sequence.numbers[:k]:
+            if number not in self.numbers["failed"]:
+                with suppress(Exception):  # the process whose frame it is shows the error
+                    self.exposure = frame_exposure(self._shot(number, progress).frame)
+                    return
+
+    def _shot(self, number: int, progress) -> "Shot":
+        return self.job.asked.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
+
+    def _picture(self, number: int, progress) -> dict:
+        from ..picture.image_files import frame_exposure
+
+        path = self._path(number)
+        settings = self._settings(path, self.sequence.time(number))
+        shot = self._shot(number, progress)
+        if self._linear:
+            self.exposure = None
+        elif self.exposure is None:
+            self.exposure = frame_exposure(shot.frame)
+        note = json.dumps({**settings, "exposed": self.exposure})
+        saved = summary.save_picture(shot.frame, path, self.exposure, note, self.job.asked.behind)
+        self.seconds.append(shot.frame.timings["total"] + saved.seconds)
+        for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
+            self.timings[name] = self.timings.get(name, 0.0) + seconds
+        return {"state": "rendered", **summary.shot_answer(shot, saved)}
+
+    def _is_finished(self, path: Path, settings: dict, own: bool) -> bool:
+        """Whether the file exists with these settings and the exposure of the other frames.
+
+        If no exposure is fixed yet, the frames get the exposure of this file. `own`: another picture is replaced.
+        """
+        if not path.exists():
+            return False
+        found = _noted(path)
+        differ = [name for name, value in settings.items() if found.get(name) != value]
+        if not differ and self.exposure is not None and found["exposed"] not in (None, self.exposure):
+            differ = ["exposure"]
+        if differ and own and not self._replaces:
+            self._replaces = True
+            how = f"with other settings ({', '.join(differ)})" if found else "but not of an animation"
+            if not self.job.asked.quiet:
+                say(f"note: {path} is there, {how}; such pictures are rendered again")
+        if not differ:
+            self.exposure = found["exposed"]
+        return not differ
+
+    def _forecast(self, left: int) -> str:
+        """The time of the last frame, and an estimate for the remaining ones, as text."""
+        if not self.seconds:
+            return ""
+        each = sum(self.seconds) / len(self.seconds)
+        return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
+
+    def write_film(self, film: Path, display: ProgressDisplay) -> None:
+        """Write the film, and remove its pictures."""
+        from ..picture.image_files import write_film
+
+        numbers = self.sequence.numbers
+        pictures = [numbered(self.job.pattern, number) for number in numbers]
+        told = lambda done, count: display.say("writing the film", done, count)
+        write_film(pictures, film, self.sequence.fps / numbers.step, told)
+        folder = self.job.pattern.parent
+        for picture in folder.glob("[0-9]*.png"):
+            picture.unlink()
+        with suppress(OSError):  # somebody else's files are there
+            folder.rmdir()
+
+    def tell(self) -> int:
+        """Print a summary of all frames and return the exit code."""
+        if self.job.asked.json:
+            report.print_json(self._answer())
+        elif not self.job.asked.quiet:
+            report.print_fields(self._fields())
+        if self.unforeseen is not None:
+            raise self.unforeseen
+        return BAD_INPUT if self.numbers["failed"] else 0
+
+    def _answer(self) -> dict:
+        asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
+        first = asked.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
+        return {
+            "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
+            "output": str(self.job.film or self.job.pattern),
+            "scene": summary.scene_answer(asked, self.job.scene),
+            **{name: value for name, value in asked.record(first).items() if name != "time"},
+            "exposure": self.exposure,
+            **self.numbers,
+            "load": self.job.load,
+            "timings": {name: seconds / n for name, seconds in self.timings.items()},
+            "seconds": perf_counter() - self.start,
+        }
+
+    def _fields(self) -> Iterator[tuple[str, str]]:
+        asked, numbers = self.job.asked, self.sequence.numbers
+        first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
+        failed, film = self.numbers["failed"], self.job.film
+        if film is not None and not failed:
+            yield "film", f"{film}, {len(numbers) * numbers.step / self.sequence.fps:.3g} s"
+        else:
+            yield "pictures", f"{first} to {last.name}" + (f"; {film} is not written" if film else "")
+        counts = [f"{len(self.numbers['rendered'])} rendered"]
+        counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
+        counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
+        yield "frames", ", ".join(counts)
+        yield "scene", summary.scene_text(asked, self.job.scene)
+        yield "plan", str(asked.engine.plan)
+        if self.exposure is not None:
+            yield "exposure", f"{self.exposure:.6g}"
+        if self.seconds:
+            phases = {name: seconds / len(self.seconds) for name, seconds in self.timings.items() if name != "total"}
+            yield "time", f"{summary.phases_text(phases)} (mean of a frame)"
+            ordered = sorted(self.seconds)
+            middle, slowest = report.duration(ordered[len(ordered) // 2]), report.duration(ordered[-1])
+            yield "frame", f"{middle}, at most {slowest}, with saving"
+        yield "all", report.duration(self.job.load + perf_counter() - self.start)
+
+
+def _noted(path: Path) -> dict:
+    """The settings that a picture stores; {} if there are none."""
+    from ..picture.image_files import note_of
+
+    try:
+        found = json.loads(note_of(path) or "{}")
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) and "exposed" in found else {}
+
+
+# --- ``antumbra render``: renders a scene with exact shadows ----------------------------------------------------------
+
+
+@takes(RenderArguments)
+def render(given: RenderArguments) -> int:
+    """Render SCENE with exact shadows.
+
+    Without arguments, it renders the embedded atrium to antumbra.png. Cameras and lights come from the file, at the
+    given time. Without a camera, the scene is shown from a little above, and a hall or room from inside. Without
+    lights, there are sun and sky, and in a closed room a lamp.
+
+    \b
+    CAMERA
+      1                         the second camera of the file
+      0,1.7,8:0,1,0             position 0,1.7,8, target 0,1,0
+      0,1.7,8:0,1,0:45          ... with a vertical field of view of 45 degrees instead of 60
+      ortho                     an orthographic view that shows the scene; top: from straight above
+      ortho:9,9,9:0,0,0:4       ... from a position to a target, 4 units high
+      panorama                  all directions, from where the default camera is, or from the middle of a room
+      panorama:0,1.7,8:0,1,0    ... from a position, with the heading of a target in the middle
+
+    \b
+    LIGHT
+      0                                    the first light of the file
+      point:X,Y,Z
+      quad:CX,CY,CZ:UX,UY,UZ:VX,VY,VZ      a parallelogram around C with the edges U and V
+      disk:CX,CY,CZ:NX,NY,NZ:RADIUS        a disk around C that faces N
+      sphere:CX,CY,CZ:RADIUS
+      sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees wide by default, like the sun
+      ...@INTENSITY                        candela (sun: lux), 1 by default
+
+    Frame k of --frames shows the time k / fps; later frames show the animation's end. A frame is not rendered again if
+    its file exists already, from the same scene and options. So an interrupted command continues when you repeat it.
+    All frames have the exposure of the first one, unless --exposure is given. If a frame fails, its error is shown and
+    the others continue; the exit code is then 2. A .mp4, .webm or .gif file is a film of the frames.
+
+    \b
+    Examples
+      antumbra render
+      antumbra render sponza.glb --size 1920x1080 --spp 64 -o sponza.exr
+      antumbra render city.ply --up z --light sun:1,0.5,-1 --camera=-90,-60,40:0,0,5
+      antumbra render hall.glb --light point:0,3,0@50 --light sphere:2,1,2:0.2@10 --counters
+      antumbra render hall.glb --ao 2 --spp 64 --counters --html hall.html
+      antumbra render hall.glb --vpl 1000
+      antumbra render hall.glb --bounce 20 --sampler halton --filter
+      antumbra render robot.glb --time 1.5 --filter --adaptive
+      antumbra render robot.glb --time 1.5 --json
+      antumbra render robot.glb --frames 0:240 -o f.####.png
+      antumbra render robot.glb --frames 0:48 --fps 24 -o robot.mp4
+      antumbra render robot.glb --frames 0:240 --plan srdh+single --srdh-rays last-frame
+      antumbra render "procedural:city?triangles=500k&seed=3"
+      antumbra render city.antumbra --max-memory 2G
+      antumbra render sponza.glb --ao 2 --explain-plan
+    """
+    from ..jobs.executors import LocalExecutor
+
+    given.check()
+    asked = given.options()
+    sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
+    film = film_path(given.output, sequence, asked)
+    path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
+    html = given.html
+    asked.check()
+    engine = engine_for(given, path)
+    with ProgressDisplay(asked.quiet) as display:
+        display.say("reading the scene")
+        start = perf_counter()
+        opened = open_scene(asked.spec, asked.up, asked.quiet)
+        asked = asked.about(opened)
+        load = perf_counter() - start
+        display.say("preparing")
+        if sequence is not None:
+            job = AnimationJob(asked, opened, load, path, given.overwrite, film)
+            animation = render_frames(job, sequence, display, engine or LocalExecutor())
+        else:
+            linear = path.suffix.lower() == ".exr"
+            digest = scene_digest(asked.spec) if linear or engine else ""
+            shot: Shot | None
+            if engine is None:
+                shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
+            else:
+                shot = asked.shot_in_bands(opened, given.time or 0.0, engine, digest, linear)
+            if shot is None:  # a shard
+                return report_shard(engine, given, perf_counter() - start - load)
+            display.say("writing the picture")
+            note = json.dumps(asked.settings(opened, digest, shot.time)) if linear else None
+            saved = summary.save_picture(shot.frame, path, asked.exposure, note, background=asked.behind)
+            if html is not None:
+                renderpage.save_render_page(asked, opened, load, shot, saved, html)
+    if sequence is not None:
+        return animation.tell()
+    assert shot is not None
+    if asked.json:
+        report.print_json(summary.picture_answer(asked, opened, load, shot, saved))
+    elif not asked.quiet:
+        report.print_fields(summary.picture_fields(asked, opened, load, shot, saved))
+        if given.explain_plan:
+            print_choices(shot, opened.n_triangles)
+    return 0

@@ -1,0 +1,326 @@
+"""``antumbra info``, ``scenes`` and ``build``: describe a scene, list and export procedural scenes, build stores."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments
+from . import console as report
+from .arguments import SceneSpec, open_scene
+from .console import ProgressDisplay
+from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
+
+# --- ``antumbra info``: shows the contents of a scene -----------------------------------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..store.store_file import Store
+
+TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
+_MOST_MESHES = 20
+
+
+def info(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
+    up: UpOption = None,
+    check: Annotated[bool, typer.Option("--check", help="Of a store: read all of it and check its checksums.")] = False,
+    json: Json = False,
+) -> None:
+    """Show the contents of SCENE.
+
+    It lists meshes, triangles, instances, bounds, cameras, lights, animation, memory, and the loader's notes about
+    parts it left out. For a store it shows its chunks.
+
+    \b
+    Examples
+      antumbra info sponza.glb
+      antumbra info procedural:city --json
+      antumbra info city.antumbra --check
+    """
+    spec = arguments.parse_scene(scene)
+    with ProgressDisplay() as display:
+        display.say("reading the scene")
+        start = perf_counter()
+        opened = open_scene(spec, None if up is None else up.value, quiet=True)
+        seconds = perf_counter() - start
+        store = getattr(opened, "store", None)
+        if check:
+            _check(store, scene, display)
+    if json:
+        report.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
+        return
+    report.print_fields(_info_fields(opened, seconds))
+    if store is not None:
+        report.print_fields(_store_fields(store, check))
+        return
+    meshes = opened.meshes
+    shown = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
+    report.print_table(
+        ("mesh", "triangles", "instances"),
+        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in shown],
+        right=(1, 2),
+    )
+    if len(meshes) > len(shown):
+        print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
+
+
+def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
+    if store is None:
+        raise InputError(f"{source}: --check is for stores (.antumbra); leave it out")
+    memory = store.memory()
+    for k in range(len(store)):
+        display.say("checking", k, len(store))
+        store.check(k, memory)
+
+
+def _store_answer(store: "Store", checked: bool) -> dict:
+    chunks = {name: getattr(store.chunks, name).tolist() for name in ("offset", "bytes", "triangles", "nodes")}
+    return {"bytes": store.path.stat().st_size, "chunks": chunks, "built": store.meta.built, "checked": checked}
+
+
+def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
+    size, chunks = store.path.stat().st_size, store.chunks
+    yield "store", f"{report.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
+    spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
+    yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
+    yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
+    if checked:
+        yield "checksums", "all as they should be"
+
+
+def _answer(source: str, scene, seconds: float) -> dict:
+    return {
+        "source": source,
+        "name": scene.name,
+        "up": scene.up,
+        "triangles": scene.n_triangles,
+        "bounds": scene.bounds,
+        "origin": scene.origin,
+        "crs": scene.crs,
+        "duration": scene.duration,
+        "meshes": [m._asdict() for m in scene.meshes],
+        "cameras": [report.camera_fields(c) for c in scene.cameras],
+        "lights": [report.light_fields(light) for light in scene.lights],
+        "notes": list(scene.notes),
+        "city": None if scene.city is None else _city_answer(scene.city),
+        "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
+        "load": seconds,
+    }
+
+
+def _city_answer(city) -> dict:
+    surfaces = Counter(surface.type or "none" for surface in city.surfaces)
+    return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
+
+
+def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
+    lower, upper = scene.bounds
+    yield "scene", f"{scene.name}, read in {report.duration(seconds)}"
+    meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
+    yield "triangles", f"{scene.n_triangles:,}{meshes}"
+    if scene.meshes:
+        yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
+    yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
+    yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
+    yield "origin", report.vector(scene.origin)
+    if scene.crs or scene.city is not None:
+        yield "CRS", scene.crs or "none in the file"
+    if scene.city is not None:
+        levels = ", ".join(scene.city.lods) or "not named"
+        yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
+    yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
+    for i, camera in enumerate(scene.cameras):
+        place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"
+        lens = f"vfov {camera.vfov:.4g}" if camera.extent is None else f"orthographic, {camera.extent:.4g} high"
+        yield f"camera {i}", f"{place}, {lens}"
+    for i, light in enumerate(scene.lights):
+        yield f"light {i}", _in_words(light)
+    if not scene.cameras:
+        yield "cameras", "none: a camera that shows the whole scene is used"
+    if not scene.lights:
+        yield "lights", "none: sun and sky are used, or a lamp in a closed room"
+    for note in scene.notes:
+        yield "note", note
+
+
+def _in_words(light) -> str:
+    values = report.light_fields(light)
+    kind = values.pop("type")
+    if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
+        del values["colour"]
+    return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items() if v is not None)
+
+
+def _short(value) -> str:
+    if isinstance(value, (str, bool)):
+        return repr(value) if isinstance(value, str) else str(value)
+    return report.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
+
+
+# --- ``antumbra scenes``: lists and exports the procedural scenes -----------------------------------------------------
+
+
+def scenes(
+    name: Annotated[str | None, typer.Argument(help="A scene to look at or to export.", metavar="NAME")] = None,
+    triangles: Annotated[
+        str | None,
+        typer.Option(help="About how many triangles: 5000, 100k, 2M.  [default: the scene's own]", metavar="N"),
+    ] = None,
+    seed: Annotated[str, typer.Option(help="Other seeds scatter the clutter differently.", metavar="N")] = "0",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Write NAME to a .glb, .obj or .ply file.",
+            metavar="FILE",
+            callback=writes(".glb", ".obj", ".ply"),
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """List the procedural scenes, or export one.
+
+    A GLB file also holds the scene's camera and a point light. The point light replaces the scene's quad light, because
+    glTF has none. To render a procedural scene, name it: antumbra render procedural:city
+
+    \b
+    Examples
+      antumbra scenes
+      antumbra scenes city --triangles 1M --seed 7 -o city.glb
+    """
+    if name is None:
+        if output is not None or triangles is not None:
+            raise InputError("name a scene to export: antumbra scenes NAME -o FILE")
+        _list(json)
+        return
+    count = None if triangles is None else arguments.parse_count(triangles, "--triangles")
+    number = arguments.parse_count(seed, "--seed")
+    if output is not None:
+        from .scene_export import check_output
+
+        check_output(output)
+    with ProgressDisplay() as display:
+        display.say("generating")
+        answer = _make(name, count, number, output)
+    if json:
+        report.print_json(answer)
+    else:
+        lower, upper = answer["bounds"]
+        rows = [("scene", f"{name}, {answer['triangles']:,} triangles")]
+        rows.append(("bounds", f"{report.vector(lower)} to {report.vector(upper)}"))
+        rows += [("written", str(file)) for file in answer["files"]]
+        report.print_fields(rows)
+
+
+def _list(json: bool) -> None:
+    from ..generate.procedural_scenes import PROCEDURAL, add_scenes
+
+    add_scenes()
+    rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
+    if json:
+        report.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
+        return
+    shown = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
+    report.print_table(("name", "triangles", "what it is"), shown, right=(1,))
+
+
+def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
+    from ..generate.procedural_scenes import generate
+
+    made = generate(name, triangles, seed)
+    files = []
+    if output is not None:
+        from .scene_export import write_scene
+
+        files = write_scene(made, name, output)
+    return {
+        "name": name,
+        "seed": seed,
+        "triangles": len(made.faces),
+        "bounds": [made.vertices.min(0), made.vertices.max(0)],
+        "camera": made.camera,
+        "light": made.light,
+        "files": [str(file) for file in files],
+    }
+
+
+# --- ``antumbra build``: writes scenes that are larger than memory to a store -----------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..store.store_build import BuildReport
+
+
+def build(
+    scenes: Annotated[list[str], typer.Argument(help=SCENE_HELP, metavar="SCENE...")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="The store to write: *.antumbra.", metavar="FILE", callback=writes(".antumbra")
+        ),
+    ],
+    max_memory: Annotated[
+        str, typer.Option(help="Memory to build with, in bytes, or with M or G: 512M, 4G.", metavar="SIZE")
+    ] = "4G",
+    up: UpOption = None,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write SCENEs, as one scene, to a store that need not fit in memory.
+
+    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the order
+    given, as they are at time 0. The cameras and lights of all scenes are kept. procedural:city is made and written
+    block by block, at any size. Other scenes are in memory, one at a time, while they are read. The same scenes give
+    the same bytes, for any --max-memory and --threads.
+
+    \b
+    Examples
+      antumbra build sponza.glb -o sponza.antumbra
+      antumbra build "procedural:city?triangles=350M" -o city.antumbra --max-memory 4G
+      antumbra info city.antumbra --check
+    """
+    specs = [arguments.parse_scene(text) for text in scenes]
+    memory = arguments.parse_bytes(max_memory, "--max-memory")
+
+    from ..engine.store_building import build_store
+    from ..store.system_resources import peak_resident
+
+    with ProgressDisplay(quiet) as display:
+        display.say("reading")
+        opened = _opened(specs, None if up is None else up.value, threads, quiet)
+        made = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
+    peak = peak_resident()
+    if json:
+        report.print_json({**made._asdict(), "path": str(made.path), "max_memory": memory, "peak_resident": peak})
+    elif not quiet:
+        report.print_fields(_build_fields(made, peak))
+
+
+def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
+    """Yield the scenes one after the other. A city is yielded as pieces that are made later."""
+    from ..generate.generated_scene import StreamedCity
+    from ..kernels.parallel import thread_count
+
+    for spec in specs:
+        if spec.path is None and spec.name == "city" and up is None:
+            yield StreamedCity(spec.triangles, spec.seed, thread_count(threads))
+        else:
+            yield open_scene(spec, up, quiet)
+
+
+def _build_fields(made: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
+    phases = dict(made.seconds)
+    total = phases.pop("total")
+    yield "store", str(made.path)
+    yield "triangles", f"{made.triangles:,} in {made.chunks:,} chunk{'s' * (made.chunks != 1)}"
+    yield "size", f"{report.size_in_memory(made.bytes)}, {made.bytes / made.triangles:.1f} bytes a triangle"
+    yield "time", f"{report.duration(total)}: " + ", ".join(f"{k} {report.duration(s)}" for k, s in phases.items())
+    if peak is not None:
+        yield "memory", f"{report.size_in_memory(peak)} at the peak"

@@ -1,0 +1,436 @@
+"""Visibility between points: ``antumbra los`` (lines of sight), ``viewshed`` (observers per sensor) and ``matrix``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ..errors import InputError
+from . import arguments
+from . import console as report
+from .arguments import in_memory, open_scene
+from .console import ProgressDisplay
+from .options import (
+    SCENE_HELP,
+    CameraOption,
+    ColumnOption,
+    CrsOption,
+    Json,
+    OutputsOption,
+    PlanOption,
+    Quiet,
+    SensorsOption,
+    Threads,
+    TimeOption,
+    UpOption,
+    points_or_file,
+    tables,
+    takes,
+    writes,
+)
+from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+
+# --- ``antumbra los``: lines of sight between pairs of points ---------------------------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..jobs.line_of_sight.sightlines import PairList, Sightlines
+
+_MOST_LINES = 20  # pairs that are printed
+_MODEL = ".glb"
+_SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
+_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # of the lines that are printed
+
+
+def los(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+    observer: Annotated[
+        list[str] | None,
+        typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
+    ] = None,
+    target: Annotated[
+        list[str] | None,
+        typer.Option("--to", help="A target; may be repeated.", metavar="X,Y,Z", show_default=False),
+    ] = None,
+    observers: Annotated[
+        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+    ] = None,
+    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None,
+    pairs: Annotated[
+        str,
+        typer.Option(
+            help="all: each observer and each target; zip: one by one; a file with the columns from and to: indices; "
+            "or, without observers and targets, a file with the columns x1,y1,z1,x2,y2,z2.",
+            metavar="all|zip|FILE",
+        ),
+    ] = "all",
+    output: Annotated[list[Path] | None, tables("Where to write", "--output", "-o", suffixes=_SUFFIXES)] = None,
+    time: TimeOption = 0.0,
+    up: UpOption = None,
+    crs: CrsOption = None,
+    threads: Threads = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say which points see each other in SCENE, and what blocks those that do not.
+
+    Each pair gets the nearest blocking face, its object, the point where it blocks, and the distances. An end that lies
+    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2), or float32 may round it
+    behind the surface. Files hold a row for each pair; a .glb shows the lines, green as far as they see.
+
+    \b
+    Examples
+      antumbra los --from 0,1.7,8 --to 0,3,-8
+      antumbra los city.glb --up z --from 10,20,1.7 --targets windows.csv -o seen.csv
+      antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
+      antumbra los hall.glb --pairs pairs.csv -o result.csv --json
+    """
+    spec = arguments.parse_scene(scene)
+
+    from ..files import atomic_output
+    from ..jobs.line_of_sight.sightlines import (
+        check_pairs,
+        line_of_sight,
+        pairs_of,
+        read_pairs,
+        sight_model,
+        sight_table,
+    )
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import check_file_crs
+
+    check_pairs(pairs)
+    outputs = output or []
+    writers = [writer_of(path, "points") for path in outputs]
+    begin = points_or_file(observer, observers, "--from", "--observers")
+    end = points_or_file(target, targets, "--to", "--targets")
+    if (begin is None) != (end is None):
+        raise InputError("observers need targets: give --from or --observers, and --to or --targets")
+    if begin is None and pairs in ("all", "zip"):
+        raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
+    asked = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
+    with ProgressDisplay(quiet) as display:
+        display.say("reading the scene")
+        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
+        check_file_crs(opened, observers, targets, Path(pairs))
+        start = perf_counter()
+        at, to, normals, target_normals, faces, target_faces = asked
+        found = line_of_sight(
+            opened, at, to, normals=normals, target_normals=target_normals, faces=faces, target_faces=target_faces,
+            time=time, threads=threads,
+        )  # fmt: skip
+        seconds = perf_counter() - start
+        display.say("writing the results")
+        for path, write in zip(outputs, writers):
+            if path.suffix.lower() == _MODEL:
+                with atomic_output(path) as temporary:
+                    temporary.write_bytes(sight_model(opened, asked, found))
+            else:
+                write(sight_table(opened, asked, found), path, "visible")
+    seen = int(found.visible.sum())
+    if json:
+        answer = {"scene": opened.name, "pairs": len(at), "visible": seen, "seconds": seconds}
+        answer["outputs"] = [str(path) for path in outputs]
+        if len(at) <= _MOST_LINES:
+            answer["lines"] = _lines(opened, asked, found)
+        report.print_json(answer)
+    elif not quiet:
+        if len(at) <= _MOST_LINES:
+            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, asked, found)]
+            report.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
+        fields = [("visible", f"{seen:,} of {len(at):,} pairs"), ("time", report.duration(seconds))]
+        report.print_fields(fields + [("written", str(path)) for path in outputs])
+
+
+def _lines(scene: "AnyScene", pairs: "PairList", found: "Sightlines") -> list[dict]:
+    """A dictionary for each pair."""
+    lines = []
+    for k, visible in enumerate(found.visible.tolist()):
+        face, own = int(found.face[k]), int(found.object[k])
+        lines.append({
+            "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
+            "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
+            "visible": "yes" if visible else "no",
+            "blocked_by": scene.objects[own].name if own >= 0 else "",
+            "face": face if face >= 0 else "",
+            "distance": "" if visible else round(float(found.distance[k]), 4),
+            **_of_city(scene, face, own),
+        })  # fmt: skip
+    return lines
+
+
+def _of_city(scene: "AnyScene", face: int, own: int) -> dict[str, str]:
+    """What a city model knows of the blocking face."""
+    if scene.city is None or own < 0:
+        return {}
+    thing = scene.objects[own]
+    return {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
+
+
+# --- ``antumbra viewshed``: how many observers see each sensor of a scene ---------------------------------------------
+
+
+_SIZE = 1024, 768  # of pictures
+
+
+@dataclass(frozen=True)
+class ViewshedArguments:
+    """The parameters of ``antumbra viewshed``."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    sensors: SensorsOption = "face"
+    observer: Annotated[
+        list[str] | None, typer.Option(help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False)
+    ] = None
+    observers: Annotated[
+        Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
+    ] = None
+    eye_height: Annotated[float, typer.Option(help="World units that eyes are above the observers.")] = 0.0
+    on_surface: Annotated[
+        bool, typer.Option("--on-surface", help="Put each observer on the highest surface at its place first.")
+    ] = False
+    min_distance: Annotated[float, typer.Option(help="World units from the eye; nearer sensors are not seen.")] = 0.0
+    max_distance: Annotated[
+        float | None,
+        typer.Option(help="World units; farther ones are not seen.  [default: no limit]", show_default=False),
+    ] = None
+    azimuth: Annotated[
+        str, typer.Option(help="Compass directions, degrees clockwise from north.", metavar="FROM:TO")
+    ] = "0:360"
+    elevation: Annotated[str, typer.Option(help="Degrees above the horizontal.", metavar="LOWEST:HIGHEST")] = "-90:90"
+    curvature: Annotated[bool, typer.Option("--curvature", help="Let the earth curve away from each observer.")] = False
+    refraction: Annotated[float, typer.Option(help="Share of the curvature that bent light takes back.")] = 0.13
+    earth_radius: Annotated[float, typer.Option(help="World units.")] = 6_371_000.0
+    output: OutputsOption = None
+    column: ColumnOption = None
+    camera: CameraOption = None
+    bits: Annotated[
+        Path | None,
+        typer.Option(
+            help="A .npy file: which observer sees which sensor, 64 observers in a word.",
+            show_default=False,
+            callback=writes(".npy"),
+        ),
+    ] = None
+    plan: PlanOption = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    crs: CrsOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(ViewshedArguments)
+def viewshed(given: ViewshedArguments) -> int:
+    """Count the observers that see each sensor of SCENE.
+
+    The columns of the result are seen (the number of observers), first and nearest (their numbers from 0, -1: none) and
+    distance. A raster becomes a map or a GeoTIFF, other sensors a view of the scene. raster:2+1.6 asks for targets 1.6
+    above the highest surfaces. Distances are straight, from the eye.
+
+    \b
+    Examples
+      antumbra viewshed --observer 0,1.7,8 -o seen.png
+      antumbra viewshed city.glb --up z --sensors raster:1 --observer 10,20,0 --on-surface --eye-height 1.6 -o map.tif
+      antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
+      antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
+    """
+    spec = arguments.parse_scene(given.scene)
+    angles = (
+        arguments.parse_interval(given.azimuth, "--azimuth"),
+        arguments.parse_interval(given.elevation, "--elevation"),
+    )
+    asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
+
+    from ..files import atomic_output
+    from ..jobs.bit_matrices import write_rows
+    from ..jobs.line_of_sight.viewshed import viewshed as seen_from
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
+
+    check_sensors(given.sensors)
+    outputs = given.output or []
+    for path in outputs:
+        writer_of(path, kind_of(given.sensors))
+    bits = given.bits
+    eyes = points_or_file(given.observer, given.observers, "--observer", "--observers")
+    if eyes is None:
+        raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
+    with ProgressDisplay(given.quiet) as display:
+        display.say("reading the scene")
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        check_file_crs(opened, given.observers)
+        display.say("preparing")
+        sensors = sensors_of(given.sensors, opened, given.threads)
+        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, given.time, _SIZE)
+        start = perf_counter()
+        found = seen_from(
+            opened, sensors, eyes.points, eye_height=given.eye_height, on_surface=given.on_surface,
+            min_distance=given.min_distance, max_distance=given.max_distance, azimuth=angles[0], elevation=angles[1],
+            curvature=given.curvature, refraction=given.refraction, earth_radius=given.earth_radius,
+            bits=bits is not None, plan=given.plan, time=given.time, threads=given.threads,
+        )  # fmt: skip
+        seconds = perf_counter() - start
+        display.say("writing the results")
+        table = found.table
+        table.camera = camera
+        for path in outputs:
+            table.save(path, given.column)
+        if bits is not None and found.bits is not None:
+            with atomic_output(bits) as temporary:
+                write_rows(temporary, found.bits)
+    answer = _answer(table, len(eyes), seconds)
+    written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
+    if given.json:
+        report.print_json({"scene": opened.name, **answer, "outputs": written})
+    elif not given.quiet:
+        report.print_fields([*_fields(answer), *(("written", path) for path in written)])
+    return 0
+
+
+def _answer(table, observers: int, seconds: float) -> dict:
+    """The fields of ``--json``."""
+    counted = table.sensors.covered
+    seen, sensors = table["seen"][counted] > 0, int(counted.sum())
+    answer = {"sensors": sensors, "observers": observers, "seen": int(seen.sum()), "seconds": seconds}
+    if table.sensors.areas is not None:
+        areas = table.sensors.areas[counted]
+        answer |= {"area": float(areas.sum()), "area_seen": float(areas[seen].sum())}
+    return answer
+
+
+def _fields(answer: dict) -> list[tuple[str, str]]:
+    n, seen = answer["sensors"], answer["seen"]
+    fields = [("sensors", f"{n:,}"), ("observers", f"{answer['observers']:,}")]
+    fields.append(("seen by any", f"{seen:,} ({100.0 * seen / max(n, 1):.1f} %)"))
+    if "area" in answer:
+        fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g}"))
+    return [*fields, ("time", report.duration(answer["seconds"]))]
+
+
+# --- ``antumbra matrix``: which of many points see which others -------------------------------------------------------
+
+
+if TYPE_CHECKING:
+    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
+
+_BITS, _SPARSE = ".npy", ".npz"
+
+
+@dataclass(frozen=True)
+class MatrixArguments:
+    """The arguments of the command line."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
+    sensors: SensorsOption = "face"
+    targets: Annotated[
+        str | None,
+        typer.Option(help="The same forms as --sensors.  [default: the sensors themselves]", show_default=False),
+    ] = None
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="A .npy file of bits, 64 targets in a word; it goes on where it stopped.",
+            show_default=False,
+            callback=writes(_BITS),
+        ),
+    ] = None
+    sparse: Annotated[
+        Path | None,
+        typer.Option(
+            help="A .npz file of the visible pairs, for scipy.sparse.load_npz.",
+            show_default=False,
+            callback=writes(_SPARSE),
+        ),
+    ] = None
+    counts: Annotated[list[Path] | None, tables("A file of the number of targets that each sensor sees")] = None
+    plan: PlanOption = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    crs: CrsOption = None
+    threads: Threads = None
+    shard: ShardOption = None
+    ray: RayOption = None
+    merge: MergeOption = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(MatrixArguments)
+def matrix(given: MatrixArguments) -> int:
+    """Find which sensors of SCENE see which targets: one bit for each pair.
+
+    Sensors on surfaces are seen from their outer side only. Bit j % 64 of word j // 64 of row i says whether sensor i
+    and target j see each other. Without --targets each pair is traced once, and no sensor sees itself.
+
+    \b
+    Examples
+      antumbra matrix --sparse faces.npz
+      antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
+      antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
+    """
+    spec = arguments.parse_scene(given.scene)
+
+    from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
+    from ..jobs.result_table import Column, Table
+    from ..jobs.sensor_files import check_sensors, sensors_of
+
+    check_sensors(given.sensors)
+    if given.targets is not None:
+        check_sensors(given.targets, "--targets")
+    bits, pairs, counts = _checked_outputs(given)
+    outputs = [path for path in (bits, pairs, *counts) if path is not None]
+    engine = engine_for(given, outputs[0])
+    with ProgressDisplay(given.quiet) as display:
+        display.say("reading the scene")
+        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        display.say("preparing")
+        own = sensors_of(given.sensors, opened, given.threads)
+        others = None if given.targets is None else sensors_of(given.targets, opened, given.threads)
+        start = perf_counter()
+        found = visibility_matrix(
+            opened, own, others, output=bits, plan=given.plan, time=given.time, threads=given.threads, keep=engine
+        )
+        seconds = perf_counter() - start
+        if found is None:
+            return report_shard(engine, given, seconds)
+        display.say("writing the results")
+        if pairs is not None:
+            found.save(pairs)
+        column = Column(found.counts, "", f"targets that it sees, of {found.columns}")
+        for path in counts:
+            Table(own, {"seen": column}, {"job": "matrix"}, opened).save(path)
+    _tell(given, opened.name, found, seconds, [str(path) for path in outputs])
+    return 0
+
+
+def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
+    """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import kind_of
+
+    counts = given.counts or []
+    for path in counts:
+        writer_of(path, kind_of(given.sensors))
+    if given.output is None and given.sparse is None and not counts:
+        raise InputError("there is nothing to write: give --output, --sparse or --counts")
+    return given.output, given.sparse, counts
+
+
+def _tell(given: MatrixArguments, name: str, found: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
+    rows, columns = found.shape
+    visible = int(found.counts.sum())
+    if given.json:
+        answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
+        report.print_json({**answer, "outputs": written})
+    elif not given.quiet:
+        share = 100.0 * visible / max(rows * columns, 1)
+        fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
+        fields.append(("time", report.duration(seconds)))
+        report.print_fields([*fields, *(("written", path) for path in written)])

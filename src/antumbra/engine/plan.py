@@ -1,0 +1,230 @@
+"""A plan: which methods answer a query. Every plan gives the same bits."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+from ..checks import instance, quoted, spelling_hint
+from ..errors import InputError
+from ..techniques.srdh.representative_rays import SrdhRays
+from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
+
+TREE = ("build", "optimise", "update")
+"""The fields that make a BVH; all are None in plans whose tracer walks no BVH."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The names of the methods that answer a query, written ``cull+build+optimise+update+trace``.
+
+    Only ``build+trace`` is required, or ``trace`` alone if the tracer walks no BVH or chooses it (``"auto"``).
+
+    Parameters
+    ----------
+    cull : str or None
+        Culler that drops triangles before the build; None: no culling.
+    build : str or None
+        Builder of the BVH; None: ``"bsah"``. If the tracer walks no BVH or chooses it, ``build`` stays None.
+    trace : str
+        Tracer of the rays.
+    optimise : str or None
+        Optimiser of the built BVH; None: no optimisation.
+    update : str or None
+        Updater that derives a frame's BVH from the last frame's; None: a new build in each frame. With a culler, the
+        updater keeps the BVH of all triangles, and rays walk its part with the triangles that are left.
+    sample : SrdhRays or None
+        The rays that a ray-guided builder is shown; None: the default. They never change the bits, and are not part of
+        the plan's text.
+
+    Raises
+    ------
+    InputError
+        If a name is in no registry of its kind, or a sample is given and no method is ray-guided.
+    """
+
+    cull: str | None = None
+    build: str | None = None
+    trace: str = "multifrusta"
+    optimise: str | None = None
+    update: str | None = None
+    sample: SrdhRays | None = None
+
+    def __post_init__(self):
+        for field, (kind, registry) in KINDS.items():
+            name = getattr(self, field)
+            if (name is not None or field == "trace") and find_method(field, name) is None:
+                raise InputError(_unknown_name(name, field, kind, registry))
+        if self.build is None and self.tracer.builds and not self.tracer.chooses:
+            object.__setattr__(self, "build", "bsah")
+        if self.sample is not None:
+            instance(self.sample, SrdhRays, "sample")
+            if not self.wants_rays:
+                raise InputError(_no_guide([self]))
+
+    def __str__(self) -> str:
+        return "+".join(name for field in KINDS if (name := getattr(self, field)))
+
+    @property
+    def tracer(self) -> Tracer:
+        """The tracer of the plan."""
+        found = find_method("trace", self.trace)
+        assert found is not None
+        return found[1]
+
+    @property
+    def chooses(self) -> bool:
+        """True if the plan is ``"auto"``, which chooses the builder for each frame."""
+        return self.build is None and self.tracer.chooses
+
+    @property
+    def tree(self) -> tuple:
+        """The fields that determine the BVH; plans with equal fields can share a BVH."""
+        return self.cull, self.trace if self.chooses else self.build, self.optimise, self.update, self.sample
+
+    @property
+    def wants_rays(self) -> bool:
+        """True if the builder or the optimiser is ray-guided: it is shown a sample of the rays to be traced."""
+        return bool(
+            (self.build and BUILDERS[self.build].wants_rays) or (self.optimise and OPTIMISERS[self.optimise].wants_rays)
+        )
+
+
+DEFAULT_PLAN = str(Plan(trace="auto"))
+
+
+def parse_plan(plan: "str | Plan") -> Plan:
+    """Parse ``build+trace``, or a longer plan with names from the other registries, in any order.
+
+    Nothing is ever substituted.
+
+    Raises
+    ------
+    InputError
+        If a name is in no registry, a builder or tracer is missing, or two methods are of one kind. If a builder, an
+        optimiser or an updater accompanies a tracer that walks no BVH. If an optimiser is combined with a ray-guided
+        builder.
+    """
+    if not isinstance(plan, (str, Plan)):
+        raise InputError(f"plan is {quoted(plan)}; it must be a text, as in plan='bsah+wide', or an antumbra.Plan")
+    found: dict[str, Any] = {}
+    for part in str(plan).split("+"):
+        method = _method(part)
+        if method is None:
+            raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {spelling_hint(part, _names())}{_valid()}")
+        field, name = method
+        if field in found:
+            kind = KINDS[field][0]
+            raise InputError(f"plan {str(plan)!r} names two {kind}s, {found[field]!r} and {part!r}; {_valid()}")
+        found[field] = name
+    if "trace" not in found:
+        raise InputError(f"plan {str(plan)!r} names no tracer; {_valid()}")
+    made = Plan(**found)
+    _check_tree(str(plan), found, made)
+    return replace(made, sample=plan.sample) if isinstance(plan, Plan) and plan.sample is not None else made
+
+
+def with_sample(plans: Sequence[Plan], sample: SrdhRays | None) -> list[Plan]:
+    """Plans whose ray-guided builders are shown these rays; None: the default.
+
+    Raises
+    ------
+    InputError
+        If rays are given, and no plan has a ray-guided method.
+    """
+    if sample is None:
+        return list(plans)
+    if not any(plan.wants_rays for plan in plans):
+        raise InputError(_no_guide(plans))
+    return [replace(plan, sample=sample) if plan.wants_rays else plan for plan in plans]
+
+
+def _method(part: str) -> tuple[str, str] | None:
+    """(field of a plan, canonical name) of a method; None: there is no such method."""
+    return next(((field, found[0]) for field in KINDS if (found := find_method(field, part))), None)
+
+
+def _check_tree(plan: str, found: dict[str, str], made: Plan) -> None:
+    """Raise InputError unless the plan has a builder exactly if it needs one, and its tree methods are compatible."""
+    if made.chooses and len(found) > 1:
+        raise InputError(f"plan {plan!r}: {found['trace']!r} chooses the rest of the plan; name a builder, or it alone")
+    if made.chooses:
+        return
+    if not made.tracer.builds:
+        for field in TREE:
+            if field in found:
+                kind, name = KINDS[field][0], found[field]
+                raise InputError(f"plan {plan!r}: {found['trace']!r} needs no {kind}; leave {name!r} out")
+        return
+    if "build" not in found:
+        raise InputError(f"plan {plan!r} names no builder; {_valid()}")
+    if "optimise" in found and BUILDERS[found["build"]].wants_rays:
+        raise InputError(
+            f"plan {plan!r}: {found['optimise']!r} would undo, or do again, what {found['build']!r} does for "
+            "shadow rays; leave one of them out"
+        )
+
+
+def all_plans(papers: bool = False) -> list[Plan]:
+    """Every plan that the registries allow; `papers`: include methods added by packages."""
+    names = names_of(papers)
+    trees = [
+        (b, o, u)
+        for b, o, u in product(names["build"], (None, *names["optimise"]), (None, *names["update"]))
+        if not (o and BUILDERS[b].wants_rays)
+    ]
+    choosing = [Plan(trace=t) for t in names["trace"] if TRACERS[t].chooses]
+    return choosing + [
+        Plan(c, b, t, o, u)
+        for c, t in product((None, *names["cull"]), names["trace"])
+        for b, o, u in (trees if TRACERS[t].builds else [(None, None, None)])
+    ]
+
+
+def covering_plans(papers: bool = False) -> list[Plan]:
+    """A few plans that together use every method of every registry; `papers` as in `all_plans`.
+
+    They have each updater with a culler too, because that needs kernels of its own.
+    """
+    names = names_of(papers)
+    plans = [Plan(trace=name) for name in names["trace"]]
+    for field in "build", "optimise", "update", "cull":
+        single = Plan(trace="single")
+        plans += [replace(single, **dict[str, Any]({field: name})) for name in names[field] if name != single.build]
+    return plans + [Plan(cull=names["cull"][0], update=name, trace="single") for name in names["update"]]
+
+
+def names_of(papers: bool) -> dict[str, list[str]]:
+    """Field of a `Plan` -> names in its registry; `papers` as in `all_plans`."""
+    if papers:
+        add_plugins()
+        return {field: list(registry) for field, (_, registry) in KINDS.items()}
+    return {field: own_methods(field) for field in KINDS}
+
+
+def _names() -> list[str]:
+    """The names of all methods, with those that packages added."""
+    return [name for _, registry in KINDS.values() for name in registry]
+
+
+def _unknown_name(name, field: str, kind: str, registry: dict) -> str:
+    """The message about a name that a field of a `Plan` cannot have."""
+    if not isinstance(name, str):
+        return f"Plan has no {kind} {quoted(name)}; choose one of {', '.join(registry)}"
+    if "+" in name or any(name in names for _, names in KINDS.values()):
+        fields = ", ".join(f"{field}=" for field in KINDS)
+        return (
+            f"Plan has no {kind} {name!r}: it takes {fields} one by one; a whole plan is a text, as in plan='bsah+wide'"
+        )
+    return f"Plan has no {kind} {name!r}; {spelling_hint(name, registry)}choose one of {', '.join(registry)}"
+
+
+def _valid() -> str:
+    names = "; ".join(f"{kind}s: {', '.join(own_methods(field))}" for field, (kind, _) in KINDS.items())
+    alone = [name for name in own_methods("trace") if TRACERS[name].chooses or not TRACERS[name].builds]
+    return f"write builder+tracer, without a builder for {' and '.join(alone)}, or more ({names})"
+
+
+def _no_guide(plans: Sequence[Plan]) -> str:
+    names = ", ".join(map(str, plans))
+    return f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh"

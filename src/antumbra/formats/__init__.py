@@ -1,0 +1,9 @@
+"""File formats: each module or folder reads one format, or writes it.
+
+- `gltf/`: glTF 2.0 and GLB
+- `cityjson/`: CityJSON and CityJSONSeq
+- `mesh_files`: OBJ, PLY and STL
+- `array_files`: .npy and .npz files, and folders of vertex frames
+- `library_meshes`: arrays, and the meshes of trimesh, PyVista, meshio and Open3D
+- `json_fields`: checked access to JSON objects
+"""

@@ -1,0 +1,232 @@
+"""CityJSON and CityJSONSeq files: versions, shared vertices, templates, and the choice of levels of detail (LoD)."""
+
+import gc
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ..json_fields import Fields, parse
+
+# --- A CityJSON file: its parts with their objects and vertices, and what these share ---------------------------------
+
+
+SUFFIXES = (".json", ".jsonl")
+_CODES = re.compile(r"EPSG(?::[^:,]*:|/[^/]*/|:)(\d+)", re.IGNORECASE)
+
+
+class CityPart(NamedTuple):
+    """Objects that share a list of vertices: a whole .json file, or one line of a .jsonl file."""
+
+    where: str  # name in errors
+    objects: dict[str, dict]  # id -> CityObject
+    vertices: np.ndarray  # (v, 3) float64, world
+
+
+class CityDocument(NamedTuple):
+    """A CityJSON file."""
+
+    file: str
+    crs: str | None  # such as "EPSG:7415"
+    parts: list[CityPart]
+    templates: list[dict]  # geometries
+    template_vertices: np.ndarray  # (v, 3) float64, in the frame of the templates
+    notes: list[str]
+
+
+@contextmanager
+def many_lists() -> Iterator[None]:
+    """Within the context, Python looks for no garbage: with millions of lists that takes as long as the work itself."""
+    paused = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if paused:
+            gc.enable()
+
+
+def lines_of(path: Path) -> list[bytes]:
+    """The JSON texts in a file: one in a .json file, one a line in a .jsonl file."""
+    data = path.read_bytes()
+    if path.suffix.lower() == ".json":
+        return [data]
+    lines = [line for line in data.splitlines() if line.strip()]
+    if not lines:
+        raise InputError(f"{path.name}: the file is empty; export or copy it again")
+    return lines
+
+
+def open_cityjson(path: Path) -> CityDocument:
+    """Read a .json or .jsonl file. Raises InputError if it is no CityJSON, or of another version."""
+    file, (first, *others) = path.name, lines_of(path)
+    head = parse(first, file)
+    _check_head(head, path)
+    transform = _transform(head)
+    parts = [_part(head, transform)]
+    for number, line in enumerate(others, 2):
+        feature = parse(line, f"{file}, line {number}")
+        if feature.text("type") != "CityJSONFeature":
+            raise feature.bad("type", '"CityJSONFeature"')
+        parts.append(_part(feature, transform))
+    templates = head.object("geometry-templates")
+    shapes: list[dict] = []
+    corners = np.empty((0, 3))
+    if templates is not None:
+        shapes = templates.raw("templates", list, "a list of geometries")
+        corners = _vertices(templates, "vertices-templates")
+    crs, notes = _crs(head)
+    return CityDocument(file, crs, parts, shapes, corners, notes)
+
+
+def _check_head(head: Fields, path: Path) -> None:
+    kind = head.text("type", None)
+    if kind == "CityJSONFeature":
+        raise InputError(f"{path.name}: begins with a CityJSONFeature; put the line of type CityJSON before it")
+    if kind != "CityJSON":
+        raise InputError(
+            f"{path.name}: not a CityJSON file (its type is {kind!r}); of {path.suffix} files, only CityJSON is read"
+        )
+    version = head.text("version")
+    if version.split(".")[0] not in ("1", "2"):
+        raise InputError(
+            f"{path.name}: CityJSON version is {version[:20]!r}; convert it to 2.0 with: cjio FILE upgrade"
+        )
+
+
+def _transform(head: Fields) -> tuple[np.ndarray, np.ndarray]:
+    """(scale, translation), (3,) float64 each."""
+    fields = head.object("transform")
+    if fields is None:
+        return np.ones(3), np.zeros(3)
+    return fields.numbers("scale", 3), fields.numbers("translate", 3)
+
+
+def _part(fields: Fields, transform: tuple[np.ndarray, np.ndarray]) -> CityPart:
+    objects = fields.raw("CityObjects", dict, "an object of CityObjects")
+    for name, thing in objects.items():
+        if not isinstance(thing, dict):
+            raise InputError(f"{fields.where} CityObjects has {name[:60]!r}, which is no object; export the file again")
+    scale, translation = transform
+    return CityPart(fields.where, objects, _vertices(fields, "vertices") * scale + translation)
+
+
+def _vertices(fields: Fields, key: str) -> np.ndarray:
+    rows: Any = fields.raw(key, list, "a list of vertices")
+    if not rows:
+        return np.empty((0, 3))
+    try:
+        vertices = np.array(rows)
+    except ValueError:  # lists of different lengths
+        vertices = np.empty(0, object)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "iuf":
+        raise fields.bad(key, "a list of vertices, [x, y, z] each")
+    return vertices.astype(np.float64)
+
+
+def _crs(head: Fields) -> tuple[str | None, list[str]]:
+    """(reference system as pyproj takes it, notes)."""
+    metadata = head.object("metadata")
+    text = None if metadata is None else metadata.text("referenceSystem", None)
+    if text is None:
+        return None, []
+    codes = _CODES.findall(text)
+    if not codes:
+        return None, [f"{head.where} reference system {text[:80]!r} is left out: it has no EPSG code"]
+    return "EPSG:" + "+".join(codes), []
+
+
+# --- Levels of detail: which geometries of a city object are read -----------------------------------------------------
+
+
+DEPTHS = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
+"""Type of geometry -> levels of lists around the polygons of its boundaries."""
+
+INSTANCE = "GeometryInstance"
+
+
+class ChosenGeometry(NamedTuple):
+    """A geometry to read."""
+
+    part: CityPart
+    object: str  # id
+    place: int  # in the object's "geometry"
+    geometry: dict  # of a `GeometryInstance`, the template
+    instance: dict | None  # the `GeometryInstance`
+
+
+def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[ChosenGeometry], list[str]]:
+    """(geometries of a level of detail, or the highest of each object; all levels of the file, in ascending order).
+
+    An object is left out if a part of it, such as a BuildingPart, has a higher level: the parts are the whole object.
+
+    Raises
+    ------
+    InputError
+        If no geometry has the level `lod`, with all levels of the file.
+    """
+    found = {
+        (k, name): list(_surfaces(document, part, name))
+        for k, part in enumerate(document.parts)
+        for name in part.objects
+    }
+    levels = sorted({lod_of(c.geometry) for shapes in found.values() for c in shapes} - {""}, key=_rank)
+    if lod is not None:
+        wanted = lod_of({"lod": lod})
+        if wanted not in levels:
+            known = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
+            raise InputError(f"{document.file}: no geometry has lod {wanted!r}; {known}")
+        return [c for shapes in found.values() for c in shapes if lod_of(c.geometry) == wanted], levels
+    highest = {key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in found.items() if shapes}
+    chosen = []
+    for (k, name), level in highest.items():
+        parts = [highest.get((k, child), "") for child in _parts(document.parts[k], name)]
+        if not any(_rank(other) > _rank(level) for other in parts):
+            chosen += [c for c in found[k, name] if lod_of(c.geometry) == level]
+    return chosen, levels
+
+
+def lod_of(geometry: dict) -> str:
+    """The level of detail as text; "" if there is none. 2, 2.0 and "2.0" are "2"."""
+    value = geometry.get("lod")
+    if value is None or isinstance(value, (dict, list)):
+        return ""
+    try:
+        return f"{float(value):g}"
+    except ValueError:
+        return str(value)
+
+
+def _rank(lod: str) -> tuple[bool, float]:
+    try:
+        return True, float(lod)
+    except ValueError:
+        return False, 0.0
+
+
+def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[ChosenGeometry]:
+    """The geometries of an object that have surfaces."""
+    shapes = part.objects[name].get("geometry")
+    for index, shape in enumerate(shapes if isinstance(shapes, list) else []):
+        where = f'{part.where} CityObjects "{name[:60]}" geometry[{index}]'
+        if not isinstance(shape, dict):
+            raise InputError(f"{where} is no object; export the file again")
+        instance = None
+        if shape.get("type") == INSTANCE:
+            number, instance = shape.get("template"), shape
+            if not isinstance(number, int) or not 0 <= number < len(document.templates):
+                raise InputError(f"{where}.template is {number!r}; there are {len(document.templates)} templates")
+            shape = document.templates[number]
+        if isinstance(shape, dict) and str(shape.get("type")) in DEPTHS:
+            yield ChosenGeometry(part, name, index, shape, instance)
+
+
+def _parts(part: CityPart, name: str) -> list[str]:
+    """Ids of the children of an object that are parts of it, such as BuildingParts."""
+    children = part.objects[name].get("children")
+    known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
+    return [c for c in known if str(part.objects[c].get("type")).endswith("CityPart")]

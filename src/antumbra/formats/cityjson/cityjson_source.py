@@ -1,0 +1,155 @@
+"""The CityJSON reader: `read_cityjson` returns coloured triangles that know their city object and semantic surface."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene.materials import srgb_to_linear
+from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
+from ...scene.scene_data import CityModel, SemanticSurface
+from .city_polygons import Polygons, polygons_of, triangulate
+from .cityjson_file import chosen_geometries, many_lists, open_cityjson
+
+# --- Pale colours of semantic surfaces and of city objects ------------------------------------------------------------
+
+
+SURFACES = {
+    "RoofSurface": "#d9a08b",
+    "WallSurface": "#ece3d4",
+    "GroundSurface": "#c9c2b6",
+    "ClosureSurface": "#dcd8d0",
+    "OuterCeilingSurface": "#d5cdc0",
+    "OuterFloorSurface": "#cfc7ba",
+    "Window": "#a9c3d4",
+    "Door": "#b99f86",
+    "WaterSurface": "#a3c4dc",
+    "WaterGroundSurface": "#b9b3a2",
+    "WaterClosureSurface": "#b6cfdf",
+    "TrafficArea": "#b8b8bb",
+    "AuxiliaryTrafficArea": "#c6c9b4",
+    "TransportationMarking": "#e6e6e6",
+    "TransportationHole": "#8f8f92",
+}
+"""Type of a semantic surface -> sRGB."""
+
+OBJECTS = {
+    "Building": "#ece3d4",
+    "Bridge": "#cfcac4",
+    "Tunnel": "#bdb8b2",
+    "OtherConstruction": "#d6cfc6",
+    "Road": "#b8b8bb",
+    "Railway": "#b5aaa0",
+    "Waterway": "#a3c4dc",
+    "TransportSquare": "#c4c1bd",
+    "TransportationSquare": "#c4c1bd",
+    "WaterBody": "#a3c4dc",
+    "LandUse": "#d3d8bb",
+    "PlantCover": "#b4cc9b",
+    "SolitaryVegetationObject": "#9fbf86",
+    "TINRelief": "#d6cfb6",
+    "CityFurniture": "#c7b7a6",
+}
+"""Type of a city object, or its beginning -> sRGB."""
+
+OTHERS = "#dddad5"
+
+
+def colours_of(surface_types: list[str | None], object_types: list[str]) -> np.ndarray:
+    """Linear colours, (n, 3) float32, of surfaces with the objects that own them."""
+    known: dict[tuple[str | None, str], int] = {}
+    places = [known.setdefault(pair, len(known)) for pair in zip(surface_types, object_types)]
+    table = np.array([_linear(_hex(*pair)) for pair in known], np.float32).reshape(-1, 3)
+    return table[places]
+
+
+def _hex(surface: str | None, thing: str) -> str:
+    if surface in SURFACES:
+        return SURFACES[surface]
+    if thing in OBJECTS:
+        return OBJECTS[thing]
+    return next((colour for begin, colour in OBJECTS.items() if thing.startswith(begin)), OTHERS)  # BuildingPart
+
+
+def _linear(colour: str) -> np.ndarray:
+    return srgb_to_linear([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
+
+
+# --- From a CityJSON file to triangles that know their object and surface ---------------------------------------------
+
+
+class CityMeshes(StaticMeshes):
+    """All city objects in one mesh, which is faster than a mesh for each: files have many small ones."""
+
+    def __init__(self, mesh: Mesh, file: str, city: CityModel):
+        super().__init__([mesh], file)
+        counts = np.bincount(city.object_of_face, minlength=len(city.objects)).tolist()
+        told = zip(city.objects, city.types, city.parents)
+        self.mesh, self._owners = mesh, city.object_of_face
+        self.meshes = [MeshInfo(name, n, 1) for name, n in zip(city.objects, counts)]
+        self.objects = [ObjectInfo(name, k, 0, kind, parent) for k, (name, kind, parent) in enumerate(told)]
+
+    def pieces(self, time: float) -> Iterator[Piece]:
+        for piece in super().pieces(time):
+            yield piece._replace(owners=self._owners)
+
+
+class CityFile(NamedTuple):
+    """What `read_cityjson` finds."""
+
+    source: CityMeshes
+    notes: list[str]
+    city: CityModel
+
+
+def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
+    """Read a .json or .jsonl file. Faces are in the order of the file.
+
+    lod : level of detail, such as "2.2"; None: the highest of each object
+
+    Raises
+    ------
+    InputError
+        If the file is no CityJSON, it is damaged, or it has no such level of detail.
+    """
+    with many_lists():
+        document = open_cityjson(path)
+        chosen, lods = chosen_geometries(document, lod)
+        polygons = polygons_of(document, chosen)
+    cut = triangulate(polygons.vertices, polygons.rings)
+    faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
+    surface = polygons.surface[cut.polygon]
+    kept, surface, owner = _used(polygons, surface)
+    ids, types, parents = ([of[k] for k in kept.objects] for of in (polygons.objects, polygons.types, polygons.parents))
+    colours = colours_of([s.type for s in kept.surfaces], [types[s.object] for s in kept.surfaces])
+    if not len(faces):
+        raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
+    mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
+    city = CityModel(document.crs, ids, owner, surface, kept.surfaces, types, parents, lods)
+    return CityFile(CityMeshes(mesh, document.file, city), document.notes + _notes(document.file, cut), city)
+
+
+class _Kept(NamedTuple):
+    objects: list[int]  # those with faces, as numbers of `Polygons.objects`
+    surfaces: list[SemanticSurface]  # those with faces
+
+
+def _used(polygons: Polygons, surface: np.ndarray) -> tuple[_Kept, np.ndarray, np.ndarray]:
+    """Drop surfaces and objects without faces: (the others, surface of each face, object of each face)."""
+    surfaces, surface = np.unique(surface, return_inverse=True)
+    owners = np.array([polygons.surfaces[k].object for k in surfaces.tolist()], np.int64)
+    objects, owner = np.unique(owners, return_inverse=True)
+    pairs = zip(surfaces.tolist(), owner.tolist())
+    kept = _Kept(objects.tolist(), [polygons.surfaces[k]._replace(object=new) for k, new in pairs])
+    return kept, surface.astype(np.int32), owner[surface].astype(np.int32)
+
+
+def _notes(file: str, cut) -> list[str]:
+    notes = []
+    if cut.flat:
+        notes.append(f"{file}: {cut.flat} polygons without area are left out")
+    if cut.crossed:
+        notes.append(f"{file}: {cut.crossed} polygons have rings that cross; their triangles cover another area")
+    return notes

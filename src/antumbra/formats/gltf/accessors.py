@@ -1,0 +1,179 @@
+"""glTF accessors: bounds-checked numbers in buffers, sparse values, normalised integers and Draco decompression."""
+
+import numpy as np
+
+from ...errors import InputError
+from ...extras import import_extra
+from ..json_fields import Fields
+from .gltf_file import COMPRESSIONS, CURE, GltfDocument
+
+# --- Accessors: bounds-checked numbers in buffers, with sparse values and normalised integers -------------------------
+
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+
+
+class Accessors:
+    """The accessors of a document. Each is decoded once in the lifetime of this object."""
+
+    def __init__(self, document: GltfDocument):
+        self._document = document
+        self._fields = document.root.objects("accessors")
+        self._views = document.root.objects("bufferViews")
+        self._available = sum(len(b) for b in document.buffers if b is not None)
+        self._decoded: dict[int, np.ndarray] = {}
+
+    def __len__(self) -> int:
+        return len(self._fields)
+
+    def has_data(self, index: int) -> bool:
+        """Whether the file holds values for it, and not only zeros."""
+        return "bufferView" in self._fields[index] or "sparse" in self._fields[index]
+
+    def supply(self, index: int, values: np.ndarray) -> None:
+        """Set the values ((count, width) numbers) of an accessor whose data are elsewhere in the file."""
+        fields = self._fields[index]
+        shape = fields.whole("count"), WIDTHS.get(fields.text("type"), 0)
+        if values.shape != shape:
+            raise InputError(f"{fields.where} says {shape}, the compressed data are {values.shape}; export it again")
+        self._decoded[index] = values.astype(self._dtype(fields))
+
+    def view_bytes(self, holder: Fields, key: str) -> bytes:
+        """The bytes of the bufferView that a field names."""
+        view = self._views[holder.whole(key, high=len(self._views))]
+        size = view.whole("byteLength", low=1)
+        flat = Fields({**holder.data, "byteOffset": 0}, holder.where)
+        return self._view(flat, size, 1, np.dtype(np.uint8)).tobytes()
+
+    def stored(self, index: int) -> np.ndarray:
+        """(count, width): the numbers as they are stored."""
+        return self._raw(index, tuple(WIDTHS))
+
+    def floats(self, index: int, *kinds: str) -> np.ndarray:
+        """(count, width): stored float32 as it is; integers as float64, normalised if the file says so."""
+        values = self._raw(index, kinds)
+        if values.dtype.kind == "f":
+            return values
+        if not self._fields[index].flag("normalized"):
+            return values.astype(np.float64)
+        scaled = values / float(np.iinfo(values.dtype).max)
+        return np.maximum(scaled, -1.0)
+
+    def finite(self, index: int, *kinds: str) -> np.ndarray:
+        """`floats` as float64. Raises InputError on NaN or infinity."""
+        values = self.floats(index, *kinds).astype(np.float64)
+        if not np.isfinite(values).all():
+            raise InputError(f"{self._fields[index].where} holds NaN or infinity; export the file again")
+        return values
+
+    def whole(self, index: int, *kinds: str) -> np.ndarray:
+        """(count, width) unsigned integers."""
+        values = self._raw(index, kinds)
+        if values.dtype.kind != "u":
+            raise self._fields[index].bad("componentType", "5121, 5123 or 5125 (unsigned) for indices")
+        return values
+
+    def _raw(self, index: int, kinds: tuple[str, ...]) -> np.ndarray:
+        fields = self._fields[index]
+        if fields.text("type") not in kinds:
+            raise fields.bad("type", " or ".join(kinds) + " where it is used")
+        if index not in self._decoded:
+            self._decoded[index] = self._decode(fields)
+        return self._decoded[index]
+
+    def _decode(self, fields: Fields) -> np.ndarray:
+        width, dtype = WIDTHS[fields.text("type")], self._dtype(fields)
+        count, sparse = fields.whole("count"), fields.object("sparse")
+        if "bufferView" in fields:
+            values = self._view(fields, count, width, dtype)
+        else:  # zeros; real ones accompany data in a buffer, so they are no longer than that data
+            if count > self._available:
+                raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
+            values = np.zeros((count, width), dtype)
+        return values if sparse is None else self._patched(values, sparse)
+
+    def _patched(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
+        count = sparse.whole("count", low=1, high=len(values) + 1)
+        at, by = sparse.object("indices"), sparse.object("values")
+        if at is None or by is None:
+            raise InputError(f"{sparse.where} needs indices and values; export the file again")
+        rows = self._view(at, count, 1, self._dtype(at))[:, 0]
+        if rows.dtype.kind != "u" or rows.max() >= len(values):
+            raise InputError(f"{at.where} reaches beyond the {len(values)} elements; export the file again")
+        values = values.copy()
+        values[rows] = self._view(by, count, values.shape[1], values.dtype)
+        return values
+
+    def _view(self, fields: Fields, count: int, width: int, dtype: np.dtype) -> np.ndarray:
+        """A (count, width) window into a buffer, after a check that view and buffer are large enough."""
+        view = self._views[fields.whole("bufferView", high=len(self._views))]
+        number = view.whole("buffer", high=len(self._document.buffers))
+        buffer = self._document.buffers[number]
+        if buffer is None:
+            packed = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
+            why = f"is compressed ({packed}); {CURE}" if packed else "has no data; export the file again"
+            raise InputError(f"{self._document.file}: buffers[{number}] {why}")
+        start, size = view.whole("byteOffset", 0), view.whole("byteLength")
+        if start + size > len(buffer):
+            end = f"ends at byte {start + size}, buffers[{number}] at {len(buffer)}"
+            raise InputError(f"{view.where} {end}; the data is cut short, copy the file again")
+        offset, element = fields.whole("byteOffset", 0), width * dtype.itemsize
+        stride = view.whole("byteStride", element)
+        if stride < element:
+            raise view.bad("byteStride", f"at least {element}, the size of an element")
+        import_extra = offset + stride * (count - 1) + element if count else 0
+        if import_extra > size:
+            raise InputError(f"{fields.where} needs {import_extra} bytes, its bufferView has {size}; export it again")
+        if count == 0:
+            return np.empty((0, width), dtype)
+        return np.ndarray((count, width), dtype, buffer, start + offset, (stride, dtype.itemsize))
+
+    def _dtype(self, fields: Fields) -> np.dtype:
+        component = fields.whole("componentType")
+        if component not in COMPONENTS:
+            raise fields.bad("componentType", "one of " + ", ".join(map(str, COMPONENTS)))
+        return np.dtype(COMPONENTS[component])
+
+
+# --- KHR_draco_mesh_compression: a library decodes a primitive, and its accessors get the values ----------------------
+
+
+DRACO_EXTENSION = "KHR_draco_mesh_compression"
+_TRIANGLES = 4
+
+
+def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
+    """Give the accessors of a compressed primitive their values, and return which these are.
+
+    None are if the file has them uncompressed too.
+
+    Raises
+    ------
+    InputError
+        If the library is missing, or the data cannot be decoded.
+    """
+    packed = primitive.extension(DRACO_EXTENSION)
+    attributes = primitive.mapping("attributes", len(accessors))
+    if packed is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
+        return []
+    if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
+        raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
+    library = import_extra("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
+    data, indices = accessors.view_bytes(packed, "bufferView"), primitive.whole("indices", high=len(accessors))
+    try:
+        mesh = library.decode(data)
+        found = {
+            attributes[name]: np.asarray(mesh.get_attribute_by_unique_id(number)["data"])
+            for name, number in packed.mapping("attributes", 1 << 31).items()
+            if name in attributes
+        }
+        found[indices] = np.asarray(mesh.faces).reshape(-1, 1)
+    except Exception as error:  # the library raises various exceptions on damaged data
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(
+            f"{primitive.where}: Draco data cannot be decoded ({reason}); export the file again"
+        ) from error
+    for index, values in found.items():
+        accessors.supply(index, values)
+    return list(found)

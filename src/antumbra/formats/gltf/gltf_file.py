@@ -1,0 +1,186 @@
+"""glTF and GLB files: containers, buffers and data URIs, checked before they are read; and GLB output."""
+
+import base64
+import binascii
+import json
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote_to_bytes
+
+import numpy as np
+
+from ...errors import InputError
+from ...files import checked_file, sibling
+from ..json_fields import Fields, parse
+
+# --- A glTF file and its buffers, with sizes checked before anything is read ------------------------------------------
+
+
+GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
+COMPRESSIONS = {
+    "KHR_draco_mesh_compression": "Draco",
+    "EXT_meshopt_compression": "meshopt",
+    "KHR_meshopt_compression": "meshopt",
+}
+SUPPORTED = {"KHR_draco_mesh_compression", "KHR_mesh_quantization", "KHR_lights_punctual", "EXT_mesh_gpu_instancing"}
+HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "MSFT_packing_", "KHR_xmp")
+CURE_TEXTURES = "convert it first, for example with: npx @gltf-transform/cli ktxdecompress in.glb out.glb"
+CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.glb out.glb"
+
+
+class GltfDocument(NamedTuple):
+    """A glTF file: JSON, and buffers as bytes (None for a buffer without data)."""
+
+    file: str
+    folder: Path
+    root: Fields
+    buffers: list[np.ndarray | None]  # (byteLength,) uint8
+
+
+def open_gltf(path: Path) -> GltfDocument:
+    """Read a .glb or .gltf file, and the buffers in or beside it. The content decides between the two."""
+    data, file = path.read_bytes(), path.name
+    text, binary = split_glb(data, file) if data[:4] == GLB_MAGIC else (data, None)
+    root = parse(text, file)
+    _check_version(root)
+    _check_extensions(root)
+    for key in ("buffers", "images"):
+        for fields in root.objects(key):
+            uri = fields.text("uri", None)
+            if uri is not None and not is_data_uri(uri):
+                sibling(path.parent, uri, fields.place("uri"))
+    buffers = [_buffer(b, i, binary, path.parent) for i, b in enumerate(root.objects("buffers"))]
+    return GltfDocument(file, path.parent, root, buffers)
+
+
+def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
+    """The JSON and binary chunks of a GLB container."""
+    if len(data) < 20:
+        raise InputError(f"{file}: GLB header is cut short at {len(data)} bytes; copy the file again")
+    version, length = struct.unpack_from("<II", data, 4)
+    if version != 2:
+        raise InputError(f"{file}: GLB version is {version}; convert the file to glTF 2.0")
+    if length > len(data):
+        raise InputError(
+            f"{file}: GLB length says {length} bytes, the file has {len(data)}; it is truncated, copy again"
+        )
+    chunks: list[tuple[int, int, int]] = []
+    offset = 12
+    while offset + 8 <= length:
+        size, kind = struct.unpack_from("<II", data, offset)
+        offset += 8
+        if size > length - offset:
+            left = length - offset
+            raise InputError(f"{file}: GLB chunk {len(chunks)} says {size} bytes, {left} are left; copy the file again")
+        chunks.append((kind, offset, size))
+        offset += size
+    if not chunks or chunks[0][0] != JSON_CHUNK:
+        raise InputError(f"{file}: the first GLB chunk is not JSON; export the file again")
+    view = memoryview(data)
+    text = bytes(view[chunks[0][1] : chunks[0][1] + chunks[0][2]])
+    binary = next((view[o : o + n] for kind, o, n in chunks[1:2] if kind == BINARY_CHUNK), None)
+    return text, binary
+
+
+def is_data_uri(uri: str) -> bool:
+    return uri[:5].lower() == "data:"
+
+
+def data_uri_bytes(uri: str, where: str) -> bytes:
+    """The bytes in a data URI."""
+    head, comma, body = uri.partition(",")
+    if not comma:
+        raise InputError(f"{where} is a data URI without a comma; export the file again")
+    raw = unquote_to_bytes(body)
+    if not head.lower().endswith(";base64"):
+        return raw
+    try:
+        return base64.b64decode(raw, validate=True)
+    except (binascii.Error, ValueError):
+        raise InputError(f"{where} is a data URI that is not base64; export the file again") from None
+
+
+def _buffer(fields: Fields, index: int, binary, folder: Path) -> np.ndarray | None:
+    size, uri = fields.whole("byteLength"), fields.text("uri", None)
+    place = fields.place("byteLength")
+    if uri is None:
+        if index > 0 or binary is None:
+            return None
+        data = binary
+    elif is_data_uri(uri):
+        data = data_uri_bytes(uri, fields.place("uri"))
+    else:
+        path = checked_file(sibling(folder, uri, fields.place("uri")), f"{fields.place('uri')} {uri[:80]!r}")
+        _check_size(size, path.stat().st_size, place)
+        with path.open("rb") as stream:
+            data = stream.read(size)
+    _check_size(size, len(data), place)
+    return np.frombuffer(data, np.uint8, size)
+
+
+def _check_size(declared: int, real: int, place: str) -> None:
+    if declared > real:
+        raise InputError(f"{place} says {declared} bytes, but there are {real}; the data is cut short, copy it again")
+
+
+def _check_version(root: Fields) -> None:
+    asset = root.object("asset")
+    version = None if asset is None else asset.text("version", None)
+    if version is None:
+        raise InputError(f"{root.where} asset.version is missing; is this a glTF file?")
+    if version.split(".")[0] != "2":
+        raise InputError(f"{root.where} asset.version is {version[:20]!r}; convert the file to glTF 2.0")
+
+
+def _check_extensions(root: Fields) -> None:
+    for name in root.texts("extensionsRequired"):
+        if name in COMPRESSIONS and name not in SUPPORTED:
+            raise InputError(f"{root.where} the meshes are compressed with {COMPRESSIONS[name]} ({name}); {CURE}")
+        if name not in SUPPORTED and not name.startswith(HARMLESS):
+            raise InputError(
+                f"{root.where} extensionsRequired has {name[:60]!r}, which is unsupported; export without it"
+            )
+
+
+# --- Binary glTF 2.0 files (GLB): a JSON chunk, and a chunk with the arrays -------------------------------------------
+
+
+FLOAT, UNSIGNED_INT = 5126, 5125
+"""`componentType` of float32 and uint32."""
+
+ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
+"""`target` of a buffer view with vertices, and with indices."""
+
+
+_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # by columns
+
+
+def up_axis_transform(up: str) -> dict:
+    """The transform of a node that turns the up axis of a scene, "y" or "z", to +Y, as glTF has it.
+
+    It is a matrix and no quaternion, because square roots of 1/2 would round the coordinates.
+    """
+    return {"matrix": _UPRIGHT} if up == "z" else {}
+
+
+def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
+    """The keys `bufferViews` and `buffers` of a file whose arrays follow each other."""
+    starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
+    views = [
+        {"buffer": 0, "byteOffset": a, "byteLength": z - a, "target": t} for a, z, t in zip(starts, starts[1:], targets)
+    ]
+    return {"bufferViews": views, "buffers": [{"byteLength": starts[-1]}]}
+
+
+def glb_bytes(root: dict, blocks: Sequence[np.ndarray]) -> bytes:
+    """The bytes of a file: its JSON, and arrays whose sizes are multiples of four bytes."""
+    return assemble_glb(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
+
+
+def assemble_glb(text: bytes, binary: bytes) -> bytes:
+    """The bytes of a file: its JSON as text, and the bytes of its arrays."""
+    chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary + bytes(-len(binary) % 4))]
+    body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

@@ -1,0 +1,178 @@
+"""glTF materials: base colour, texture and alpha mode, and a note on the fields that are ignored."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...files import checked_file, sibling
+from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT, Material, Texture
+from ..json_fields import Fields
+from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
+
+# --- Materials of glTF: base colour, its texture, and what alpha means ------------------------------------------------
+
+
+MAX_IMAGE_BYTES = 1 << 28
+_WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
+_NEAREST = 9728
+_TRANSFORM = "KHR_texture_transform"
+_SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older model, archived but common
+
+
+class Used(NamedTuple):
+    """A material, and how its texture lies on meshes."""
+
+    material: Material
+    uv_set: str = "TEXCOORD_0"  # attribute with the texture coordinates
+    transform: np.ndarray | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
+
+    def placed(self, uv: np.ndarray) -> np.ndarray:
+        """Texture coordinates ((v, 2)) under the transform."""
+        return uv if self.transform is None else uv @ self.transform[:, :2].T + self.transform[:, 2]
+
+
+class Materials:
+    """The materials of a document. Those with the same image share its bytes. Unreadable textures are white."""
+
+    def __init__(self, document: GltfDocument):
+        self._document = document
+        root = document.root
+        self._materials, self._textures = root.objects("materials"), root.objects("textures")
+        self._images, self._views = root.objects("images"), root.objects("bufferViews")
+        self._samplers = root.objects("samplers")
+        self._used: dict[int, Used] = {}
+        self._bad: set[int] = set()
+        self._made: dict[tuple, Texture] = {}
+        self.notes: list[str] = []
+
+    def used(self, primitive: Fields) -> Used:
+        """The material of a primitive; white without a material."""
+        index = primitive.whole("material", None, high=len(self._materials))
+        if index is None:
+            return Used(PLAIN)
+        if index not in self._used:
+            self._used[index] = self._read(self._materials[index])
+        return self._used[index]
+
+    def _read(self, fields: Fields) -> Used:
+        model, factor, picture = fields.object("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
+        if model is None:
+            model, factor, picture = fields.extension(_SPECULAR), "diffuseFactor", "diffuseTexture"
+        mode = fields.text("alphaMode", OPAQUE)
+        if mode not in (OPAQUE, MASK, BLEND):
+            raise fields.bad("alphaMode", f"{OPAQUE}, {MASK} or {BLEND}")
+        made = Material(
+            name=fields.text("name", ""),
+            alpha_mode=mode,
+            cutoff=fields.number("alphaCutoff", 0.5),
+            double_sided=fields.flag("doubleSided"),
+        )
+        if model is None:
+            return Used(made)
+        r, g, b, a = np.clip(model.numbers(factor, 4, np.ones(4)), 0.0, 1.0).tolist()
+        made = made._replace(factor=(r, g, b, a))
+        shown = model.object(picture)
+        if shown is None:
+            return Used(made)
+        texture = self._textures[shown.whole("index", high=len(self._textures))]
+        made = made._replace(texture=self._texture(texture, mode != OPAQUE))
+        transform = shown.extension(_TRANSFORM)
+        uv_set = shown.whole("texCoord", 0)
+        if transform is not None:
+            uv_set = transform.whole("texCoord", uv_set)
+        return Used(made, f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
+
+    def _texture(self, texture: Fields, has_alpha: bool) -> Texture | None:
+        """A texture that can be decoded, or None, which is noted once for each image."""
+        webp = texture.extension("EXT_texture_webp")
+        source = texture if "source" in texture or webp is None else webp
+        index = source.whole("source", None, high=len(self._images))
+        if index is None:
+            ktx = texture.extension("KHR_texture_basisu") is not None
+            self._white(texture.where, f"it is KTX2; {CURE_TEXTURES}" if ktx else "its format is not supported")
+            return None
+        number = texture.whole("sampler", None, high=len(self._samplers))
+        sampler = Fields({}, texture.where) if number is None else self._samplers[number]
+        wrap_s, wrap_t = (_WRAPS.get(sampler.whole(key, 10497), REPEAT) for key in ("wrapS", "wrapT"))
+        nearest = sampler.whole("magFilter", 0) == _NEAREST
+        key = index, wrap_s, wrap_t, nearest, has_alpha
+        image = self._images[index]
+        if key not in self._made and index not in self._bad:
+            try:
+                made = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
+                made.glance  # noqa: B018  # decodes: mean colours need it, and errors are told here
+                self._made[key] = made
+            except (OSError, ValueError) as error:  # an InputError is a ValueError
+                self._bad.add(index)
+                self._white(image.where, str(error))
+        return self._made.get(key)
+
+    def _white(self, where: str, why: str) -> None:
+        why = " ".join(why.split())[:160].removeprefix(where + " ")
+        self.notes.append(f"{where} cannot be used ({why}); taken as white")
+
+    def _bytes(self, image: Fields) -> bytes:
+        uri = image.text("uri", None)
+        if uri is None:
+            return self._view(image)
+        if is_data_uri(uri):
+            return data_uri_bytes(uri, image.place("uri"))
+        path: Path = checked_file(sibling(self._document.folder, uri, image.place("uri")), uri[:80])
+        if path.stat().st_size > MAX_IMAGE_BYTES:
+            raise InputError(f"{uri[:80]} is too large for a texture")
+        return path.read_bytes()
+
+    def _view(self, image: Fields) -> bytes:
+        view = self._views[image.whole("bufferView", high=len(self._views))]
+        buffer = self._document.buffers[view.whole("buffer", high=len(self._document.buffers))]
+        start, size = view.whole("byteOffset", 0), view.whole("byteLength", low=1)
+        if buffer is None or start + size > len(buffer):
+            raise InputError(f"{view.where} reaches beyond its buffer")
+        return buffer[start : start + size].tobytes()
+
+
+def _matrix(transform: Fields) -> np.ndarray:
+    """(2, 3) float64: offset times rotation times scale of KHR_texture_transform."""
+    angle = transform.number("rotation", 0.0)
+    x, y = transform.numbers("scale", 2, (1.0, 1.0))
+    u, v = transform.numbers("offset", 2, (0.0, 0.0))
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c * x, s * y, u], [-s * x, c * y, v]])
+
+
+# --- What a glTF file says about its materials and is left out, in one line -------------------------------------------
+
+
+_EXTENSIONS = {
+    "transmission": ("KHR_materials_transmission", "KHR_materials_volume", "KHR_materials_diffuse_transmission"),
+    "clearcoat": ("KHR_materials_clearcoat",),
+    "sheen": ("KHR_materials_sheen",),
+    "iridescence": ("KHR_materials_iridescence",),
+    "anisotropy": ("KHR_materials_anisotropy",),
+    "specular colours": ("KHR_materials_specular",),
+}
+
+
+def ignored_fields(root: Fields) -> list[str]:
+    """One note that names the properties of materials that pictures do not show; empty if there are none."""
+    found = {name for material in root.objects("materials") for name in _of_material(material)}
+    if root.extension("KHR_materials_variants") is not None:
+        found.add("variants of materials")
+    return [f"{root.where} left out: {', '.join(sorted(found))}; surfaces are diffuse"] if found else []
+
+
+def _of_material(material: Fields):
+    model = material.object("pbrMetallicRoughness")
+    if model is not None and ("metallicRoughnessTexture" in model or model.number("metallicFactor", 0.0) > 0.0):
+        yield "metalness and roughness"
+    if "normalTexture" in material:
+        yield "normal maps"
+    if "occlusionTexture" in material:
+        yield "occlusion maps"
+    if "emissiveTexture" in material or np.any(material.numbers("emissiveFactor", 3, np.zeros(3))):
+        yield "emission"
+    for name, extensions in _EXTENSIONS.items():
+        if any(material.extension(extension) is not None for extension in extensions):
+            yield name

@@ -1,0 +1,275 @@
+"""glTF mesh primitives: triangles, strips and fans, morph targets and skins, and the merging of small primitives."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...scene.materials import Look, look_of, mean_colours
+from ...scene.mesh import Mesh, check_finite, n_faces, used_faces
+from ..json_fields import Fields
+from .accessors import Accessors, decompress
+from .gltf_materials import Materials
+
+# --- Mesh primitives: triangles, strips and fans, with the data for skins and morph targets ---------------------------
+
+
+TRIANGLES, STRIP, FAN = 4, 5, 6
+
+
+class Primitive(NamedTuple):
+    """A mesh primitive with triangles."""
+
+    mesh: Mesh
+    where: str  # name in errors
+    targets: np.ndarray | None  # (t, v, 3) float32 or float64, displacements of morph targets
+    joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
+    weights: np.ndarray | None  # (v, j) float64, their sum 1
+    used: np.ndarray | None  # (rows,) bool: the accessors' rows that are vertices here; None: all
+    place: int  # index of the primitive in its mesh
+
+    @property
+    def triangles(self) -> int:
+        return n_faces(self.mesh.positions, self.mesh.faces)
+
+
+def read_primitive(
+    fields: Fields, name: str, accessors: Accessors, materials: Materials, index: int
+) -> Primitive | None:
+    """A primitive, or None if it has no triangles, as points and lines."""
+    decompress(fields, accessors)
+    mode = fields.whole("mode", TRIANGLES, high=7)
+    attributes = fields.mapping("attributes", len(accessors))
+    if mode < TRIANGLES or "POSITION" not in attributes:
+        return None
+    positions = accessors.floats(attributes["POSITION"], "VEC3")
+    faces = _faces(fields, mode, len(positions), accessors)
+    if n_faces(positions, faces) == 0:
+        return None
+    used = None
+    if faces is not None:
+        faces, used = used_faces(faces, len(positions), fields.where)
+
+    def rows(values: np.ndarray) -> np.ndarray:
+        if len(values) != len(positions):
+            raise InputError(f"{fields.where} has {len(positions)} positions but {len(values)} of another attribute")
+        return np.array(values if used is None else values[used])
+
+    targets = _targets(fields, accessors, rows)
+    joints, weights = _influences(attributes, accessors, rows)
+    own = rows(positions)
+    check_finite(own, fields.where)
+    colour, look = _shown(fields, attributes, accessors, rows, faces, materials, own)
+    return Primitive(Mesh(name, own, faces, colour, look), fields.where, targets, joints, weights, used, index)
+
+
+def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
+    """(f, 3) vertex indices; None if every three vertices are a face."""
+    index = fields.whole("indices", None, high=len(accessors))
+    corners = None if index is None else accessors.whole(index, "SCALAR")[:, 0]
+    count = n_vertices if corners is None else len(corners)
+    if mode == TRIANGLES:
+        if count % 3:
+            raise InputError(f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated")
+        return None if corners is None else corners.reshape(-1, 3)
+    if corners is None:
+        corners = np.arange(count)
+    i = np.arange(max(count - 2, 0))
+    if mode == STRIP:
+        return np.stack([corners[i], corners[i + 1 + i % 2], corners[i + 2 - i % 2]], axis=1)
+    return np.stack([corners[i + 1], corners[i + 2], corners[i * 0]], axis=1)
+
+
+def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
+    targets = []
+    for target in fields.objects("targets"):
+        index = target.whole("POSITION", None, high=len(accessors))
+        targets.append(None if index is None else rows(accessors.floats(index, "VEC3")))
+    moving = [t for t in targets if t is not None]
+    if not moving:
+        return None
+    for t in moving:
+        check_finite(t, f"{fields.where} morph target")
+    still = np.zeros_like(moving[0])
+    return np.stack([still if t is None else t for t in targets])
+
+
+def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple:
+    """(joints, weights) of all sets (JOINTS_0, JOINTS_1, ...) side by side. Weights sum to 1."""
+    joints, weights = [], []
+    for n in range(len(attributes)):
+        if f"JOINTS_{n}" not in attributes or f"WEIGHTS_{n}" not in attributes:
+            break
+        joints.append(rows(accessors.whole(attributes[f"JOINTS_{n}"], "VEC4")))
+        weights.append(rows(accessors.finite(attributes[f"WEIGHTS_{n}"], "VEC4")))
+    if not joints:
+        return None, None
+    joint, weight = np.concatenate(joints, axis=1).astype(np.int64), np.concatenate(weights, axis=1)
+    joint[weight == 0.0] = 0  # exporters leave arbitrary joints here
+    total = weight.sum(axis=1, keepdims=True)
+    weight[:, 0] += (total == 0.0)[:, 0]  # a vertex without weights follows its first joint
+    return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
+
+
+def _shown(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials, rest) -> tuple:
+    """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean says everything)."""
+
+    def of(name: str, *kinds: str) -> np.ndarray | None:
+        return rows(accessors.floats(attributes[name], *kinds)) if name in attributes else None
+
+    used = materials.used(fields)
+    uv = None if used.material.texture is None else of(used.uv_set, "VEC2")
+    uv = None if uv is None else used.placed(uv)
+    colours = of("COLOR_0", "VEC3", "VEC4")
+    look = look_of(used.material, uv, colours, of("NORMAL", "VEC3"), rest)
+    return mean_colours(used.material, faces, uv, colours), look
+
+
+# --- Vertices that move within their mesh: morph targets and skins, in float64 ----------------------------------------
+
+
+class Skin(NamedTuple):
+    """Joints and their inverse bind matrices."""
+
+    joints: np.ndarray  # (j,) int64, node indices
+    inverse_bind: np.ndarray  # (j, 4, 4) float64
+    where: str  # name in errors
+
+
+def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
+    skins = []
+    for fields in root.objects("skins"):
+        joints = np.array(fields.indices("joints", n_nodes), np.int64)
+        inverse = np.tile(np.eye(4), (len(joints), 1, 1))
+        index = fields.whole("inverseBindMatrices", None, high=len(accessors))
+        if index is not None:
+            stored = accessors.finite(index, "MAT4")
+            if len(stored) < len(joints):
+                raise InputError(f"{fields.where} has {len(joints)} joints but {len(stored)} inverseBindMatrices")
+            inverse = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1)  # stored by columns
+        skins.append(Skin(joints, inverse, fields.where))
+    return skins
+
+
+def check_skin(primitive: Primitive, skin: Skin) -> None:
+    """Raise InputError if the primitive uses joints that the skin does not have."""
+    if primitive.joints is not None and primitive.joints.size and primitive.joints.max() >= len(skin.joints):
+        raise InputError(
+            f"{primitive.where} uses joint {primitive.joints.max()}, but {skin.where} has {len(skin.joints)}"
+        )
+
+
+def morphed(primitive: Primitive, weights: np.ndarray) -> np.ndarray:
+    """Positions ((v, 3)) plus the weighted displacements of the morph targets."""
+    if primitive.targets is None:
+        return primitive.mesh.positions
+    positions = primitive.mesh.positions.astype(np.float64)
+    for weight, target in zip(weights, primitive.targets):
+        if weight != 0.0:
+            positions += weight * target.astype(np.float64)
+    return positions
+
+
+def skinned(positions: np.ndarray, primitive: Primitive, skin: Skin, world: np.ndarray) -> np.ndarray:
+    """World positions ((1, v, 3) float64) of a skinned mesh: the weighted mean over its joints' transforms.
+
+    `world` ((n, 4, 4)) has the nodes' world matrices. The matrix of the mesh's own node is not used.
+    """
+    assert primitive.joints is not None and primitive.weights is not None
+    matrices = (world[skin.joints] @ skin.inverse_bind)[:, :3]
+    homogeneous = np.concatenate([positions.astype(np.float64), np.ones((len(positions), 1))], axis=1)
+    out = np.zeros((1, len(positions), 3))
+    for joint, weight in zip(primitive.joints.T, primitive.weights.T):
+        out[0] += weight[:, None] * np.einsum("vij,vj->vi", matrices[joint], homogeneous)
+    return out
+
+
+# --- Runs: small primitives of a mesh, one after the other, that are placed as one ------------------------------------
+#
+# Some exporters write thousands of primitives with a few triangles each, and show their mesh at hundreds of nodes.
+# Each placement costs Python time, so they are joined where the mesh is read. Faces and their order stay as they are.
+
+
+MOST = 1 << 14
+"""Vertices of a run. Larger primitives stay alone: for them Python's time does not count, but memory does."""
+
+
+def join_small_primitives(primitives: list[Primitive]) -> list[Primitive]:
+    """The primitives, with runs of small ones joined. Those of a run move in the same way."""
+    runs: list[list[Primitive]] = []
+    kind, size = None, 0
+    for primitive in primitives:
+        n, own = len(primitive.mesh.positions), _kind(primitive)
+        if not runs or own != kind or size + n > MOST:
+            runs.append([])
+            size = 0
+        runs[-1].append(primitive)
+        kind, size = own, size + n
+    return [run[0] if len(run) == 1 else _joined(run) for run in runs]
+
+
+def _kind(primitive: Primitive) -> tuple:
+    """What must be equal for primitives to move in the same way."""
+    targets, joints = primitive.targets, primitive.joints
+    return (
+        primitive.mesh.positions.dtype,
+        None if targets is None else (len(targets), targets.dtype),
+        None if joints is None else joints.shape[1],
+    )
+
+
+def _joined(run: list[Primitive]) -> Primitive:
+    first, meshes = run[0], [p.mesh for p in run]
+    counts = [n_faces(m.positions, m.faces) for m in meshes]
+    faces = None
+    if any(m.faces is not None for m in meshes):
+        faces = np.concatenate([own + start for own, start in zip(map(_run_faces, meshes), _starts(meshes))])
+    colour = np.concatenate([np.broadcast_to(m.colour, (n, 3)) for m, n in zip(meshes, counts)])
+    if (colour == colour[0]).all():
+        colour = colour[0]
+    positions = np.concatenate([m.positions for m in meshes])
+    mesh = Mesh(first.mesh.name, positions, faces, colour, _look(meshes, counts, positions))
+    return first._replace(
+        mesh=mesh,
+        where=f"{first.where} to {run[-1].where.rpartition('.')[2]}",
+        targets=None if first.targets is None else np.concatenate([p.targets for p in run], axis=1),
+        joints=None if first.joints is None else np.concatenate([p.joints for p in run]),
+        weights=None if first.weights is None else np.concatenate([p.weights for p in run]),
+        used=None,
+    )
+
+
+def _starts(meshes: list[Mesh]) -> Iterator[np.int32]:
+    """The first vertex of each mesh among those of all."""
+    yield from np.cumsum([0, *(len(m.positions) for m in meshes[:-1])], dtype=np.int32)
+
+
+def _run_faces(mesh: Mesh) -> np.ndarray:
+    return np.arange(len(mesh.positions), dtype=np.int32).reshape(-1, 3) if mesh.faces is None else mesh.faces
+
+
+def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look | None:
+    """The look of joined meshes: rows of an attribute that some of them lack have its neutral value."""
+    looks = [m.look for m in meshes]
+    if all(look is None for look in looks):
+        return None
+    materials = list(dict.fromkeys(m for look in looks if look is not None for m in look.materials))
+    number = {material: i for i, material in enumerate(materials)}
+    of_mesh = np.array([-1 if look is None else number[look.materials[0]] for look in looks], np.int32)
+    textured = np.array([look is not None and look.uv is not None for look in looks])
+    rows = lambda name, width, neutral: _rows(meshes, name, width, neutral)
+    normals = rows("normals", 3, 0.0)
+    return Look(
+        tuple(materials), rows("uv", 2, 0.0), rows("colours", 4, 1.0), normals, None if normals is None else positions,
+        np.repeat(of_mesh, counts), np.repeat(textured, counts),
+    )  # fmt: skip
+
+
+def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> np.ndarray | None:
+    """(v, width) float32: an attribute of the vertices of all meshes; None: none has it."""
+    given = [None if m.look is None else getattr(m.look, name) for m in meshes]
+    if all(values is None for values in given):
+        return None
+    lacking = lambda mesh: np.full((len(mesh.positions), width), neutral, np.float32)
+    return np.concatenate([lacking(m) if values is None else values for m, values in zip(meshes, given)])

@@ -1,0 +1,195 @@
+"""OBJ, PLY and STL files. trimesh parses them; this module checks their numbers."""
+
+import io
+import logging
+import re
+from collections.abc import Iterator, Mapping
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError
+from ..files import checked_file, sibling
+from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, decode_image
+from ..scene.mesh import Mesh, StaticMeshes, flip_v, make_mesh, textured_mesh
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # keeps its tracebacks off the screen
+
+MAX_SIDE_FILE = 1 << 28
+_PLY_ELEMENT = re.compile(rb"^element\s+(\S+)\s+(\d+)", re.MULTILINE)
+_OPTIONS = re.compile(r"^(?:-(?:[ost]\s+\S+\s+\S+\s+\S+|mm\s+\S+\s+\S+|\w+\s+\S+)\s+)+")  # before a texture's name
+_OBJ_HEAD = re.compile(rb"^(usemtl|o|f|g|s) ([^\n]*)", re.MULTILINE)
+_OBJ_OBJECT = re.compile(rb"^o [^\n]*", re.MULTILINE)
+_OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
+
+
+def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
+    """(source, notes) of an .obj, .ply or .stl file. The notes list everything that was left out."""
+    import trimesh
+
+    data, file, kind = path.read_bytes(), path.name, path.suffix.lower()[1:]
+    if kind == "ply":
+        _check_ply(data, file)
+    elif kind == "obj":
+        _check_obj(data, file)
+    else:
+        _check_stl(data, file)
+    textures = FolderResolver(path.parent, file, _obj_name(data) if kind == "obj" else "geometry")
+    data = _OBJ_OBJECT.sub(b"", data) if kind == "obj" else data
+    try:
+        loaded = trimesh.load(io.BytesIO(data), file_type=kind, resolver=textures, process=False)
+    except IndexError as error:
+        raise InputError(f"{file}: a face uses a missing vertex ({error}); export the mesh again") from error
+    parts = loaded.geometry if isinstance(loaded, trimesh.Scene) else {path.stem: loaded}
+    meshes = [_mesh(name, part, textures) for name, part in parts.items() if len(getattr(part, "faces", ()))]
+    return StaticMeshes(meshes, file), textures.notes
+
+
+class FolderResolver(Mapping):
+    """Gives trimesh the material and texture files in the scene's folder, and no others; and names of meshes."""
+
+    def __init__(self, folder: Path, file: str, name: str = "geometry"):
+        self.notes: list[str] = []
+        self._folder, self.file = folder, file
+        self._names = _names(name)
+        self._made: dict[tuple[str, str], Texture | None] = {}
+
+    def get(self, name: str, default=None) -> bytes:
+        """The contents of the file `name`. An unreadable file is noted and raises OSError."""
+        name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
+        where = f"{self.file}: file {name[:80]!r}"
+        try:
+            path = checked_file(sibling(self._folder, name, f"{self.file}: file"), where)
+            if path.stat().st_size > MAX_SIDE_FILE:
+                raise InputError(f"{where} is too large")
+            return path.read_bytes()
+        except (InputError, OSError) as error:
+            self.notes.append(f"{error} (its colours are taken as white)")
+            raise OSError(str(error)) from error
+
+    @property
+    def file_name(self) -> str:
+        """The name of the next mesh of an OBJ file whose materials are missing.
+
+        trimesh gives all of them this name, and then looks for a free number from 1 on: a million looks for 1,400.
+        """
+        return next(self._names)
+
+    def __getitem__(self, name: str) -> bytes:
+        return self.get(name)
+
+    def __iter__(self):
+        return iter(())  # files are not listed
+
+    def __len__(self) -> int:
+        return 0
+
+    def texture(self, colour: str, opacity: str) -> Texture | None:
+        """A texture of the file `colour`, with the brightness of the file `opacity` as alpha; "" for no file.
+
+        None if neither can be read.
+        """
+        if (colour, opacity) not in self._made:
+            data = [self._decodable(name) for name in (colour, opacity)]
+            made = Texture(f"{self.file}: {colour or opacity}", data[0], has_alpha=bool(data[1]), opacity=data[1])
+            self._made[colour, opacity] = made if data[0] or data[1] else None
+        return self._made[colour, opacity]
+
+    def _decodable(self, name: str) -> bytes | None:
+        if not name:
+            return None
+        try:
+            data = self.get(name)
+            decode_image(data, 1)
+        except ValueError as error:
+            if not isinstance(error, InputError):
+                self.notes.append(f"{self.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
+            return None
+        except OSError:  # noted by `get`
+            return None
+        return data
+
+
+def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
+    where = f'{textures.file}: mesh "{name}"'
+    positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise InputError(f"{where} has vertices of {positions.shape[-1]} numbers; a vertex is x y z")
+    colours = np.asarray(part.visual.face_colors) if part.visual.kind == "face" else None
+    mesh = make_mesh(name, positions, faces, colours, where)  # checks the indices
+    if colours is not None:
+        return mesh
+    of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
+    uv = flip_v(getattr(part.visual, "uv", None), len(positions))
+    normals = part.vertex_normals if "vertex_normals" in part._cache else None  # those of the file
+    material = _material(getattr(part.visual, "material", None), textures)
+    return textured_mesh(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
+
+
+def _material(given, textures: FolderResolver) -> Material:
+    """A material of an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
+    if given is None:
+        return PLAIN
+    diffuse, more = getattr(given, "diffuse", None), getattr(given, "kwargs", {})
+    r, g, b = (np.ones(3) if diffuse is None else np.asarray(diffuse)[:3] / 255.0).tolist()
+    image = getattr(given, "image", None)
+    shown = "" if image is None else image.info.get("file_path", "")
+    holes = " ".join(more.get("map_d", ()))
+    alpha = _number(more.get("d"), 1.0) if "d" in more else 1.0 - _number(more.get("tr"), 0.0)
+    texture = textures.texture(shown, holes) if shown or holes else None
+    mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
+    return Material(getattr(given, "name", None) or "", (r, g, b, alpha), texture, mode)
+
+
+def _number(words, default: float) -> float:
+    """The number from 0 to 1 of a line of an MTL file."""
+    try:
+        return float(np.clip(float(words[-1]), 0.0, 1.0))
+    except (TypeError, ValueError, IndexError):
+        return default
+
+
+def _check_ply(data: bytes, file: str) -> None:
+    """Raise InputError if the header declares more elements than fit in the file."""
+    head, end, body = data.partition(b"end_header")
+    if not data.startswith(b"ply") or not end:
+        raise InputError(f"{file}: no PLY header; is this a PLY file?")
+    counts = {name: int(count) for name, count in _PLY_ELEMENT.findall(head)}
+    room = len(body.split(b"\n")) if b"format ascii" in head else len(body)
+    declared = sum(counts.values())
+    if declared > room:
+        raise InputError(f"{file}: PLY header declares {declared} elements, there is room for {room}; copy it again")
+
+
+def _check_stl(data: bytes, file: str) -> None:
+    """Raise InputError if a binary STL is shorter than its header says. trimesh takes it for empty text."""
+    if data.lstrip().startswith(b"solid") and b"facet" in data:
+        return
+    needed = 84 + 50 * int.from_bytes(data[80:84], "little")
+    if len(data) < needed:
+        raise InputError(f"{file}: STL header needs {needed} bytes, there are {len(data)}; copy the file again")
+
+
+def _obj_name(data: bytes) -> str:
+    """The name that trimesh gives to meshes of an OBJ file without materials: that of an ``o`` before all faces."""
+    first = _OBJ_HEAD.search(data)
+    return "geometry" if first is None or first[1] != b"o" else first[2].strip().decode("utf-8", "replace")
+
+
+def _names(name: str) -> Iterator[str]:
+    """Distinct names, as trimesh makes them: name, name_1, name_2 ...; or part_7, part_8 ..."""
+    if name:
+        yield name
+    stem, mark, number = name.rpartition("_")
+    numbered = bool(mark) and number.isdecimal()
+    stem, last = (stem, int(number)) if numbered else (name or "geometry", 0)
+    yield from (f"{stem}_{i}" for i in count(last + 1))
+
+
+def _check_obj(data: bytes, file: str) -> None:
+    """Raise InputError on vertex number 0, which is invalid in OBJ. trimesh takes it for 1."""
+    match = _OBJ_ZERO.search(data)
+    if match:
+        line = data.count(b"\n", 0, match.end()) + 1
+        raise InputError(f"{file}: line {line} uses vertex 0; OBJ counts vertices from 1, export the mesh again")

@@ -1,0 +1,183 @@
+"""A pool of processes that compile kernels, as many as there are cores.
+
+Each process reads one request a line and answers with null or an error message. It imports Numba without scipy's
+linear algebra, which starts faster.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+from ..machine_code import level
+from ..marshalling import import_object
+from ..parallel import thread_count
+from .kernel_cache import KernelFolder, cache_folder
+
+# --- Import Numba without scipy's linear algebra ----------------------------------------------------------------------
+
+
+def import_numba() -> None:
+    """Import Numba's array functions, but not scipy's linear algebra behind them, whose import takes 0.2 s.
+
+    It is for processes that only compile, since Numba then refuses np.dot in kernels. No kernel multiplies matrices.
+    """
+    if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
+        return
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails at once
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        del sys.modules["scipy.linalg"]
+
+
+# --- A compiling process: it reads one request a line, and answers each with null or with an error message ------------
+#
+# A request is JSON: the kernel's name, the kinds of its arguments, and the levels of processors.
+
+
+def serve() -> None:
+    """Serve `crew.compile_all` until it closes the pipe. This process ignores Ctrl-C: the caller ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)  # other output must not be taken for an answer
+    import_numba()
+    from .kernel_cache import KernelFolder, cache_folder, load_or_compile
+    from .kernel_digest import kernel_digest
+
+    for line in sys.stdin:
+        name, key, levels = json.loads(line)
+        try:
+            kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
+            load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
+            problem = None
+        except Exception as error:
+            problem = f"{type(error).__name__}: {error}"
+        answers.write(json.dumps(problem) + "\n")
+        answers.flush()
+
+
+# --- Several processes that compile kernels at once, as many as there are cores ---------------------------------------
+#
+# Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process
+# takes the next kernel when its last one is done. The longest kernels go first, so that all processes end together.
+# Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+
+
+PoolProgress = Callable[[int, int], None]
+_POLL_SECONDS = 0.1
+_START = """
+import json, sys
+sys.path[:] = json.loads(sys.stdin.readline())
+from antumbra.kernels.toolchain.compile_pool import main
+main()
+"""
+
+
+class KernelRequest(NamedTuple):
+    """A kernel to compile: its name, and the kinds of its arguments."""
+
+    kernel: str  # module:qualname
+    key: str  # kinds of the arguments, separated by blanks
+    seconds: float = 0.0  # expected time to compile
+
+
+class _CompileProcess(threading.Thread):
+    """One compiling process, and the thread that sends it requests."""
+
+    def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
+        super().__init__(daemon=True)
+        self._levels, self._work, self._done = list(levels), work, done
+        command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
+        own = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=own)
+
+    def run(self):
+        try:
+            self._say(sys.path)
+            while True:
+                wanted = self._work.get_nowait()
+                self._say([wanted.kernel, wanted.key, self._levels])
+                answer = self._process.stdout.readline()
+                self._done.put((wanted, json.loads(answer) if answer else "the compiling process ended"))
+        except Empty:
+            pass
+        except (OSError, ValueError) as error:  # the process is gone
+            self._done.put((None, str(error)))
+        finally:
+            self._done.put(None)
+
+    def _say(self, thing) -> None:
+        self._process.stdin.write(json.dumps(thing) + "\n")
+        self._process.stdin.flush()
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            pipe.close()
+
+
+def compile_kernels(
+    wanted: Iterable[KernelRequest],
+    progress: PoolProgress | None = None,
+    processes: int | None = None,
+    levels: Sequence[str] | None = None,
+) -> list[str]:
+    """Compile the kernels that the user's cache lacks, and keep them there.
+
+    Parameters
+    ----------
+    wanted : iterable of Wanted
+    progress : function of (kernels done, kernels), called in this thread, optional
+    processes : int, optional
+        None means one for each core that this process may use.
+    levels : sequence of str, optional
+        Levels of processors; None means this processor's. Numba's part of the work is done once.
+
+    Returns
+    -------
+    list of str
+        Error messages, one for each failed kernel. A call of such a kernel compiles it again, and raises.
+    """
+    todo = sorted(set(wanted), key=lambda each: -each.seconds)
+    work: SimpleQueue = SimpleQueue()
+    done: SimpleQueue = SimpleQueue()
+    for each in todo:
+        work.put(each)
+    crew = [
+        _CompileProcess(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))
+    ]
+    try:
+        for worker in crew:
+            worker.start()
+        return _wait(done, len(crew), len(todo), progress)
+    finally:
+        for worker in crew:
+            worker.end()
+        KernelFolder(cache_folder(), level()).prune()
+
+
+def _wait(done: SimpleQueue, at_work: int, total: int, progress: PoolProgress | None) -> list[str]:
+    ready, wrong = 0, []
+    while at_work:
+        if progress is not None:
+            progress(ready, total)
+        try:
+            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is heard
+        except Empty:
+            continue
+        if answer is None:
+            at_work -= 1
+            continue
+        each, problem = answer
+        ready += each is not None
+        wrong += [f"{each.kernel if each else 'a process'}: {problem}"] if problem else []
+    if progress is not None:
+        progress(ready, total)
+    return wrong

@@ -1,0 +1,253 @@
+"""Compile a kernel to machine code by Numba and LLVM. This module is imported only when something must be compiled.
+
+Entry. Python calls one function of a kernel, ``int64 f(words*, words*)``. It reads the arguments from 8-byte words
+(`marshalling.flatten`), calls the kernel, and writes the result as words. The result is 0, or Numba's status if the
+kernel raised.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import cpu_target
+from numba.np import arrayobj
+
+from .. import machine_code as machine
+from ..jit import guest_overloads, inlined, kernel, overloads
+from ..machine_code import KernelCode, symbol_of
+from ..marshalling import END, NONE, Spec, array_parts, class_of, is_array
+from .numba_frontend import Library, Lowered, generic_part, kept_as_ir, numba_patches, part_of
+
+# --- The one function of a kernel that Python calls: ``int64 f(words*, words*)`` --------------------------------------
+#
+# It reads the arguments from 8-byte words (`arguments.flatten`), calls the kernel, and writes the result as words. The
+# result is 0, or Numba's status if the kernel raised.
+
+
+WORD = ir.IntType(64)
+
+
+class _Words:
+    """8-byte words in memory, one after the other."""
+
+    def __init__(self, context, builder, pointer):
+        self.context, self.builder, self._pointer, self._at = context, builder, pointer, 0
+
+    def _next(self):
+        address = cgutils.gep_inbounds(self.builder, self._pointer, self._at)
+        self._at += 1
+        return address
+
+    def word(self):
+        return self.builder.load(self._next())
+
+    def read(self, kind):
+        """The LLVM value of the next argument, of type `kind`."""
+        builder = self.builder
+        if isinstance(kind, types.Array):
+            return self._array(kind)
+        if isinstance(kind, types.BaseTuple):
+            return self.context.make_tuple(builder, kind, [self.read(item) for item in kind.types])
+        if isinstance(kind, types.Boolean):
+            return builder.icmp_unsigned("!=", self.word(), WORD(0))
+        if isinstance(kind, types.Integer):
+            word, wanted = self.word(), self.context.get_value_type(kind)
+            return builder.trunc(word, wanted) if wanted.width < 64 else word
+        if kind == types.float64:
+            return builder.bitcast(self.word(), ir.DoubleType())
+        if kind == types.float32:
+            return builder.bitcast(builder.trunc(self.word(), ir.IntType(32)), ir.FloatType())
+        if kind == types.none:
+            return self.context.get_dummy_value()
+        raise NotImplementedError(f"a kernel's argument of type {kind}")
+
+    def _array(self, kind):
+        context, builder = self.context, self.builder
+        element = context.get_data_type(kind.dtype)
+        array = context.make_array(kind)(context, builder)
+        arrayobj.populate_array(
+            array,
+            data=builder.inttoptr(self.word(), element.as_pointer()),
+            shape=[self.word() for _ in range(kind.ndim)],
+            strides=[self.word() for _ in range(kind.ndim)],
+            itemsize=WORD(context.get_abi_sizeof(element)),
+            meminfo=None,
+        )
+        return array._getvalue()
+
+    def write(self, kind, value):
+        """Write the LLVM value of a result of type `kind`."""
+        builder = self.builder
+        if isinstance(kind, types.BaseTuple):
+            for i, item in enumerate(kind.types):
+                self.write(item, builder.extract_value(value, i))
+        elif kind != types.none:
+            builder.store(self._as_word(kind, value), self._next())
+
+    def _as_word(self, kind, value):
+        builder = self.builder
+        if isinstance(kind, types.Boolean):
+            return builder.zext(self.context.cast(builder, value, kind, types.boolean), WORD)
+        if isinstance(kind, types.Integer):
+            widen = builder.sext if kind.signed else builder.zext
+            return widen(value, WORD) if value.type.width < 64 else value
+        if kind == types.float64:
+            return builder.bitcast(value, WORD)
+        if kind == types.float32:
+            return builder.zext(builder.bitcast(value, ir.IntType(32)), WORD)
+        raise NotImplementedError(f"a kernel's result of type {kind}")
+
+
+def entry_library(context, lowered: Lowered, symbol: str) -> Library:
+    """The library of the function `symbol`, which Python calls."""
+    library = Library(context.codegen(), symbol)
+    module = library.create_ir_module("entry")
+    words = WORD.as_pointer()
+    function = ir.Function(module, ir.FunctionType(WORD, [words, words]), symbol)
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    arguments, results = (_Words(context, builder, pointer) for pointer in function.args)
+
+    fndesc = lowered.fndesc
+    values = [arguments.read(kind) for kind in fndesc.argtypes]
+    callee = context.declare_function(module, fndesc)
+    status, value = context.call_conv.call_function(builder, callee, fndesc.restype, fndesc.argtypes, values)
+    with builder.if_then(status.is_error, likely=False):
+        builder.ret(builder.sext(status.code, WORD))
+    results.write(fndesc.restype, value)
+    builder.ret(WORD(0))
+    library.add_ir_module(module)
+    library.add_linking_library(lowered.library)
+    return library
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Compile a kernel to machine code by Numba and LLVM. This module is imported only when something must be compiled.
+
+
+_TYPES = {
+    "b": types.boolean, "i1": types.int8, "i2": types.int16, "i4": types.int32, "i": types.int64,
+    "u1": types.uint8, "u2": types.uint16, "u4": types.uint32, "u": types.uint64,
+    "f": types.float32, "d": types.float64, NONE: types.none,
+}  # fmt: skip
+_TOKENS = {kind: token for token, kind in _TYPES.items()}
+_RUNTIME = "NRT_", "numba_", "Py", "_Py"
+
+
+class KernelSize(NamedTuple):
+    """The size of a kernel's linked IR, before LLVM optimises."""
+
+    functions: int
+    instructions: int
+
+
+# --- types -------------------------------------------------------------------------------------------------------
+
+
+def argument_types(key: str) -> tuple[types.Type, ...]:
+    """Numba's types of the arguments that a key describes."""
+    tokens = iter(key.split())
+    return tuple(_type(token, tokens) for token in tokens)
+
+
+def _type(token: str, rest: Iterator[str]) -> types.Type:
+    if is_array(token):
+        dtype, ndim, layout, writeable = array_parts(token)
+        return types.Array(numba.from_dtype(np.dtype(dtype)), ndim, layout, readonly=not writeable)
+    if not token.endswith("("):
+        return _TYPES[token]
+    items = []
+    for inner in rest:
+        if inner == END:
+            break
+        items.append(_type(inner, rest))
+    return types.BaseTuple.from_types(items, tuple if token == "(" else class_of(token[:-1]))
+
+
+def result_spec(kind: types.Type) -> Spec:
+    """The `arguments.Spec` of a result type: it tells `arguments.Result` how to build the value."""
+    if isinstance(kind, types.BaseTuple):
+        cls = getattr(kind, "instance_class", tuple)
+        name = None if cls is tuple else f"{cls.__module__}:{cls.__qualname__}"
+        return [name, [result_spec(item) for item in kind.types]]
+    token = _TOKENS.get(types.unliteral(kind))
+    if token is None:
+        raise TypeError(f"a kernel cannot return {kind} to Python")
+    return token
+
+
+def type_of_function(function: inlined) -> types.Type:
+    return part_of(function).type
+
+
+def type_of_global(value) -> types.Type:
+    """Numba's type of an intrinsic or of a type."""
+    try:
+        return cpu_target.typing_context.resolve_value_type(value)
+    except Exception:  # the value is newer than Numba's last refresh
+        cpu_target.target_context.refresh()
+        return cpu_target.typing_context.resolve_value_type(value)
+
+
+_known: dict[object, object] = {}
+
+
+def _tell_numba_of_overloads(kernel: inlined, key: str) -> None:
+    from .kernel_digest import homes_of, reached
+
+    for function in reached(kernel.py_func, homes_of(key)):
+        if function not in _known and (overloads(function) or guest_overloads(function)):
+            _known[function] = part = generic_part(function)
+            cpu_target.typing_context.insert_global(function, part.type)
+
+
+# --- machine code ------------------------------------------------------------------------------------------------
+
+
+@global_compiler_lock
+def lower_kernel(kernel: kernel, key: str, symbol: str):
+    """(LLVM module of all that a kernel reaches, `Spec` of its result)."""
+    _tell_numba_of_overloads(kernel, key)
+    context = cpu_target.target_context
+    context.refresh()
+    with kept_as_ir(context), numba_patches():
+        found = part_of(kernel).lower(argument_types(key))
+        library = entry_library(context, found, symbol)
+    return library.linked(symbol), result_spec(found.signature.return_type)
+
+
+def size_of(module) -> KernelSize:
+    """The size of a linked module."""
+    inner = [f for f in module.functions if not f.is_declaration]
+    return KernelSize(len(inner), sum(1 for f in inner for block in f.blocks for _ in block.instructions))
+
+
+def outside(module) -> list[str]:
+    """Functions that a module calls and the process must provide, such as ``sin``."""
+    return sorted(f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm."))
+
+
+def compile_kernel(kernel: kernel, key: str, digest: str, levels: Sequence[str]) -> list[KernelCode]:
+    """Machine code of a kernel for the argument kinds of `key`, one for each level in `levels`.
+
+    Raises
+    ------
+    numba.core.errors.NumbaError
+        If Numba cannot compile the kernel.
+    TypeError
+        If the kernel allocates memory or calls Python.
+    """
+    lowered_once, result = lower_kernel(kernel, key, symbol_of(digest))
+    codes = []
+    for level in levels:
+        module = machine.optimise(lowered_once.clone(), level)
+        runtime = [name for name in outside(module) if name.startswith(_RUNTIME)]
+        if runtime:
+            raise TypeError(
+                f"{kernel.name} needs {', '.join(runtime)}: a kernel may not allocate memory or call Python"
+            )
+        codes.append(KernelCode(kernel.name, key, result, machine.emit_object(module, level)))
+    return codes

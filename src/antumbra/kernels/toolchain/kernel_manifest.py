@@ -1,0 +1,123 @@
+"""The kernels that each job calls, recorded in ``needs.json``, and packs of their machine code for wheels.
+
+``python -m antumbra.kernels.toolchain.kernel_manifest`` compiles a pack for each processor level.
+"""
+
+import argparse
+import json
+import sys
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from ...progress import report_progress
+from ..machine_code import LEVELS, level, usable
+from ..marshalling import import_object
+from .compile_pool import KernelRequest, compile_kernels
+from .kernel_cache import PACKS, KernelFolder, cache_folder, write_pack
+from .kernel_digest import kernel_digest
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The kernels that each job calls, recorded in ``needs.json``. Several processes compile them before the job runs.
+#
+# The file holds the kernels, with their size, and for each job the indices of its kernels. A script writes the file
+# (``scripts/record_kernels.py``), and a test compares it with the kernels that jobs call. A kernel that is not
+# recorded is compiled at its first call.
+
+
+MANIFEST = Path(__file__).with_name("needs.json")
+
+
+class KernelManifest(NamedTuple):
+    """The contents of the files."""
+
+    kernels: list[KernelRequest]
+    jobs: dict[str, list[int]]  # name of a job: indices into `kernels`
+
+
+_files = [MANIFEST]
+
+
+def add_manifest(file: Path) -> None:
+    """Read another file too, with kernels that another package adds, such as `antumbra.papers`."""
+    if file not in _files:
+        _files.append(file)
+        recorded_kernels.cache_clear()
+
+
+@cache
+def recorded_kernels() -> KernelManifest:
+    """The contents of all files. A missing file counts as empty."""
+    return read_manifests(*_files)
+
+
+def read_manifests(*files: Path) -> KernelManifest:
+    """The needs that some files hold. Missing files hold none."""
+    kernels: list[KernelRequest] = []
+    jobs: dict[str, list[int]] = {}
+    for file in files:
+        try:
+            said = json.loads(file.read_text())
+        except OSError:
+            continue
+        jobs |= {job: [len(kernels) + place for place in places] for job, places in said["jobs"].items()}
+        kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in said["kernels"]]
+    return KernelManifest(kernels, jobs)
+
+
+def package_manifest() -> KernelManifest:
+    """The contents of all such files in this package, also of parts that nobody has added; each kernel once."""
+    found = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
+    return KernelManifest(list({(each.kernel, each.key): each for each in found.kernels}.values()), {})
+
+
+def kernels_of_job(name: str) -> set[KernelRequest] | None:
+    """The kernels that a job calls; None if the job is not recorded."""
+    needs = recorded_kernels()
+    return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None
+
+
+# --- Packs of machine code for common processors, which a wheel brings along: ``python -m antumbra.kernels.toolchain.kernel_manifest`` -----
+#
+# Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
+# cannot run. The command says so, because nobody has run these packs where they were made.
+
+
+def make_packs(out: Path, levels: list[str]) -> list[Path]:
+    """Compile all recorded kernels for `levels`, write one pack for each level, and return their paths.
+
+    Raises
+    ------
+    RuntimeError
+        If a kernel cannot be compiled. Nothing is written then.
+    """
+    wanted = package_manifest().kernels
+    digests = [kernel_digest(import_object(each.kernel), each.key) for each in wanted]
+    with report_progress(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
+        wrong = compile_kernels(wanted, progress, levels=levels)
+    if wrong:
+        raise RuntimeError("; ".join(wrong))
+    paths = []
+    for each in levels:
+        folder = KernelFolder(cache_folder(), each)
+        paths.append(write_pack(out, each, {digest: folder.get(digest) for digest in digests}))
+    return paths
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m antumbra.kernels.toolchain.kernel_manifest", description=__doc__.splitlines()[0]
+    )
+    parser.add_argument("--level", action="append", choices=LEVELS, help="may be repeated; default: all")
+    parser.add_argument("--out", type=Path, default=PACKS, help="folder; default: the package's own")
+    options = parser.parse_args(arguments)
+    runs = usable(level())
+    for path in make_packs(options.out, options.level or list(LEVELS)):
+        made = path.stem.partition("-")[2]
+        note = "" if made in runs else "  (this machine cannot run it)"
+        print(f"{path}  {path.stat().st_size / 1e6:.1f} MB{note}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

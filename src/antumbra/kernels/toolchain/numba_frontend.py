@@ -1,0 +1,390 @@
+"""Numba's front end: kernels, inlined functions and overloads, compiled for argument types to LLVM IR.
+
+A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and C,
+parallel loops, object mode, and memory managed by reference counts.
+
+Libraries. Numba's own library optimises every function, links it with its callees and makes machine code of it. Only
+kernels that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+
+Patches. Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated
+questions. The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not
+change. A change that does not fit the installed version is left out.
+"""
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import NamedTuple
+
+import llvmlite.binding as llvm
+from numba import _dynfunc
+from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types, typing
+from numba.core import typed_passes as typed
+from numba.core import untyped_passes as untyped
+from numba.core.imputils import user_function
+from numba.core.registry import cpu_target
+from numba.core.types import functions
+from numba.core.typing.templates import fold_arguments
+from numba.core.utils import pysignature
+
+from ..jit import guest_overloads, inlined, overloads
+
+# --- Numba's front end, faster while kernels are compiled -------------------------------------------------------------
+#
+# Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated questions.
+# The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not change. A
+# change that does not fit the installed version is left out.
+
+
+@contextmanager
+def numba_patches() -> Iterator[None]:
+    """Within the context, Numba compiles faster. Call it under Numba's compiler lock."""
+    with ExitStack() as changes:
+        changes.enter_context(_without_collection())
+        for owner, name, value in _CHANGES:
+            with suppress(AttributeError):
+                changes.enter_context(_changed(owner, name, value))
+        yield
+
+
+@contextmanager
+def _changed(owner, name: str, value) -> Iterator[None]:
+    before = getattr(owner, name)
+    setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        setattr(owner, name, before)
+
+
+@contextmanager
+def _without_collection() -> Iterator[None]:
+    """Turn off garbage collection, which takes a seventh of all time: Numba makes many long-lived objects."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+_remembered: dict = {}
+_resolve = functions.BaseFunction.get_call_type
+
+
+def _remembered_call_type(self, context, args, kws):
+    """The result type of a builtin function, asked once for each list of argument types."""
+    if kws:
+        return _resolve(self, context, args, kws)
+    question = (id(self), len(self.templates), tuple(args))
+    known = _remembered.get(question)
+    if known is None:
+        known = _remembered[question] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
+    return known[1]
+
+
+_LEAVES = {str, int, float, bool, type(None), ir.Loc}
+
+
+def _variables(values, found: list) -> list:
+    """Append the variables among `values` to `found`. Values that hold no variables are skipped."""
+    for value in values:
+        kind = type(value)
+        if kind is ir.Var:
+            found.append(value)
+        elif kind in _LEAVES:
+            continue
+        elif kind is list or kind is tuple:
+            _variables(value, found)
+        elif kind is dict:
+            _variables(value.values(), found)
+        elif isinstance(value, ir.Inst):
+            found += value.list_vars()
+        elif isinstance(value, ir.Var):
+            found.append(value)
+    return found
+
+
+def _list_vars(self):
+    return _variables(vars(self).values(), [])
+
+
+_CHANGES = (
+    (event, "broadcast", lambda event: None),  # no listener needs Numba's events
+    (functions.BaseFunction, "get_call_type", _remembered_call_type),
+    (ir.Stmt, "list_vars", _list_vars),
+    (ir.Expr, "list_vars", _list_vars),
+)
+
+# --- LLVM IR of functions that Numba has lowered, linked only for kernels that Python calls ---------------------------
+#
+# Numba's own library optimises every function, links it with its callees and makes machine code of it. Only kernels
+# that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+
+
+_NO_ERROR = "i32 0"
+
+
+class Library(codegen.CodeLibrary):
+    """The code of one function, kept as IR. It takes the place of Numba's own `CodeLibrary`."""
+
+    def __init__(self, codegen, name):
+        super().__init__(codegen, name)
+        self._modules: list[llvm.ModuleRef] = []
+        self._callees: dict[codegen.CodeLibrary, None] = {}
+
+    def add_linking_library(self, library):
+        self._callees[library] = None
+
+    def add_ir_module(self, ir_module):
+        module = llvm.parse_assembly(cgutils.normalize_ir_text(str(ir_module)))
+        module.name = ir_module.name
+        module.data_layout = self._codegen._data_layout
+        _simplify(self._codegen, module)
+        self._modules.append(module)
+
+    def never_fails(self, name: str) -> bool:
+        """Whether a function of this library only ever returns the status "no error": it never raises."""
+        function = self._modules[0].get_function(name)
+        ends = (list(block.instructions)[-1] for block in function.blocks)
+        returned = (next(end.operands) for end in ends if end.opcode == "ret")
+        return all(str(value) == _NO_ERROR for value in returned)
+
+    def linked(self, visible: str | None = None) -> llvm.ModuleRef:
+        """One module of this library and of all libraries that it reaches.
+
+        Only the function `visible` is visible from outside; with None, every function is.
+        """
+        linked = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
+        for library in self._closure():
+            modules = library._modules if isinstance(library, Library) else [library._get_module_for_linking()]
+            for module in modules:
+                linked.link_in(_mergeable(module), preserve=True)
+        if visible is not None:
+            for value in (*linked.functions, *linked.global_variables):
+                if not value.is_declaration and value.name != visible and not value.name.startswith("llvm."):
+                    value.linkage = "internal"
+        return linked
+
+    def _closure(self) -> list[codegen.CodeLibrary]:
+        """All libraries that this one reaches, itself first."""
+        found, todo = {self: None}, [self]
+        while todo:
+            for library in todo.pop()._callees:
+                if library not in found:
+                    found[library] = None
+                    todo += [library] if isinstance(library, Library) else []
+        return list(found)
+
+    # Numba calls the methods below if a function from elsewhere calls one that was compiled here.
+
+    def finalize(self):
+        self._finalized = True
+
+    def get_pointer_to_function(self, name):
+        return 0
+
+    def _get_module_for_linking(self):
+        return self.linked()
+
+    def get_function(self, name):
+        return self.linked().get_function(name)
+
+    def get_llvm_str(self):
+        return str(self.linked())
+
+    def get_asm_str(self):
+        raise NotImplementedError("functions that kernels call have no machine code of their own")
+
+
+def _simplify(codegen, module: llvm.ModuleRef) -> None:
+    """Run LLVM's function passes. Smaller IR pays, since a function is linked into many kernels."""
+    passes, builder = codegen._function_pass_manager()
+    for function in module.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
+
+
+def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
+    """A copy that can be linked into a module that already has the same functions."""
+    copy = module.clone()
+    for function in copy.functions:
+        if not function.is_declaration and function.linkage == llvm.Linkage.external:
+            function.linkage = "weak_odr"  # not "linkonce": LLVM drops that if nothing uses the function yet
+    return copy
+
+
+def _executable(library, fndesc, environment):
+    """A placeholder for Numba's function that Python can call. Nobody calls it."""
+    name = fndesc.qualname.rpartition(".")[2]
+    return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
+
+
+@contextmanager
+def kept_as_ir(context) -> Iterator[None]:
+    """Within the context, all code that Numba compiles goes into this module's libraries, Numba's own functions too.
+
+    Call it under Numba's compiler lock, since it changes Numba's behaviour.
+    """
+    codegen = context.codegen()
+    codegen._library_class, context.get_executable = Library, _executable
+    try:
+        yield
+    finally:
+        del codegen._library_class, context.get_executable  # the class attributes are visible again
+
+
+# --- Parts: kernels, inlined functions and overloads as Numba sees them, compiled for argument types to LLVM IR -------
+#
+# A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and
+# C, parallel loops, object mode, and memory managed by reference counts.
+
+
+_PASSES = (
+    (untyped.TranslateByteCode, "bytecode to IR"),
+    (untyped.FixupArgs, "arguments"),
+    (untyped.IRProcessing, "IR"),
+    (untyped.InlineClosureLikes, "closures"),
+    (untyped.RewriteSemanticConstants, "constants"),
+    (untyped.DeadBranchPrune, "dead branches"),
+    (untyped.GenericRewrites, "rewrites"),
+    (untyped.ReconstructSSA, "SSA"),
+    (untyped.DeadBranchPrune, "dead branches"),
+    (typed.NopythonTypeInference, "types"),
+    (typed.PreLowerStripPhis, "phi nodes"),
+    (typed.NopythonRewrites, "typed rewrites"),
+    (typed.IRLegalization, "legal IR"),
+    (typed.NativeLowering, "lowering"),
+)
+
+
+class _Passes(compiler_machinery.PassManager):
+    """Runs passes without Numba's timing, events and checks of each pass."""
+
+    def _runPass(self, index, each, state):
+        each.analysis = self._analysis
+        for run in each.run_initialization, each.run_pass, each.run_finalizer:
+            run(state)
+
+
+class _Pipeline(compiler.CompilerBase):
+    def define_pipelines(self):
+        passes = _Passes("antumbra")
+        for each, what in _PASSES:
+            passes.add_pass(each, what)
+        passes.finalize()
+        return [passes]
+
+
+class Lowered(NamedTuple):
+    """A part compiled for argument types."""
+
+    signature: typing.Signature
+    fndesc: object  # Numba's description of the function: name and types
+    library: Library
+
+
+class CompiledPart:
+    """A function that other compiled functions call; Numba takes it for a dispatcher."""
+
+    def __init__(self, py_func: Callable, choose: Callable, forced: bool):
+        self.py_func, self._choose, self._forced = py_func, choose, forced
+        self._signature = pysignature(py_func)
+        self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
+        self.is_compiling = 0  # Numba reads this for functions that call themselves
+        self.type = types.Dispatcher(self)
+
+    def __repr__(self):
+        return self.py_func.__qualname__
+
+    def get_call_template(self, args, kws):
+        """Called by Numba: the type that a call with arguments of these types returns."""
+        signature, args = self.fold_argument_types(args, kws)
+        found, name = self.lower(tuple(args)), self.py_func.__name__
+        return typing.make_concrete_template(name, name, [found.signature]), signature, args, {}
+
+    def fold_argument_types(self, args, kws):
+        """Called by Numba: the types of all arguments, given by position, by name or by default."""
+        keep = lambda index, parameter, value: value
+        default = lambda index, parameter, value: types.Omitted(value)
+        return self._signature, fold_arguments(self._signature, args, kws, keep, default, keep)
+
+    def get_overload(self, signature):
+        """Called by Numba: the key of the code, as given to `insert_user_function`."""
+        return self.lowered[tuple(signature)]
+
+    @property
+    def nopython_signatures(self):
+        return [found.signature for found in self.lowered.values()]
+
+    def lower(self, args: tuple[types.Type, ...]) -> Lowered:
+        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `library.kept_as_ir`."""
+        found = self.lowered.get(args)
+        if found is None:
+            typing_context, context = cpu_target.typing_context, cpu_target.target_context
+            library = Library(context.codegen(), self.py_func.__qualname__)
+            function, flags = self._choose(args), _flags(self._forced)
+            self.is_compiling += 1
+            try:
+                made = compiler.compile_extra(
+                    typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
+                )
+            finally:
+                self.is_compiling -= 1
+            found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
+            implementation = _call_of(made.fndesc, library)
+            context._defns[found].append(implementation, implementation.signature)
+            self.lowered[args] = found
+        return found
+
+
+def _call_of(fndesc, library: Library):
+    """What callers of a function run: Numba's `user_function`, without the test for errors if it never raises."""
+    if isinstance(fndesc.restype, types.Optional) or not library.never_fails(fndesc.llvm_func_name):
+        return user_function(fndesc, [library])
+
+    def call(context, builder, signature, args):
+        function = context.declare_function(builder.module, fndesc)
+        _, value = context.call_conv.call_function(builder, function, fndesc.restype, fndesc.argtypes, args)
+        return value
+
+    call.signature, call.libs = fndesc.argtypes, (library,)  # type: ignore[attr-defined]
+    return call
+
+
+def _flags(forced: bool) -> compiler.Flags:
+    flags = compiler.Flags()
+    flags.nrt = False
+    flags.no_compile = True
+    flags.no_cpython_wrapper = True
+    flags.no_cfunc_wrapper = True
+    flags.release_gil = True
+    flags.error_model = "numpy"
+    flags.forceinline = forced
+    flags.enable_pyobject = False
+    flags.boundscheck = False
+    return flags
+
+
+def part_of(function: inlined) -> CompiledPart:
+    """The part of a kernel or an inlined function."""
+    part = vars(function).get("_part")
+    if part is None:
+        part = function._part = CompiledPart(function.py_func, lambda args: function.py_func, function.forced)
+    return part
+
+
+def generic_part(stub: Callable) -> CompiledPart:
+    """The part of a function with overloads: Numba compiles the first overload that knows the types."""
+
+    def choose(args):
+        homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}
+        guests = [guest for guest in guest_overloads(stub) if guest.__module__ in homes]
+        for implementation in (*guests, *overloads(stub)):
+            chosen = implementation(*args)
+            if chosen is not None:
+                return chosen
+        raise TypeError(f"{stub.__qualname__} has no overload for ({', '.join(map(str, args))})")
+
+    return CompiledPart(stub, choose, False)

@@ -1,0 +1,125 @@
+"""Vectors of three coordinates: of float32 scalars, or of f32x16 with one vector in each lane."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .jit import F32OrLanes, inlined
+from .simd import absolute, broadcast16, fma, get, load16, maximum, splat16, store
+
+_HALF, _MORE = np.float32(0.5), np.float32(1.0 + 2.0**-18)
+
+
+class Vec3(NamedTuple):
+    """Three coordinates: float32 or f32x16."""
+
+    x: F32OrLanes
+    y: F32OrLanes
+    z: F32OrLanes
+
+
+@inlined
+def dot(a, b):
+    """a . b of f32x16."""
+    return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z))
+
+
+@inlined
+def dots(v, s):
+    """v . s of f32x16 and scalars."""
+    return fma(v.x, splat16(s.x), fma(v.y, splat16(s.y), v.z * s.z))
+
+
+@inlined
+def abs_dot(v, w):
+    """|v| . w of f32x16; |v| is taken component by component."""
+    return fma(absolute(v.x), w.x, fma(absolute(v.y), w.y, absolute(v.z) * w.z))
+
+
+@inlined
+def abs_dots(v, s):
+    """|v| . s of f32x16 and scalars; |v| is taken component by component."""
+    return fma(absolute(v.x), splat16(s.x), fma(absolute(v.y), splat16(s.y), absolute(v.z) * s.z))
+
+
+@inlined
+def cross(a, b):
+    """a x b of f32x16."""
+    return Vec3(fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x)))
+
+
+@inlined
+def crosses(a, s):
+    """a x s of f32x16 and scalars."""
+    return Vec3(
+        fma(a.y, splat16(s.z), -(a.z * s.y)),
+        fma(a.z, splat16(s.x), -(a.x * s.z)),
+        fma(a.x, splat16(s.y), -(a.y * s.x)),
+    )
+
+
+@inlined
+def plus(a, b):
+    return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
+
+
+@inlined
+def minus(a, b):
+    return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
+
+
+@inlined
+def times(a, s):
+    """a * s, component by component."""
+    return Vec3(a.x * s, a.y * s, a.z * s)
+
+
+@inlined
+def largest(v):
+    """The largest magnitude of three f32x16."""
+    return maximum(maximum(absolute(v.x), absolute(v.y)), absolute(v.z))
+
+
+@inlined
+def magnitudes(v):
+    return Vec3(absolute(v.x), absolute(v.y), absolute(v.z))
+
+
+@inlined
+def total(v):
+    """The sum of magnitudes of three f32x16."""
+    return absolute(v.x) + absolute(v.y) + absolute(v.z)
+
+
+@inlined
+def middles_and_halves(low, high):
+    """(middles, half extents) of boxes from their corners, padded: middle -+ half contains each box."""
+    m = plus(times(low, _HALF), times(high, _HALF))
+    up, down = minus(high, m), minus(m, low)
+    return m, Vec3(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
+
+
+@inlined
+def scalars(p, at, stride):
+    """Three numbers from memory, `stride` apart."""
+    return Vec3(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
+
+
+@inlined
+def rows(p, at, stride):
+    """Three f32x16 from memory, `stride` float32 apart."""
+    return Vec3(load16(p, at), load16(p, at + stride), load16(p, at + 2 * stride))
+
+
+@inlined
+def broadcasts(p, at, stride):
+    """Three numbers from memory, each in all lanes."""
+    return Vec3(broadcast16(p, at), broadcast16(p, at + stride), broadcast16(p, at + 2 * stride))
+
+
+@inlined
+def keep(p, at, stride, v):
+    """Write three f32x16."""
+    store(p, at, v.x)
+    store(p, at + stride, v.y)
+    store(p, at + 2 * stride, v.z)

@@ -1,0 +1,298 @@
+"""Walkthroughs of the CHC+RT benchmark, their rays, and the methods that trace them [Mattausch et al. 2015, Sec. 7].
+
+The methods are CHC+RT and plain tracing from the root.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import islice
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh.block_tree import BlockTree
+from ...bvh.nodes import Bvh
+from ...engine.paged_scene import PagedScene
+from ...engine.plan import parse_plan
+from ...engine.scene import AnyScene
+from ...errors import InputError
+from ...generate.city import PITCH
+from ...kernels.jit import kernel
+from ...kernels.parallel import items, new_ticket, run
+from ...query.gbuffer import pixel_direction
+from ...query.light_samples import light_samples
+from ...query.ray_passes import RayPass, diffuse_passes, diffuse_rays
+from ...query.shadow_query import ShadowQuery, Surfaces, new_bits, ray_count, surface_queries
+from ...scene.camera import Camera, CameraRays
+from ...scene.lights import AmbientOcclusion, Light
+from ...techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, trace_shadow
+from ...trace.primary.primary_rays import trace_primary
+from ...trace.rays import ray_hits as bounce
+from .. import benchmark_views as views
+from ..benchmark_views import BenchmarkView, real_path, square
+
+# --- Walkthroughs of the CHC+RT benchmark [Mattausch et al. 2015, Sec. 7] ---------------------------------------------
+#
+# The city has a walk along a street and a bird's eye view. Any other scene has a few steps from its own camera, and a
+# view of the whole scene from afar.
+
+
+REAL = ("sanmiguel_lite",)
+"""Folders of $ANTUMBRA_SCENES that are measured if they exist."""
+
+CITY = "procedural:city?triangles="
+_EYE = 1.7  # height of the eye above the street, in metres
+_LANE = 1.5  # distance from the middle of the street, in metres; there are no cars here
+_FIRST, _LAST = 55.0, -5.0  # z of both ends of the walk along the street
+_CITY_REACH, _REACH = 2.0, 1 / 200  # length of AO rays: in metres, or as a share of the scene's diagonal
+_STEP = 1 / 100  # length of a walk from a camera, as a share of the diagonal
+_TURN = np.radians(15.0)
+_NEARER = 0.6  # share of the distance from which the whole bounding sphere is visible: most scenes are flat
+
+
+class Walk(NamedTuple):
+    """A walkthrough along a straight line."""
+
+    name: str  # "near" or "far"
+    first: Camera
+    last: Camera
+
+    def camera(self, frame: int, frames: int) -> Camera:
+        """The camera of frame `frame` of `frames`."""
+        share = frame / max(frames - 1, 1)
+        a, b = self.first, self.last
+        position, target = ((1.0 - share) * getattr(a, k) + share * getattr(b, k) for k in ("position", "target"))
+        return Camera(position, target, a.up, a.vfov, a.width, a.height)
+
+
+class WalkPlace(NamedTuple):
+    """A scene and its walkthroughs."""
+
+    name: str
+    scene: AnyScene
+    light: Light
+    reach: float  # radius of ambient occlusion, in world units
+    walks: tuple[Walk, Walk]  # near and far
+
+
+def default_names(triangles: int) -> list[str]:
+    """The scenes that are measured if none is named."""
+    return [f"{CITY}{triangles}", *(name for name in REAL if real_path(name))]
+
+
+def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
+    """The view of a folder of $ANTUMBRA_SCENES, a procedural scene, a scene file or a store."""
+    return views.named_view(name, size, square(10), REAL)
+
+
+def check_in_memory(view: BenchmarkView) -> None:
+    """Raise an InputError if the scene is in a store."""
+    if isinstance(view.scene, PagedScene):
+        raise InputError(f"{view.name}: is a store; name it with --store instead of --scene")
+
+
+def place_of(view: BenchmarkView) -> WalkPlace:
+    """A scene with its two walks."""
+    scene, size = view.scene, (view.camera.width, view.camera.height)
+    city = scene.name == "city"
+    diagonal = float(np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+    near = _street(scene, size) if city else _steps(view.camera, _STEP * diagonal)
+    far = _nearer(scene.default_camera(*size))
+    reach = _CITY_REACH if city else _REACH * diagonal
+    walks = Walk("near", *near), Walk("far", far, _turned(far, far.target))
+    return WalkPlace(view.name, scene, view.lights[0], reach, walks)
+
+
+def _street(scene: AnyScene, size: tuple[int, int]) -> tuple[Camera, Camera]:
+    """The first and the last camera along the street that is nearest to the centre of the city."""
+    low, high = scene.bounds
+    blocks = round(float(high[0] - low[0]) / PITCH)
+    x = _LANE + (PITCH / 2 if blocks % 2 else 0.0)
+    places = ((x, _EYE, z) for z in (_FIRST, _LAST))
+    first, last = (Camera(p, np.add(p, (0.0, 0.5, -20.0)), vfov=60.0, width=size[0], height=size[1]) for p in places)
+    return first, last
+
+
+def _steps(camera: Camera, length: float) -> tuple[Camera, Camera]:
+    """The camera, and the camera after a step ahead and a turn to the side."""
+    ahead = camera.target - camera.position
+    step = length / np.linalg.norm(ahead) * ahead
+    position = camera.position + step
+    target = _around(camera.target + step, position, camera.up)
+    return camera, Camera(position, target, camera.up, camera.vfov, camera.width, camera.height)
+
+
+def _nearer(camera: Camera) -> Camera:
+    """The camera, moved nearer to its target."""
+    position = camera.target + _NEARER * (camera.position - camera.target)
+    return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
+
+
+def _turned(camera: Camera, centre) -> Camera:
+    """The camera after it has flown a part of a circle around `centre`."""
+    position = _around(camera.position, centre, camera.up)
+    return Camera(position, camera.target, camera.up, camera.vfov, camera.width, camera.height)
+
+
+def _around(point, centre, up) -> np.ndarray:
+    """A point, rotated around the axis `up` through `centre`."""
+    axis, v = up / np.linalg.norm(up), point - centre
+    along = np.dot(v, axis) * axis
+    return centre + along + np.cos(_TURN) * (v - along) + np.sin(_TURN) * np.cross(axis, v)
+
+
+# --- The kinds of rays of a frame, and the methods that trace them: CHC+RT, and plain tracing from the root -----------
+#
+# Times are of tracing only. Rays are made before, and their hits are not shaded.
+
+
+PRIMARY, AO, DIFFUSE, SOFT = KINDS = ("primary", "AO", "diffuse", "soft shadows")
+PASSES, SPP = 20, 16  # rays for each pixel: of AO and of diffuse light; of soft shadows
+SAMPLER = "halton:36"  # sampler of AO and diffuse rays
+
+PLANS = {
+    "bsah+single": KINDS,
+    "bsah+packet16": (AO, SOFT),
+    "bsah+multifrusta": (PRIMARY, AO, SOFT),
+}
+"""Plan -> the kinds of rays for which it has a method of its own."""
+
+Question = CameraRays | RayPass | ShadowQuery
+Answer = tuple[np.ndarray, ...]
+"""(bits,) for a shadow query; otherwise (face, t), one for each pixel."""
+
+
+class FrameRays(NamedTuple):
+    """The rays of one frame."""
+
+    camera: CameraRays
+    surfaces: Surfaces  # the surfaces that the camera sees
+    shadows: dict[str, ShadowQuery]  # AO and SOFT -> query
+    directions: np.ndarray  # directions of the diffuse passes, see `query.ray_passes.Passes`
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.camera.height, self.camera.width
+
+    def questions(self, kind: str) -> Iterator[Question]:
+        """Yield the questions of a frame for a kind of rays, one after the other."""
+        if kind == PRIMARY:
+            yield self.camera
+        elif kind == DIFFUSE:
+            for directions in self.directions:  # one pass at a time, to save memory
+                rays = diffuse_rays(self.surfaces.gbuffer, self.shadows[AO].origins, directions)
+                yield rays._replace(skip=self.surfaces.ids.reshape(-1))
+        else:
+            yield self.shadows[kind]
+
+    def rays(self, kind: str) -> int:
+        """The number of rays of a kind in a frame."""
+        if kind == PRIMARY:
+            return self.camera.width * self.camera.height
+        query = self.shadows[SOFT if kind == SOFT else AO]
+        return ray_count(query)
+
+
+def frame_rays(place: WalkPlace, camera: Camera, surfaces: Surfaces, sampler: str, threads: int) -> FrameRays:
+    """The camera's rays, and all rays that start at the surfaces it sees."""
+    lights = [AmbientOcclusion(place.reach), place.light]
+    samples = [light_samples(lights[0], PASSES, sampler), light_samples(lights[1], SPP)]
+    queries = surface_queries(surfaces, lights, samples, threads=threads)
+    directions = diffuse_passes([place.light], PASSES, sampler).directions
+    return FrameRays(camera.rays(surfaces.triangles.origin), surfaces, dict(zip((AO, SOFT), queries)), directions)
+
+
+@kernel
+def _pixel_rays(ticket, rays, origins, directions):
+    """Worker: make the rays of rows of pixels."""
+    o = rays.origin
+    for y in items(ticket):
+        for x in range(rays.width):
+            at = y * rays.width + x
+            origins[at, 0], origins[at, 1], origins[at, 2] = o[0], o[1], o[2]
+            directions[at, 0], directions[at, 1], directions[at, 2] = pixel_direction(rays, x, y)
+
+
+def _camera_pass(rays: CameraRays, threads: int) -> RayPass:
+    """The rays of a camera, one for each pixel."""
+    m = rays.width * rays.height
+    made = RayPass(np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.full(m, -1, np.int32))
+    run(_pixel_rays, threads, new_ticket(rays.height, 8), rays, made.origins, made.directions)
+    return made
+
+
+class Culling:
+    """CHC+RT, with its state from the frame before."""
+
+    def __init__(self, name: str, scheduled: ChcRtState, threads: int, together: int = 1):
+        self.name, self.scheduled, self.threads, self.kinds = name, scheduled, threads, KINDS
+        self.together = together  # passes of diffuse rays that are traced together
+
+    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
+        first = questions[0]
+        if isinstance(first, ShadowQuery):
+            return [(_bits(first, partial(trace_shadow, self.scheduled), self.threads),)]
+        if isinstance(first, CameraRays):
+            hits = [camera_hits(self.scheduled, first, self.threads)]
+        else:
+            hits = nearest_hits(self.scheduled, questions, shape, self.threads)
+        return [(each.face.reshape(-1), each.t.reshape(-1)) for each in hits]
+
+
+class Plain:
+    """A plan that keeps no state and traces from the root."""
+
+    def __init__(self, plan: str, bvh: Bvh, tree: BlockTree, threads: int):
+        self.name, self.kinds, self.bvh, self.tree, self.threads = plan, PLANS[plan], bvh, tree, threads
+        self.tracer = parse_plan(plan).tracer
+        self.blocks = plan.endswith("multifrusta")
+        self.prepared = tree if self.blocks else self.tracer.prepare(bvh, threads)
+
+    together = 1
+
+    def answer(self, questions: Sequence[Question], shape: tuple[int, int]) -> list[Answer]:
+        (question,) = questions
+        if isinstance(question, ShadowQuery):
+            return [(_bits(question, partial(self.tracer.trace, self.prepared), self.threads),)]
+        if self.blocks and isinstance(question, CameraRays):
+            face, t = trace_primary(self.tree, question, self.threads)
+            return [(face.reshape(-1), t.reshape(-1))]
+        rays = _camera_pass(question, self.threads) if isinstance(question, CameraRays) else question
+        return [bounce.nearest_hits(self.bvh, *rays, self.threads)]
+
+
+Method = Culling | Plain
+
+
+def _bits(query: ShadowQuery, trace, threads: int) -> np.ndarray:
+    bits = new_bits(query)
+    trace(query, bits, threads)
+    return bits
+
+
+def timed(method: Method, asked: FrameRays, kind: str) -> tuple[float, list[Answer]]:
+    """(seconds to trace the rays of a kind, answers)."""
+    seconds, found, questions = 0.0, list[Answer](), asked.questions(kind)
+    while some := list(islice(questions, method.together)):
+        start = perf_counter()
+        found += method.answer(some, asked.shape)
+        seconds += perf_counter() - start
+    return seconds, found
+
+
+def differing(one: list[Answer], other: list[Answer]) -> int:
+    """The number of rays for which two methods give different answers."""
+    n = 0
+    for a, b in zip(one, other, strict=True):
+        if len(a) == 1:
+            n += int(np.bitwise_count(a[0] ^ b[0]).sum())
+        else:
+            n += int(np.count_nonzero((a[0] != b[0]) | ~_near(a[1], b[1])))
+    return n
+
+
+def _near(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(m,) bool: where two t are equal, but for rounding: `hit_t` of pictures is within 2**-29 of the t of rays."""
+    with np.errstate(invalid="ignore"):
+        return (one == other) | (np.abs(one - other) <= 2.0**-28 * np.abs(one))

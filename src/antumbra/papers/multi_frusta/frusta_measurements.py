@@ -1,0 +1,342 @@
+"""Measures and draws "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009].
+
+- Table 1: accesses, tests and time of multi-frusta tracing, compared with packets of 16 rays. Shadow rays and primary
+  rays have tables of their own; the paper's S rows contain the primary rays.
+- Sec. 5.2: packets of 256 rays; they are in Table 1.
+- Table 2: three ways of frustum shrinking.
+- Figure 5: visibility with 16 interleaved samples, smoothed by the discontinuity filter, beside 256 samples a pixel.
+- Figure 6: lights from 1/4 to 8 times the edge.
+- Figure 7: silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
+  G-buffer. Marked pixels are retraced with 16 sub-pixels.
+
+The light is a level square whose edge is 1/40 of the scene's diagonal, with 16 samples a pixel. Back faces are culled,
+as published, unless the case says otherwise. Times are processor times of one thread, for tracing alone. Tracers take
+turns. The figures that the paper published stand first.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh import binned_sah
+from ...bvh.block_tree import block_tree
+from ...engine.method_registry import TRACERS, add_plugins
+from ...errors import InputError
+from ...files import atomic_output
+from ...picture.frame import Frame
+from ...picture.image_files import automatic_exposure, to_srgb8
+from ...picture.renderer import Renderer
+from ...query.gbuffer import GBuffer, seen_by
+from ...query.light_samples import light_samples
+from ...query.pixel_refinement import edges
+from ...query.ray_list import cull_value
+from ...query.shadow_query import ShadowQuery, shadow_queries
+from ...scene.camera import CameraRays
+from ...scene.lights import QuadLight
+from ...scene.triangles import Triangles
+from ...trace.counters import as_dict, new_counters
+from ...trace.primary.primary_rays import trace_primary
+from ..benchmark_views import BenchmarkView, diagonal_of, named_view, real_path, square
+from .packet_baselines import deep_tree, trace_packets
+
+# --- Figures that [Benthin and Wald 2009] published -------------------------------------------------------------------
+
+
+COLUMNS = ("triangles", "candidates", "box_tests", "triangle_tests")
+"""Names of our counters for the paper's #tris, +culling, #AABB and #isec."""
+
+PUBLISHED_TABLE1 = ("1.9-3.7", "5.0-10.1", "14.1-23.8", "1.0-1.4", "3.3-6.1")
+"""The S rows, ranges over the paper's scenes: packets of 16 rays divided by multi-frusta, for COLUMNS and seconds."""
+
+PUBLISHED_PRIMARY = ("1.5-2.3", "3.0-9.5", "11.8-21", "1.7-3.1", "3.4-7.8")
+"""The same for the P rows of Table 1: primary rays without shading."""
+
+PACKET256 = "-3 to -4 %", "at most 0.5"
+"""Sec. 5.2: what packets of 256 rays change in box tests beside multi-frusta, and how many times as fast they are."""
+
+EDGES = 0.115
+"""Figure 7: the share of pixels at silhouettes, in the scene Saloon."""
+
+PUBLISHED_TABLE2 = {
+    "multifrusta:paper": "0 0 0 0",
+    "multifrusta:leaf-boxes": "-15 -19 +155 -26",
+    "multifrusta:corners": "0 -14 0 -21",
+    "multifrusta:full": "-8 -18 -2 -23",
+}
+"""Changes of COLUMNS in per cent, in the scene T-Rex."""
+
+# --- Measures tables of "Efficient ray traced soft shadows using multi-frusta tracing" [Benthin and Wald 2009] --------
+#
+# - Table 1: accesses, tests and time of multi-frusta tracing, compared with packets of 16 rays. Shadow rays and
+#   primary
+#   rays have tables of their own; the paper's S rows contain the primary rays.
+# - Sec. 5.2: packets of 256 rays; they are in Table 1.
+# - Table 2: three ways of frustum shrinking.
+# - Figure 6: lights from 1/4 to 8 times the edge.
+#
+# The light is a level square whose edge is 1/40 of the scene's diagonal, with 16 samples a pixel. Back faces are
+# culled, as published, unless the case says otherwise. Times are processor times of one thread. They are of tracing
+# alone, without building trees. Tracers take turns.
+
+
+SPP = 16
+TABLE1 = ("packet16", "packet16:samples", "packet256", "multifrusta:paper", "multifrusta")
+BASELINES = TABLE1[:2]
+PRIMARY = {"packet16": trace_packets, "multifrusta": trace_primary}
+TABLE2 = ("multifrusta:paper", "multifrusta:leaf-boxes", "multifrusta:corners", "multifrusta:full")
+FIGURE6 = ("multifrusta:paper", "multifrusta")
+SIZES = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+"""Edges of the light in Figure 6, relative to the usual one."""
+
+REAL = ("sponza_crytek", "bart_robots")
+EDGE = 40  # the usual edge of the light is 1 / EDGE of the scene's diagonal
+
+Rows = dict[str, dict[str, float]]
+"""Tracer -> its counters, and "seconds" if it was timed."""
+
+TraceCall = Callable[[np.ndarray | None], np.ndarray]
+"""Answers a question once; the argument is the counters."""
+
+
+class Case(NamedTuple):
+    """A scene that is prepared for all tracers."""
+
+    name: str
+    view: BenchmarkView  # its light is that of the usual size
+    cull_faces: str | None  # the side of triangles that does not block shadow rays
+    triangles: Triangles
+    gbuffer: GBuffer
+    rays: CameraRays
+    prepared: dict[str, object]  # tracer -> its acceleration structure
+    primary: dict[str, object]  # the same for primary rays
+    light: QuadLight  # the light of the usual size
+
+
+def default_names() -> list[str]:
+    """The scenes in `REAL` that exist, and a procedural scene."""
+    return [*(name for name in REAL if real_path(name)), "forest"]
+
+
+def quad_view(name: str, size: tuple[int, int]) -> BenchmarkView:
+    """The view of a named scene, with a square light."""
+    return named_view(name, size, square(EDGE), REAL)
+
+
+def case_of(view: BenchmarkView, cull_faces: str | None = "back") -> Case:
+    """Prepare a view for every tracer of the tables.
+
+    Raises
+    ------
+    InputError
+        If the light is no square.
+    """
+    light, scene = view.lights[0], view.scene
+    if not isinstance(light, QuadLight):
+        raise InputError(f"{view.name}: its light is no rectangle, and multi-frusta are measured by one")
+    corner, u, v = (np.asarray(x, float) for x in (light.corner, light.u, light.v))
+    edge = diagonal_of(view.name, scene.bounds) / EDGE
+    u, v, centre = (edge * u / np.linalg.norm(u), edge * v / np.linalg.norm(v), corner + (u + v) / 2)
+    light = QuadLight(centre - (u + v) / 2, u, v)
+    add_plugins()
+    triangles = scene.triangles(0.0)
+    gbuffer = Renderer(scene).see(triangles, view.camera, None)
+    bvh = binned_sah.build(triangles.vertices)
+    walking = {name: TRACERS[name] for name in dict.fromkeys((*TABLE1, *TABLE2, *FIGURE6))}
+    shared = {prepare: prepare(bvh) for prepare in {t.prepare for t in walking.values()}}
+    prepared = {name: shared[t.prepare] for name, t in walking.items()}
+    primary = {"packet16": deep_tree(bvh), "multifrusta": block_tree(bvh)}
+    rays = view.camera.rays(triangles.origin)
+    view = view._replace(lights=[light])
+    return Case(view.name, view, cull_faces, triangles, gbuffer, rays, prepared, primary, light)
+
+
+def query_of(case: Case, size: float = 1.0) -> ShadowQuery:
+    """The query of a light whose edge is `size` times the usual one."""
+    corner, u, v = (np.asarray(x, float) for x in (case.light.corner, case.light.u, case.light.v))
+    light = QuadLight(corner - (size - 1.0) / 2 * (u + v), size * u, size * v)
+    facing = cull_value(case.cull_faces)
+    return shadow_queries(case.triangles, case.gbuffer, [light], [light_samples(light, SPP)], facing)[0]
+
+
+def answer(case: Case, tracer: str, query: ShadowQuery, counters: np.ndarray | None = None) -> np.ndarray:
+    """(h, w, 1) uint64: the bits of a query by a tracer, in one thread."""
+    bits = np.zeros((*query.sides.shape, 1), np.uint64)
+    TRACERS[tracer].trace(case.prepared[tracer], query, bits, 1, counters, None)
+    return bits
+
+
+def see(case: Case, tracer: str, counters: np.ndarray | None = None) -> np.ndarray:
+    """(2, h, w) float64: the face and t that each pixel sees, in one thread."""
+    return np.stack(PRIMARY[tracer](case.primary[tracer], case.rays, 1, counters))
+
+
+def measure(case: Case, tracers: tuple[str, ...], query: ShadowQuery, rounds: int) -> Rows:
+    """Measure counters and median seconds of tracers, which take turns. Without rounds there are no seconds.
+
+    Raises
+    ------
+    RuntimeError
+        If two tracers give different bits.
+    """
+    return _in_turns(case.name, {tracer: partial(answer, case, tracer, query) for tracer in tracers}, rounds)
+
+
+def measure_primary(case: Case, rounds: int) -> Rows:
+    """As `measure`, for primary rays."""
+    rows = _in_turns(case.name, {tracer: partial(see, case, tracer) for tracer in PRIMARY}, rounds)
+    return {tracer: {**row, "rays": case.gbuffer.face.size} for tracer, row in rows.items()}
+
+
+def _in_turns(name: str, asked: dict[str, TraceCall], rounds: int) -> Rows:
+    results: Rows = {}
+    seconds: dict[str, list[float]] = {tracer: [] for tracer in asked}
+    truth = None
+    for tracer, ask in asked.items():
+        counters = new_counters()
+        found = ask(counters)
+        truth = found if truth is None else truth
+        if not np.array_equal(found, truth):
+            raise RuntimeError(f"{name}: {tracer} and {next(iter(asked))} give different bits")
+        results[tracer] = as_dict(counters)
+        if rounds:
+            ask(None)  # compile the kernels without counters
+    for _ in range(rounds):
+        for tracer, ask in asked.items():
+            start = time.thread_time()
+            ask(None)
+            seconds[tracer].append(time.thread_time() - start)
+    return {t: {**r, "seconds": statistics.median(seconds[t])} if rounds else r for t, r in results.items()}
+
+
+def tables(case: Case, rounds: int, say: Callable[[str], None]) -> dict:
+    """Measure all tables of a case.
+
+    "table 1 primary", "table 1" and "table 2" are Rows; "figure 6" maps edges of the light to Rows.
+    """
+    say(f"{case.name}, Table 1, primary rays")
+    primary = measure_primary(case, rounds)
+    say(f"{case.name}, Table 1")
+    one = measure(case, TABLE1, query_of(case), rounds)
+    say(f"{case.name}, Table 2")
+    two = measure(case, TABLE2, query_of(case), rounds)
+    six = {}
+    for size in SIZES:
+        say(f"{case.name}, Figure 6, a light of {size:g} times the edge")
+        six[str(size)] = measure(case, FIGURE6, query_of(case, size), 0)
+    return {"table 1 primary": primary, "table 1": one, "table 2": two, "figure 6": six}
+
+
+# --- Figures 5 and 7 of the multi-frusta paper: 16 filtered samples beside 256, and edges that are traced again -------
+#
+# Figure 5 compares visibility: 16 interleaved samples, smoothed by the discontinuity filter, and 256 samples a pixel.
+# Figure 7 marks silhouettes. The paper finds them by adjacency during traversal; here they are discontinuities of the
+# G-buffer. Marked pixels are traced again by 16 sub-pixels.
+
+
+MANY = 256
+FRAMES = {
+    "16 samples": {"spp": SPP},
+    "16 samples, filtered": {"spp": SPP, "filter": True},
+    "256 samples": {"spp": MANY},
+    "edges retraced": {"spp": SPP, "filter": True, "adaptive": 4 * SPP},
+}
+_PARTS = 3  # a crop's side is the picture's divided by this
+
+
+class SoftShadowQuality(NamedTuple):
+    """What Figures 5 and 7 show of a case."""
+
+    rows: dict[str, dict[str, float]]  # name in FRAMES -> rays, seconds, and errors of the visibility against MANY
+    edges: float  # share of the pixels that see something
+    pictures: dict[str, np.ndarray]  # name -> (h, w, 3) uint8, in the order of the figures
+
+
+def measure_quality(case: Case, say: Callable[[str], None]) -> SoftShadowQuality:
+    """Render the frames of both figures by the default plan, once each."""
+    renderer, frames = Renderer(case.view.scene), {}
+    for name, asked in FRAMES.items():
+        say(f"{case.name}, Figures 5 and 7, {name}")
+        frames[name] = renderer.render(
+            case.view.camera, case.view.lights, cull_faces=case.cull_faces, antialias=False, **asked
+        )
+    seen, many = case.gbuffer.face >= 0, frames["256 samples"]
+    colours = case.view.scene.colours
+    edge = edges(seen_by(case.gbuffer, case.rays), colours) & seen
+    rows = {name: _row(frame, many, seen) for name, frame in frames.items()}
+    return SoftShadowQuality(rows, float(edge.sum() / max(seen.sum(), 1)), _pictures(frames, edge, seen))
+
+
+def _row(frame: Frame, many: Frame, seen: np.ndarray) -> dict[str, float]:
+    wrong = (frame.visibility[0] - many.visibility[0])[seen].astype(float)
+    rms, mean = (float(np.sqrt(np.mean(wrong**2))), float(np.mean(np.abs(wrong)))) if wrong.size else (0.0, 0.0)
+    return {"rays": frame.rays, "seconds": frame.timings["trace"] + frame.timings["filter"], "rms": rms, "mean": mean}
+
+
+def _pictures(frames: dict[str, Frame], edge: np.ndarray, seen: np.ndarray) -> dict[str, np.ndarray]:
+    exposure = automatic_exposure(frames["256 samples"].image, seen)
+    whole = {name: to_srgb8(frame.image, exposure) for name, frame in frames.items()}
+    marked = whole["16 samples, filtered"] // 2
+    marked[edge] = 255, 64, 64
+    crop = _liveliest(frames["256 samples"].visibility[0], seen)
+    left, right = (f"{name} (Fig. 5)" for name in ("16 samples, filtered", "256 samples"))
+    return {
+        left: whole["16 samples, filtered"][crop],
+        right: whole["256 samples"][crop],
+        "edges (Fig. 7)": marked,
+        "edges retraced (Fig. 7)": whole["edges retraced"],
+    }
+
+
+def _liveliest(visibility: np.ndarray, seen: np.ndarray) -> tuple[slice, slice]:
+    """The part of the picture whose visibility varies the most."""
+    h, w = (max(n // _PARTS, 1) for n in seen.shape)
+    parts = [(slice(y * h, y * h + h), slice(x * w, x * w + w)) for y in range(_PARTS) for x in range(_PARTS)]
+    return max(parts, key=lambda part: float((visibility[part] * seen[part]).var()))
+
+
+# --- Draws Figures 5 to 7 of the multi-frusta paper: pictures of each scene, and curves over the light's size ---------
+
+
+_STYLES = dict(zip(FIGURE6, ("-", "--")))
+_PANELS = (("triangles", "triangles accessed"), ("triangle_tests", "tests of a triangle and 16 rays"))
+
+
+def write_plot(found: dict[str, tuple[dict, SoftShadowQuality]], path: Path) -> None:
+    """Write a plot: Figure 6 at the top, and below a row for each scene with Figures 5 and 7.
+
+    found : name of the scene -> (its tables, its quality)
+    """
+    from matplotlib.figure import Figure
+
+    sheet = Figure(figsize=(14.0, 4.5 + 3.7 * len(found)), layout="constrained")
+    above, below = sheet.subfigures(2, 1, height_ratios=[4.5, 3.7 * len(found)])
+    for panel, (counter, label) in zip(above.subplots(1, 2), _PANELS):
+        _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in found.items()}, counter, label)
+    panels = below.subplots(len(found), 4, squeeze=False)
+    for row, (name, (_, quality)) in zip(panels, found.items()):
+        for panel, (title, picture) in zip(row, quality.pictures.items()):
+            panel.imshow(picture, interpolation="nearest")
+            panel.set_title(f"{name}: {title}", fontsize=9)
+            panel.set_axis_off()
+    with atomic_output(path) as temporary:
+        sheet.savefig(temporary, format="png", dpi=110)
+
+
+def _draw_sizes(panel, scenes: dict[str, dict], counter: str, label: str) -> None:
+    """Draw a counter over the light's size: a colour for each scene, a style for each tracer."""
+    for k, (name, sizes) in enumerate(scenes.items()):
+        edges = [float(size) for size in sizes]
+        for tracer, style in _STYLES.items():
+            millions = [rows[tracer][counter] / 1e6 for rows in sizes.values()]
+            panel.plot(edges, millions, style, marker=".", color=f"C{k}", label=f"{name}, {tracer}")
+    panel.set_xscale("log", base=2)
+    panel.set_yscale("log")
+    panel.set_xticks(edges, [f"{edge:g}" for edge in edges])
+    panel.set(xlabel="edge of the light / the usual one (Fig. 6)", ylabel=f"{label}, millions")
+    panel.grid(alpha=0.3)
+    panel.legend(fontsize=8)

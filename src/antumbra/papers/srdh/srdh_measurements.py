@@ -1,0 +1,384 @@
+"""Measures the SRDH paper: box tests (Figures 2, 4, 5), RTSAH, build times and trace times [Feltman et al. 2012].
+
+Shadow rays start at the surfaces that the camera sees, and at the hits of one diffuse ray from each of these points.
+For counts, all trees have one triangle in each leaf, and rays are traced one by one. A pre-render of k x k pixels takes
+k x k pixels of the picture, spread evenly. They have `PRERENDER_SPP` samples of each light or more, and bounces of
+their own. For times, methods take turns within each round, and the median of the rounds counts.
+
+RTSAH [Ize and Hansen 2011] predicts by areas which child of a node blocks more lines, spread evenly through the scene,
+for its cost. Shadow rays are other lines: they begin on surfaces and end at lights. So box tests are counted for both,
+with the order and with its opposite. An order that is right for its lines saves box tests; its opposite wastes some.
+"""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from statistics import median
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...bvh import binned_sah
+from ...bvh.child_order import sooner_first
+from ...bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
+from ...errors import InputError
+from ...kernels.parallel import thread_count
+from ...picture.renderer import Renderer
+from ...query.light_samples import MAX_SPP, light_samples
+from ...query.query_bounds import reach
+from ...query.receivers import FREE
+from ...query.shadow_query import ShadowQuery, shadow_queries
+from ...scene.light_lists import PointLights
+from ...scene.triangles import Triangles
+from ...techniques.srdh import srdh_builder as srdh
+from ...techniques.srdh.representative_rays import (
+    RepresentativeRays,
+    RepresentativeRaySelector,
+    SrdhRays,
+    sparse_gbuffer,
+)
+from ...trace.rays.ray_hits import bounced
+from ...trace.rays.ray_traversal import BUILT, RANDOM, SRDH, Ordered
+from ...trace.rays.single_rays import UNOCCLUDED, count_steps
+from .. import benchmark_views as views
+from ..benchmark_views import BenchmarkView, digest, real_path, square
+from ..published_methods import BUILDERS, ORDERS
+
+# --- Views of the SRDH benchmark: real scenes with area lights, and procedural ones with much occlusion ---------------
+
+
+REAL = ("sponza_crytek", "zdm2", "godot_room", "bart_robots", "sanmiguel_lite")
+"""Folders of $ANTUMBRA_SCENES that are measured if they exist. Each has a scene.glb and an info.json."""
+
+MADE = ("blinds", "cellar", "atrium")
+"""Procedural scenes. The first is always measured, the others only if there is no real scene."""
+
+
+def default_names() -> list[str]:
+    """The scenes that are measured if none is named."""
+    real = [name for name in REAL if real_path(name)]
+    return [*real, MADE[0]] if real else list(MADE)
+
+
+def named_view(name: str, size: tuple[int, int]) -> BenchmarkView:
+    """The view of a folder of $ANTUMBRA_SCENES, of a procedural scene, or of a scene file."""
+    return views.named_view(name, size, square(10), REAL)
+
+
+# --- Measures Figures 2, 4 and 5 of the SRDH paper: exact counts of box tests [Feltman et al. 2012] -------------------
+#
+# Shadow rays start at the surfaces that the camera sees, and at the hits of one diffuse ray from each of these points.
+# All trees have one triangle in each leaf. Rays are traced one by one. A pre-render of k x k pixels takes k x k pixels
+# of the picture, spread evenly. They have `PRERENDER_SPP` samples of each light or more, and bounces of their own.
+
+
+BASE = "random"  # all counts are relative to this order
+SAH_ORDERS = (BASE, "front-to-back", "back-to-front", "rtsah")
+PUBLISHED, CONSTANT, DISTANCE, OURS = "srdh, published", "constant kernels", "distance kernels", "srdh"
+PIXELS = (8, 16, 32, 64, 128, 256)
+"""Widths of the pre-renders of Fig. 4; the figure ends with all pixels."""
+
+PRERENDER_SPP = 4
+"""The fewest samples of a light in pre-renders. With one, 16 x 16 pixels give 300 rays; the paper has up to 5,505."""
+
+_paper = BUILDERS["srdh:paper"].build
+METHODS: dict[str, tuple[Callable, int]] = {
+    PUBLISHED: (_paper, SRDH),
+    CONSTANT: (partial(_paper, kernels="constant"), SRDH),
+    DISTANCE: (partial(_paper, kernels="distance"), SRDH),
+    OURS: (partial(srdh.build, max_leaf=1), BUILT),
+}
+"""Method -> (function that builds its trees, traversal order). The last one is the builder `srdh`."""
+
+
+class BoxTests(NamedTuple):
+    """The box tests of all shadow rays of a view by one method."""
+
+    scene: str
+    method: str  # one of SAH_ORDERS or METHODS
+    pixels: int | None  # width of the pre-render; None: all rays were representative, or the method needs none
+    triangles: int  # triangles of the scene
+    rays: int
+    blocked: int  # rays that are blocked
+    boxes: tuple[int, ...]  # boxes tested, by trace.rays.steps.CLASSES
+    tested: int  # triangles tested
+
+    @property
+    def total(self) -> int:
+        return sum(self.boxes)
+
+
+class Workload:
+    """The shadow rays of a view, and the rays of its pre-renders."""
+
+    def __init__(self, view: BenchmarkView, spp: int, threads: int | None):
+        self.view, self.threads = view, thread_count(threads)
+        self.triangles = view.scene.triangles(0.0, self.threads)
+        self.sah = binned_sah.build(self.triangles.vertices, self.threads)
+        self._samples = [light_samples(light, spp) for light in view.lights]
+        self._prerendered = [light_samples(light, max(spp, PRERENDER_SPP)) for light in view.lights]
+        self._gbuffer = Renderer(view.scene, threads=self.threads).see(self.triangles, view.camera)
+        if not (self._gbuffer.face >= 0).any():
+            raise InputError(f"{view.name}: the camera sees nothing; choose a scene whose first camera sees something")
+        self._seen = self._queries(self._gbuffer, self._samples)
+
+    def queries(self) -> list[ShadowQuery]:
+        """All shadow queries: of the visible surfaces, and of the bounces."""
+        return [*self._seen, *self._bounce(None, self._samples, self.sah)]
+
+    def shown(self, pixels: int | None, bvh: Bvh | None) -> RepresentativeRays:
+        """The representative rays: those of a pre-render, or all (`pixels` None).
+
+        `bvh` holds all triangles. It traces the bounces and finds the triangles that the rays meet.
+        """
+        asked, samples = SrdhRays(size=pixels, spp=MAX_SPP, bounce=True), self._prerendered if pixels else self._samples
+        seen = [query._replace(samples=sets) for query, sets in zip(self._seen, samples)]
+        return RepresentativeRaySelector(asked, self.threads).show(
+            seen, self.triangles, bvh, partial(self._bounce, pixels, samples)
+        )
+
+    def _queries(self, gbuffer, samples) -> list[ShadowQuery]:
+        return shadow_queries(self.triangles, gbuffer, self.view.lights, samples, threads=self.threads)
+
+    def _bounce(self, pixels, samples, bvh) -> list[ShadowQuery]:
+        some = sparse_gbuffer(self._gbuffer, SrdhRays(size=pixels))
+        return self._queries(bounced(some, self.triangles, bvh, threads=self.threads), samples)
+
+
+def count_view(
+    view: BenchmarkView, spp: int, threads: int | None, say: Callable[[str], None], pixels: Iterable[int] = PIXELS
+) -> list[BoxTests]:
+    """All counts of one view; InputError if its camera sees nothing."""
+    say(f"{view.name}, what camera and bounces see")
+    work = Workload(view, spp, threads)
+    vertices, queries = work.triangles.vertices, work.queries()
+    rows: list[BoxTests] = []
+
+    def count(method: str, shown: int | None, ordered: Ordered) -> None:
+        say(f"{view.name}, {method}" + (f", {shown} x {shown} pixels shown" if shown else ""))
+        steps = [count_steps(ordered, query, len(vertices), work.threads) for query in queries]
+        boxes = sum(np.sum(s.boxes, axis=(0, 1)) for s in steps).tolist()
+        rays, blocked, tested = (
+            sum(int(np.sum(getattr(s, f))) for s in steps) for f in ("rays", "blocked", "triangles")
+        )
+        rows.append(BoxTests(view.name, method, shown, len(vertices), rays, blocked, tuple(boxes), tested))
+
+    sah = binned_sah.build(vertices, work.threads, 1)
+    for name in SAH_ORDERS:
+        count(name, None, Ordered(ORDERS[name].prepare(sah), ORDERS[name].value))
+    if rows[0].total == 0:
+        raise InputError(f"{view.name}: no light is above any surface; choose a scene whose lights shine on something")
+    for width in (*pixels, None):
+        say(f"{view.name}, what the rays of {width or 'all'} pixels meet")
+        met = work.shown(width, work.sah).among(vertices, None, work.threads)
+        for method, (build, order) in METHODS.items():
+            if width is None or method in (PUBLISHED, OURS):
+                say(f"{view.name}, building {method}")
+                count(method, width, Ordered(build(vertices, work.threads, rays=met), order))
+    return rows
+
+
+def of(rows: Iterable[BoxTests], scene: str, method: str, pixels: int | None = None) -> BoxTests:
+    """The row of a scene, a method and a pre-render."""
+    return next(r for r in rows if (r.scene, r.method, r.pixels) == (scene, method, pixels))
+
+
+def scenes_of(rows: Iterable) -> list[str]:
+    """The names of the scenes, in order."""
+    return list(dict.fromkeys(r.scene for r in rows))
+
+
+def relative(rows: Iterable[BoxTests], row: BoxTests) -> float:
+    """The box tests of a row, relative to random order in the same scene."""
+    return row.total / of(rows, row.scene, BASE).total
+
+
+def saved(rows: Iterable[BoxTests], row: BoxTests, than: str = BASE) -> float:
+    """The share of the box tests that a row saves compared with method `than`."""
+    return 1.0 - row.total / of(rows, row.scene, than).total
+
+
+def saved_unoccluded(rows: Iterable[BoxTests], row: BoxTests) -> float:
+    """The share of box tests of unoccluded rays that a row saves; 0 if there are none.
+
+    All orders of a tree test the same number of boxes for an unoccluded ray.
+    """
+    before = of(rows, row.scene, BASE).boxes[UNOCCLUDED]
+    return 1.0 - row.boxes[UNOCCLUDED] / before if before else 0.0
+
+
+def beyond_all(rows: Iterable[BoxTests], row: BoxTests) -> float:
+    """The extra box tests of a tree for a pre-render's rays, as a share of those of the tree for all rays."""
+    return row.total / of(rows, row.scene, row.method).total - 1.0
+
+
+# --- Checks RTSAH against what it assumes [Ize and Hansen 2011]: lines that are spread evenly through the scene -------
+#
+# RTSAH predicts by areas which child of a node blocks more of such lines for its cost. Shadow rays are other lines:
+# they begin on surfaces and end at lights. So the order is counted for both, and the opposite order beside it. An
+# order that is right for its lines saves box tests, and its opposite wastes some.
+
+
+_SHAPE, _ENDS = (16, 24), 256  # of the points at which lines begin and end
+
+
+class RtsahCheck(NamedTuple):
+    """Box tests of RTSAH, and of the opposite order, relative to random order."""
+
+    scene: str
+    lines: float  # of lines spread evenly
+    lines_reversed: float
+    rays: float  # of the shadow rays of a `Workload`
+    rays_reversed: float
+
+
+def even_lines(triangles: Triangles, seed: int = 0) -> ShadowQuery:
+    """Segments between random points of a sphere around the scene: they cross its inside evenly, in all directions."""
+    corners = triangles.vertices.reshape(-1, 3).astype(np.float64)
+    low, high = corners.min(0), corners.max(0)
+    rng, middle, radius = np.random.default_rng(seed), (low + high) / 2, 0.501 * np.linalg.norm(high - low)
+
+    def on_sphere(n: int) -> np.ndarray:
+        towards = rng.normal(size=(n, 3))
+        return middle + radius * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
+    light = PointLights(on_sphere(_ENDS) + triangles.origin)
+    origins = on_sphere(_SHAPE[0] * _SHAPE[1]).astype(np.float32).reshape(*_SHAPE, 3)
+    no_faces, sides = np.full(_SHAPE, -1, np.int32), np.full(_SHAPE, FREE, np.int8)
+    patch = light.patch(triangles.origin, reach(triangles, origins))
+    flat, samples = triangles.vertices.reshape(-1, 9), light_samples(light, 1)
+    return ShadowQuery(origins, no_faces, sides, np.empty((0, 0, 3)), flat, patch, samples, 0, no_faces)
+
+
+def opposite(bvh: Bvh) -> Bvh:
+    """The tree with the children of every node exchanged."""
+    nodes = aligned_empty(bvh.nodes.shape, "f4")
+    nodes[:] = bvh.nodes
+    nodes[:, :14] = nodes[:, :14].reshape(-1, 7, 2)[:, :, ::-1].reshape(-1, 14)
+    return bvh._replace(nodes=nodes, links=nodes.view(np.int32))
+
+
+def check_rtsah(work: Workload) -> RtsahCheck:
+    """Count the box tests of lines and of shadow rays in a SAH tree with one triangle in a leaf."""
+    bvh = binned_sah.build(work.triangles.vertices, work.threads, 1)
+    turned = sooner_first(bvh)
+    orders = Ordered(bvh, RANDOM), Ordered(turned, LEFT_FIRST), Ordered(opposite(turned), LEFT_FIRST)
+    n, shares = len(work.triangles.vertices), list[float]()
+    for queries in [even_lines(work.triangles)], work.queries():
+        boxes = [sum(int(count_steps(o, query, n, work.threads).boxes.sum()) for query in queries) for o in orders]
+        shares += [boxes[1] / boxes[0], boxes[2] / boxes[0]]
+    return RtsahCheck(work.view.name, *shares)
+
+
+# --- Measures build times of trees for shadow rays [Feltman et al. 2012, Table 1], and the trace time they save -------
+#
+# Methods take turns within each round. The median of the rounds counts.
+
+
+BUILD_PIXELS = (16, 32)  # widths of the pre-renders of Table 1
+TRACERS = ("single", "multifrusta", "packet16", "wide")
+BUILDS = ("bsah", "srdh")
+SPP = 16  # samples of the pictures that are traced
+
+
+class BuildTimes(NamedTuple):
+    """Seconds to build trees for the rays of one pre-render of a `Workload`.
+
+    What the paper measures is measured by one thread, as in the paper. All threads do the rest.
+    """
+
+    scene: str
+    pixels: int  # width of the pre-render
+    triangles: int
+    rays: int
+    hits: int  # intersections of the rays with triangles
+    sah_single: float  # bsah with one triangle in a leaf, one thread
+    sah: float  # bsah
+    rays_by_sah: float  # making the rays, and finding their intersections by the bsah tree, one thread
+    published: float  # srdh:paper, one thread
+    rays_by_lbvh: float  # making the rays, and finding their intersections by an lbvh that is built for this
+    srdh: float
+
+    @property
+    def both(self) -> float:
+        """Time to build a SAH tree and a tree for shadow rays, relative to the SAH tree alone.
+
+        This is the paper's ratio, with one triangle in a leaf.
+        """
+        return (self.sah_single + self.rays_by_sah + self.published) / self.sah_single
+
+    @property
+    def instead(self) -> float:
+        """Time to build the tree for shadow rays alone, as a `Renderer` does, relative to bsah."""
+        return (self.rays_by_lbvh + self.srdh) / self.sah
+
+
+class RenderTimes(NamedTuple):
+    """Seconds of one plan to render the direct light of a view."""
+
+    scene: str
+    build: str  # one of BUILDS
+    tracer: str
+    rays: int
+    built: float
+    traced: float
+    bits: bytes  # digest of the answer
+
+
+def build_times(
+    view: BenchmarkView, spp: int, threads: int | None, rounds: int, say: Callable[[str], None]
+) -> list[BuildTimes]:
+    """Measure Table 1 for one view; InputError if its camera sees nothing."""
+    work, alone = Workload(view, spp, threads), Workload(view, spp, 1)
+    laps: dict[int, list[dict[str, float]]] = {k: [] for k in BUILD_PIXELS}
+    counts = {}
+    for turn in range(-1, rounds):  # the first turn only warms up
+        for k in BUILD_PIXELS:
+            say(f"{view.name}, building for {k} x {k} pixels, round {max(turn, 0) + 1} of {rounds}")
+            seconds, counts[k] = _build_once(work, alone, k)
+            if turn >= 0:
+                laps[k].append(seconds)
+    middle = {k: {part: median(lap[part] for lap in laps[k]) for part in laps[k][0]} for k in BUILD_PIXELS}
+    return [BuildTimes(view.name, k, len(work.triangles.vertices), *counts[k], **middle[k]) for k in BUILD_PIXELS]
+
+
+def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str, float], tuple[int, int]]:
+    """Build all trees once; return (seconds of each part, (rays, hits)). `alone` is the same workload of one thread."""
+    vertices, threads, seconds = work.triangles.vertices, work.threads, {}
+
+    def timed(part: str, do: Callable):
+        start = perf_counter()
+        done = do()
+        seconds[part] = perf_counter() - start
+        return done
+
+    timed("sah_single", lambda: binned_sah.build(vertices, 1, 1))
+    timed("sah", lambda: binned_sah.build(vertices, threads))
+    met = timed("rays_by_sah", lambda: alone.shown(pixels, alone.sah).among(vertices, None, 1))
+    timed("published", lambda: BUILDERS["srdh:paper"].build(vertices, 1, rays=met))
+    met = timed("rays_by_lbvh", lambda: work.shown(pixels, None).among(vertices, None, threads))
+    timed("srdh", lambda: srdh.build(vertices, threads, rays=met))
+    return seconds, (len(met.origins), len(met.prims))
+
+
+def render_times(
+    view: BenchmarkView, threads: int | None, rounds: int, say: Callable[[str], None]
+) -> list[RenderTimes]:
+    """Measure each of BUILDS with each of TRACERS. The representative rays are the default of a `Renderer`."""
+    plans = [(build, tracer) for tracer in TRACERS for build in BUILDS]
+    renderers = {plan: Renderer(view.scene, "+".join(plan), threads) for plan in plans}
+    seconds: dict[Any, list[tuple[float, float]]] = {plan: [] for plan in plans}
+    found: dict[Any, tuple[int, bytes]] = {}
+    for turn in range(-1, rounds):  # the first turn only warms up
+        for plan, renderer in renderers.items():
+            say(f"{view.name}, {renderer.plan}, round {max(turn, 0) + 1} of {rounds}")
+            frame = renderer.render(view.camera, view.lights, spp=SPP if turn >= 0 else 1)
+            if turn >= 0:
+                seconds[plan].append((frame.timings["build"], frame.timings["trace"]))
+            found[plan] = frame.rays, digest(frame.bits)
+    rows = []
+    for plan in plans:
+        rays, bits = found[plan]
+        built, traced = (median(column) for column in zip(*seconds[plan]))
+        rows.append(RenderTimes(view.name, *plan, rays, built, traced, bits))
+    return rows

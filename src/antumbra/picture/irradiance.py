@@ -1,0 +1,364 @@
+"""Unshadowed irradiance at each pixel, in closed form: points, spheres, parallelograms, disks and light lists."""
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..kernels.exact.filters import cross, dot
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.simd import get, ptr, put
+from ..query.light_samples import tangent_disk
+from ..query.receivers import NOTHING
+from ..query.shadow_query import three_at
+from ..scene.light_lists import PointLights
+from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Where the light of interpolated normals ends: before the next faces turn away from it. See docs/design/shading.md.
+
+
+class Facing(NamedTuple):
+    """The normals at the pixels of a picture, for kernels."""
+
+    normal: np.ndarray  # (H, W, 3) float32: the normals that shade
+    geometric: np.ndarray  # (H, W, 3) float32
+    bend: np.ndarray  # (H, W) float32: `ShadingNormals.bend`; not read if not `soft`
+    soft: bool  # whether the two normals differ
+
+
+def facing_of(gbuffer, shading) -> Facing:
+    """The normals of a G-buffer; `shading`: its ShadingNormals, or None."""
+    if shading is None:
+        return Facing(gbuffer.normal, gbuffer.normal, gbuffer.depth, False)
+    return Facing(shading.normal, gbuffer.normal, shading.bend, True)
+
+
+@inlined
+def terminator_factor(g, n, bend, w):
+    """The factor for light along w, with geometric normal g, shading normal n, and `ShadingNormals.bend`.
+
+    Light below the geometric surface gives nothing. Towards the height `bend` above the horizon of n it fades, by the
+    polynomial of Chiang et al. [2019]. So it has ended where the next faces turn away from the light.
+    """
+    height = dot(n, w) / np.sqrt(dot(w, w))
+    if not (dot(g, w) > 0.0 and height > bend):
+        return 0.0
+    share = (height - bend) / bend if height < 2.0 * bend else 1.0  # Eq. (2)
+    return share * (1.0 + share * (1.0 - share))
+
+
+# --- Irradiance from uniform parallelograms and disks in closed form, clipped at the receiver's horizon ---------------
+#
+# An emitter has the same radiance everywhere, in all directions and on both sides, and unit intensity: radiance times
+# area is 1. Vectors are tuples of three float64, relative to the receiver; n is its unit normal. Formulas are those of
+# docs/design/radiometry.md.
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+
+@inlined
+def _plus(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@inlined
+def _moved(a, s, u, t, v):
+    """a + s u + t v."""
+    return a[0] + s * u[0] + t * v[0], a[1] + s * u[1] + t * v[1], a[2] + s * u[2] + t * v[2]
+
+
+@inlined
+def _edge(a, b, n):
+    """The integral (2) along the segment from a to b."""
+    c = cross(a, b)
+    sine = np.sqrt(dot(c, c))
+    return np.arctan2(sine, dot(a, b)) * dot(n, c) / sine if sine > 0.0 else 0.0
+
+
+@inlined
+def quad_irradiance(corner, u, v, area, n):
+    """Irradiance from the parallelogram with a corner and two edges [Lambert 1760]."""
+    a, b, d = corner, _plus(corner, u), _plus(corner, v)
+    c = _plus(b, v)
+    heights = dot(n, a), dot(n, b), dot(n, c), dot(n, d)
+    if max(max(heights[0], heights[1]), max(heights[2], heights[3])) <= 0.0:
+        return 0.0
+    if min(min(heights[0], heights[1]), min(heights[2], heights[3])) >= 0.0:
+        total = _edge(a, b, n) + _edge(b, c, n) + _edge(c, d, n) + _edge(d, a, n)
+    else:
+        total = _clipped((a, b, c, d), heights, n)
+    return 0.5 * abs(total) / area
+
+
+@kernel
+def _clipped(corners, heights, n):
+    """The integral around the part of a convex quadrilateral above the horizon, which cuts two of its edges."""
+    total, out, back = 0.0, corners[0], corners[0]  # where the boundary goes below the horizon, and comes back
+    for k in range(4):
+        a, b = corners[k], corners[(k + 1) & 3]
+        high, low = heights[k], heights[(k + 1) & 3]
+        if high >= 0.0 and low >= 0.0:
+            total += _edge(a, b, n)
+        elif high >= 0.0 or low >= 0.0:
+            share = high / (high - low)
+            cut = _moved(a, share, b, -share, a)
+            if high >= 0.0:
+                total, out = total + _edge(a, cut, n), cut
+            else:
+                total, back = total + _edge(cut, b, n), cut
+    return total + _edge(out, back, n)
+
+
+@inlined
+def disk_irradiance(c, axis, r, n):
+    """Irradiance from the disk with centre c, unit axis and radius r > 0."""
+    level, h, facing = dot(n, c), dot(axis, c), dot(n, axis)
+    if h < 0.0:
+        h, facing = -h, -facing
+    extent = r * np.sqrt(max(1.0 - facing * facing, 0.0))  # of its heights above the horizon, to both sides of `level`
+    if level <= -extent:
+        return 0.0
+    if level < extent:
+        return _clipped_disk(c, axis, r, n)
+    d2, r2 = dot(c, c), r * r
+    near, far = d2 + r2, d2 - r2
+    s = np.sqrt(far * far + 4.0 * r2 * h * h)
+    if not s > 0.0:
+        return 0.0
+    along = 2.0 * h * h / (s + far) if far > 0.0 else 0.5 * (s - far) / r2  # Eq. (3)
+    across = 2.0 * h / (s + near)
+    return max((along * facing + across * (level - h * facing)) / s, 0.0)
+
+
+@kernel
+def _clipped_disk(c, axis, r, n):
+    """`disk_irradiance` of the part above the horizon, whose boundary is an arc and a chord.
+
+    Points of the arc are c + r (u cos t + v sin t), -t0 <= t <= t0; u points upwards.
+    """
+    facing = dot(n, axis)
+    tilt = np.sqrt(1.0 - facing * facing)
+    u = (n[0] - facing * axis[0]) / tilt, (n[1] - facing * axis[1]) / tilt, (n[2] - facing * axis[2]) / tilt
+    v = cross(axis, u)
+    t0 = np.arccos(min(max(-dot(n, c) / (r * tilt), -1.0), 1.0))
+    x, y = r * np.cos(t0), r * np.sin(t0)
+    arc = _arc(dot(c, u), dot(c, v), dot(c, axis), r, facing, tilt, t0)
+    return abs(arc + _edge(_moved(c, x, u, y, v), _moved(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
+
+
+@inlined
+def _arc(cu, cv, h, r, facing, tilt, t0):
+    """The integral (4) along the arc; with t' = t - phase it is that of (i sin t' + j cos t' + k) / (a + b cos t')."""
+    p, phase = np.sqrt(cu * cu + cv * cv), np.arctan2(cv, cu)
+    sine, cosine = np.sin(phase), np.cos(phase)
+    at_sine, at_cosine = r * facing * cv, r * (facing * cu - tilt * h)
+    i, j = at_sine * cosine - at_cosine * sine, at_sine * sine + at_cosine * cosine
+    k = r * r * facing
+    a, b = p * p + h * h + r * r, 2.0 * r * p
+    q = np.sqrt((h * h + (p - r) * (p - r)) * (h * h + (p + r) * (p + r)))  # of a^2 - b^2
+    if not q > 0.0:
+        return 0.0
+    low, high = -t0 - phase, t0 - phase
+    turned = _turned(a + q, b, high) - _turned(a + q, b, low)
+    of_one = 2.0 * (t0 - b * turned) / q
+    of_cosine = 2.0 * (a * turned - t0 * b / (a + q)) / q
+    step = (np.cos(high) - np.cos(low)) / (a + b * np.cos(low))
+    of_sine = -step * _log1p_over(b * step)
+    return i * of_sine + j * of_cosine + k * of_one
+
+
+@inlined
+def _turned(m, b, t):
+    """atan(b sin t / (m + b cos t)) / b, also for b = 0."""
+    x = np.sin(t) / (m + b * np.cos(t))
+    return np.arctan(b * x) / b if b * abs(x) > 1e-9 else x
+
+
+@inlined
+def _log1p_over(x):
+    """log(1 + x) / x, also for x = 0."""
+    return np.log1p(x) / x if abs(x) > 1e-9 else 1.0
+
+
+# --- Unshadowed irradiance from a light at the surfaces that pixels see, in closed form -------------------------------
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+
+Vector3: TypeAlias = tuple[float, float, float]
+
+POINT, QUAD, DISK = 0, 1, 2
+_FORMS = {"point": POINT, "square": QUAD, "disk": DISK}
+
+
+class Emitter(NamedTuple):
+    """A light of intensity 1, recentred frame, for kernels; vectors are tuples of three float64."""
+
+    kind: int  # FIXED, DIRECTIONAL or SPHERE
+    form: int  # POINT, QUAD or DISK
+    base: Vector3  # as in `LightPatch`
+    u: Vector3
+    v: Vector3
+    axis: Vector3  # unit normal of a flat light; 0 of points and spheres
+    size: float  # area of a QUAD, radius of a DISK, 0 of a POINT
+    scale: float  # of a distant disk: its radiance over that of a disk of intensity 1
+
+
+def emitter_of(patch: LightPatch, domain: str) -> Emitter:
+    """The emitter of a light's patch, which is neither a list nor ambient light; `domain`: the light's."""
+    across = np.cross(patch.u, patch.v)
+    area, form = float(np.linalg.norm(across)), _FORMS[domain]
+    if patch.kind == SPHERE:
+        size, axis = patch.radius, np.zeros(3)
+    elif area > 0.0:
+        size, axis = (area if form == QUAD else float(np.sqrt(area))), across / area
+    else:
+        form, size, axis = POINT, 0.0, np.zeros(3)
+    scale = float(patch.base @ patch.base) + size * size if patch.kind == DIRECTIONAL else 1.0
+    vectors = _three(patch.base), _three(patch.u), _three(patch.v), _three(axis)
+    return Emitter(patch.kind, form, *vectors, float(size), scale)
+
+
+def _three(vector: np.ndarray) -> Vector3:
+    x, y, z = vector.tolist()
+    return x, y, z
+
+
+@inlined
+def _from_point(c, n, distant):
+    """Irradiance from a point at c; of a distant one, c is any point on the way to it."""
+    r2, height = dot(c, c), dot(n, c)
+    if not (height > 0.0 and r2 > 0.0):
+        return 0.0
+    return height / np.sqrt(r2) if distant else height / (r2 * np.sqrt(r2))
+
+
+@inlined
+def _from_sphere(centre, radius, n):
+    """Irradiance from a sphere: that of the disk where the tangent cone touches it, with the sphere's radiance."""
+    disk = tangent_disk(centre[0], centre[1], centre[2], radius, 0.0, 0.0, 0.0)
+    r = np.sqrt(disk.ux * disk.ux + disk.uy * disk.uy + disk.uz * disk.uz)
+    if not r > 0.0:
+        return 0.0
+    distance = np.sqrt(dot(centre, centre))
+    axis = (0.0, 0.0, 1.0)
+    if distance > 0.0:
+        axis = centre[0] / distance, centre[1] / distance, centre[2] / distance
+    share = r / radius
+    return share * share * disk_irradiance((disk.bx, disk.by, disk.bz), axis, r, n)
+
+
+@inlined
+def emitted_irradiance(light, p, n):
+    """Unshadowed irradiance at the point p with the unit normal n from an `Emitter`."""
+    c = light.base
+    if light.kind != DIRECTIONAL:
+        c = c[0] - p[0], c[1] - p[1], c[2] - p[2]
+    if light.kind == SPHERE:
+        return _from_sphere(c, light.size, n)
+    if light.form == QUAD:
+        return quad_irradiance(c, light.u, light.v, light.size, n)
+    if light.form == DISK:
+        return light.scale * disk_irradiance(c, light.axis, light.size, n)
+    return _from_point(c, n, light.kind == DIRECTIONAL)
+
+
+@kernel
+def _irradiance_kernel(ticket, position, normal, side, light, out):
+    positions, normals, sides, found = ptr(position), ptr(normal), ptr(side), ptr(out)
+    for i in items(ticket):
+        e = 0.0
+        if get(sides, i) != NOTHING:
+            e = emitted_irradiance(light, three_at(positions, i), three_at(normals, i))
+        put(found, i, np.float32(e))
+
+
+def irradiance(gbuffer, patch: LightPatch, domain: str, shading=None, threads=None) -> np.ndarray:
+    """(H, W) float32: irradiance of each pixel's surface from a light of intensity 1 without shadows; else 0.
+
+    The light is clipped at the horizon of the normal. A receiver inside a sphere gets the light of the disk that it
+    samples.
+
+    patch : LightPatch, neither a list nor ambient light; domain : domain of the light
+    shading : ShadingNormals; None: the geometric normals
+    """
+    out = np.empty(gbuffer.face.shape, np.float32)
+    normal = gbuffer.normal if shading is None else shading.normal
+    ticket = new_ticket(out.size, 4096)
+    run(
+        _irradiance_kernel, thread_count(threads), ticket, gbuffer.position, normal, gbuffer.side,
+        emitter_of(patch, domain), out,
+    )  # fmt: skip
+    return out
+
+
+# --- Shading by lists of lights. Each sample is a light of its own, so shading needs every single bit -----------------
+
+
+@kernel
+def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
+    """Irradiance per candela at a surface with normal n from a light at offset w.
+
+    If `facing`, the light shines by the cosine around m. The distance squared is clamped to at least `least`.
+    """
+    r2 = wx * wx + wy * wy + wz * wz
+    cosine = nx * wx + ny * wy + nz * wz  # times the distance
+    if not (r2 > 0.0 and cosine > 0.0):
+        return 0.0
+    r = np.sqrt(r2)
+    emitted = -(mx * wx + my * wy + mz * wz) / r if facing else 1.0
+    if not emitted > 0.0:
+        return 0.0
+    return emitted * cosine / (r * (r2 if r2 > least else least))
+
+
+@kernel
+def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
+    facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
+    mx = my = mz = 0.0
+    for y in items(ticket):
+        for x in range(gbuffer.side.shape[1]):
+            red = green = blue = 0.0
+            k = (x & 3) + 4 * (y & 3)
+            if gbuffer.side[y, x] != NOTHING:
+                px = py = pz = np.float32(0.0)
+                if not distant:
+                    px, py, pz = gbuffer.position[y, x, 0], gbuffer.position[y, x, 1], gbuffer.position[y, x, 2]
+                nx, ny, nz = normal[y, x, 0], normal[y, x, 1], normal[y, x, 2]
+                gx, gy, gz = geometric[y, x, 0], geometric[y, x, 1], geometric[y, x, 2]
+                for s in range(points.shape[1]):
+                    if bits[y, x, s >> 6] >> np.uint64(s & 63) & np.uint64(1):
+                        continue
+                    wx, wy, wz = points[k, s, 0] - px, points[k, s, 1] - py, points[k, s, 2] - pz
+                    if facing:
+                        mx, my, mz = normals[k, s, 0], normals[k, s, 1], normals[k, s, 2]
+                    e = _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least)
+                    if soft:
+                        e *= terminator_factor((gx, gy, gz), (nx, ny, nz), bend[y, x], (wx, wy, wz))
+                    red += e * candela[k, s, 0]
+                    green += e * candela[k, s, 1]
+                    blue += e * candela[k, s, 2]
+            out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
+
+
+def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) -> np.ndarray:
+    """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, shadows included; else 0.
+
+    Distant lights are unit vectors: `_falloff` at the origin gives their cosine.
+
+    shading : ShadingNormals; None: the geometric normals
+    samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
+    """
+    out = np.empty((*gbuffer.face.shape, 3), np.float32)
+    near = isinstance(lights, PointLights)
+    normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
+    normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
+    points = samples - gbuffer.origin if near else samples
+    args = gbuffer, facing_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
+    run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
+    return out

@@ -1,0 +1,455 @@
+"""The base colour and shading normal of each pixel, from face colours, textures and vertex attributes.
+
+Texture look-ups are trilinear and anisotropic.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels.exact.filters import cross, dot
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import new_ticket, run, shares, thread_count
+from ..kernels.simd import get, i32_at, ptr, put
+from ..query.shadow_query import ShadingNormals, Surfaces, three_at
+from ..scene.appearance import Appearance
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.materials import CLAMP, LINEAR, MIRROR, REPEAT, Texture
+
+# --- Where a point lies on its triangle: weights of the corners, for whatever changes from corner to corner -----------
+
+
+class Places(NamedTuple):
+    """The points that pixels see, and their triangles."""
+
+    position: np.ndarray  # (H, W, 3) float32
+    normal: np.ndarray  # (H, W, 3) float32, geometric
+    depth: np.ndarray  # (H, W) float32
+    face: np.ndarray  # (H, W) int32, index in `corners`
+    ids: np.ndarray  # (H, W) int32, face of the scene; -1: nothing is seen
+    corners: np.ndarray  # (n, 9) float32
+
+
+def places_of(surfaces: Surfaces) -> Places:
+    g = surfaces.gbuffer
+    return Places(g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9))
+
+
+class Frame3(NamedTuple):
+    """A triangle's edges from its first corner, their cross product, and its squared length; float64 vectors."""
+
+    e1: tuple
+    e2: tuple
+    g: tuple
+    g2: float
+
+
+@inlined
+def minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@inlined
+def frame_of(corners, i):
+    """The `Frame3` of triangle i; `corners` is a pointer."""
+    c0 = three_at(corners, 3 * i)
+    e1, e2 = minus(three_at(corners, 3 * i + 1), c0), minus(three_at(corners, 3 * i + 2), c0)
+    g = cross(e1, e2)
+    return Frame3(e1, e2, g, dot(g, g))
+
+
+@inlined
+def along(frame, d):
+    """How the weights of the second and third corner change along the vector d."""
+    return dot(cross(d, frame.e2), frame.g) / frame.g2, dot(cross(frame.e1, d), frame.g) / frame.g2
+
+
+@inlined
+def weights(frame, corners, i, p):
+    """(b0, b1, b2): the weights of the corners of triangle i at its point p, in [0, 1]; a third each without area."""
+    if not frame.g2 > 0.0:
+        return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
+    b1, b2 = along(frame, minus(p, three_at(corners, 3 * i)))
+    b1 = min(max(b1, 0.0), 1.0)
+    b2 = min(max(b2, 0.0), 1.0 - b1)
+    return 1.0 - b1 - b2, b1, b2
+
+
+# --- Texture look-ups: bilinear within a mip level, linear between two, and several along a stretched footprint -------
+
+
+MOST_TAPS = 8
+"""Look-ups along the longer side of a pixel's footprint, at most. A footprint that is longer still is blurred."""
+
+
+class MippedTextures(NamedTuple):
+    """Textures for kernels. Their arrays must outlive this."""
+
+    pixels: np.ndarray  # (t,) int64: addresses of the texels, four bytes each, row by row
+    mips: np.ndarray  # (t,) int64: addresses of those of smaller levels, one after the other
+    sizes: np.ndarray  # (t, 2) int32: width and height
+    wraps: np.ndarray  # (t, 2) int32: wrap_s and wrap_t
+    nearest: np.ndarray  # (t,) bool
+    linear: np.ndarray  # (256,) float32: the linear light of bytes
+
+
+def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
+    """The textures; those that are None may not be looked up."""
+    n = len(textures)
+    found = MippedTextures(
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros((n, 2), np.int32),
+        np.zeros((n, 2), np.int32),
+        np.zeros(n, np.bool_),
+        LINEAR,
+    )
+    for i, texture in enumerate(textures):
+        if texture is not None:
+            found.pixels[i], found.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
+            found.sizes[i] = texture.pixels.shape[1::-1]
+            found.wraps[i] = texture.wrap_s, texture.wrap_t
+            found.nearest[i] = texture.nearest
+    return found
+
+
+@inlined
+def _wrapped(i, n, wrap):
+    """The texel at place i beside a coordinate from `_near`, on a line of n texels."""
+    if wrap == REPEAT:
+        return n - 1 if i < 0 else i if i < n else 0
+    if wrap == MIRROR and i >= n:
+        i = 2 * n - 1 - i
+    return min(max(i, 0), n - 1)
+
+
+@inlined
+def _near(u, wrap):
+    """A texture coordinate that shows the same: from 0 to 1, and to 2 if the texture is mirrored."""
+    if wrap == REPEAT:
+        return u - np.floor(u)
+    return min(max(u, 0.0), 1.0) if wrap == CLAMP else u - 2.0 * np.floor(0.5 * u)
+
+
+@inlined
+def _light(linear, texel):
+    """Linear red, green and blue of four bytes."""
+    return (
+        get(linear, texel & 255),
+        get(linear, (texel >> 8) & 255),
+        get(linear, (texel >> 16) & 255),
+    )
+
+
+@inlined
+def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
+    """The picture at (u, v); `texels` and `linear` are pointers."""
+    half = 0.0 if nearest else 0.5
+    x, y = _near(u, wrap_s) * w - half, _near(v, wrap_t) * h - half
+    x0, y0 = np.floor(x), np.floor(y)
+    i, j = np.int64(x0), np.int64(y0)
+    left, top = _wrapped(i, w, wrap_s), _wrapped(j, h, wrap_t) * w
+    if nearest:
+        return _light(linear, np.int64(get(texels, top + left)))
+    right, low = _wrapped(i + 1, w, wrap_s), _wrapped(j + 1, h, wrap_t) * w
+    fx, fy = x - x0, y - y0
+    a, b = _light(linear, np.int64(get(texels, top + left))), _light(linear, np.int64(get(texels, top + right)))
+    c, d = _light(linear, np.int64(get(texels, low + left))), _light(linear, np.int64(get(texels, low + right)))
+    p, q, r, s = (1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy
+    return (
+        p * a[0] + q * b[0] + r * c[0] + s * d[0],
+        p * a[1] + q * b[1] + r * c[1] + s * d[1],
+        p * a[2] + q * b[2] + r * c[2] + s * d[2],
+    )
+
+
+@inlined
+def _at_level(pictures, k, level, u, v, nearest):
+    """Texture k at (u, v), in a mip level."""
+    one = np.int64(1)
+    w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
+    texels, start = i32_at(pictures.pixels[k]), np.int64(0)
+    if level > 0:
+        for _ in range(level - 1):
+            w, h = max(w >> one, one), max(h >> one, one)
+            start += w * h
+        w, h = max(w >> one, one), max(h >> one, one)
+        texels = i32_at(pictures.mips[k] + 4 * start)
+    return _bilinear(texels, ptr(pictures.linear), w, h, pictures.wraps[k, 0], pictures.wraps[k, 1], u, v, nearest)
+
+
+@inlined
+def _between(pictures, k, level, u, v):
+    """Texture k at (u, v), linear between two mip levels; `level` is a float64 that is not negative."""
+    largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
+    last = np.int64(np.floor(np.log2(np.float64(largest))))
+    below = min(np.int64(level), last)
+    a = _at_level(pictures, k, below, u, v, False)
+    part = level - below
+    if part <= 0.0 or below == last:
+        return a
+    b = _at_level(pictures, k, below + 1, u, v, False)
+    return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
+
+
+@inlined
+def sample_texture(pictures, k, uv, across, along):
+    """(red, green, blue), linear: the mean of texture k around `uv`, over a pixel's footprint.
+
+    across, along : the two sides of the footprint, in texture coordinates
+
+    The longer side is covered by several look-ups, each in the mip level that suits the shorter one. So a floor seen at
+    a grazing angle stays sharp, as with the anisotropic filters of graphics cards.
+    """
+    w, h = np.float64(pictures.sizes[k, 0]), np.float64(pictures.sizes[k, 1])
+    one, two = np.hypot(across[0] * w, across[1] * h), np.hypot(along[0] * w, along[1] * h)
+    side = along if two > one else across
+    longer, shorter = max(one, two), min(one, two)
+    if not longer > 1.0:
+        return _at_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
+    shorter = max(shorter, 1.0)
+    taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
+    level = min(np.log2(max(longer / taps, shorter)), 64.0)
+    red = green = blue = 0.0
+    for i in range(taps):
+        at = (i + 0.5) / taps - 0.5
+        light = _between(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
+        red, green, blue = red + light[0], green + light[1], blue + light[2]
+    return red / taps, green / taps, blue / taps
+
+
+# --- The base colour that each pixel sees: of its face, or of its material, texture and colours of vertices -----------
+
+
+_FAR = 1e4  # heights of an orthographic picture
+_GRAZING = 0.02  # a footprint is at most as stretched as at this cosine
+
+
+class Paints(NamedTuple):
+    """What faces of the scene show, for kernels."""
+
+    colour: np.ndarray  # (m, 3) float32: of the triangles that `Places.face` indexes
+    material: np.ndarray  # (n,) int32: of faces of the scene; -1: the face has its colour
+    factors: np.ndarray  # (k, 3) float32: of materials
+    texture: np.ndarray  # (k,) bool: whether the material's texture can be looked up
+    textured: np.ndarray  # (n,) bool: whether the face shows it
+    uv: np.ndarray  # (n, 3, 2) float32, or (0, 3, 2)
+    colours: np.ndarray  # (n, 3, 4) float32, or (0, 3, 4)
+    pictures: MippedTextures  # the texture of material i is picture i
+
+
+class Eye(NamedTuple):
+    """Where a picture is seen from."""
+
+    x: float
+    y: float
+    z: float
+    pixel: float  # width of a pixel at depth 1
+    least: float  # and at depth 0
+
+
+def eye_of(rays: CameraRays | ExplicitRays, parts: int) -> Eye:
+    """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
+    if isinstance(rays, CameraRays):
+        return _eye(rays.origin, float(np.linalg.norm(rays.dy)) / parts, 0.0)
+    if rays.extent is None:
+        return _eye(rays.origin, np.pi / rays.height / parts, 0.0)
+    far = rays.origin - _FAR * rays.extent * rays.axes[2]  # where parallel rays come from, about
+    return _eye(far, 0.0, rays.extent / rays.height / parts)
+
+
+def _eye(place: np.ndarray, pixel: float, least: float) -> Eye:
+    x, y, z = map(float, place)
+    return Eye(x, y, z, pixel, least)
+
+
+@inlined
+def _footprint(frame, n, p, eye, depth):
+    """Two vectors in the plane of a triangle (unit normal n): the sides of what a pixel covers around its point p."""
+    size = eye.pixel * depth + eye.least
+    d = minus(p, (eye.x, eye.y, eye.z))
+    distance = np.sqrt(dot(d, d))
+    towards = dot(d, n)
+    a = d[0] - towards * n[0], d[1] - towards * n[1], d[2] - towards * n[2]
+    length = np.sqrt(dot(a, a))
+    if length <= 1e-6 * distance:  # seen from straight above: any direction in the plane
+        a = frame.e1
+        length = np.sqrt(dot(a, a))
+    unit = a[0] / length, a[1] / length, a[2] / length
+    stretched = size / max(abs(towards) / distance, _GRAZING)
+    b = cross(n, unit)
+    return (
+        (size * b[0], size * b[1], size * b[2]),
+        (stretched * unit[0], stretched * unit[1], stretched * unit[2]),
+    )
+
+
+@inlined
+def _in_texture(frame, uv, face, d):
+    """How texture coordinates change along the vector d; `uv` is a pointer."""
+    b1, b2 = along(frame, d)
+    s0, t0 = get(uv, 6 * face), get(uv, 6 * face + 1)
+    s1, t1 = get(uv, 6 * face + 2) - s0, get(uv, 6 * face + 3) - t0
+    s2, t2 = get(uv, 6 * face + 4) - s0, get(uv, 6 * face + 5) - t0
+    return b1 * s1 + b2 * s2, b1 * t1 + b2 * t2
+
+
+@inlined
+def _mixed(values, at, step, b, c):
+    """Component c of what the three corners have, `step` numbers each from `at` on."""
+    return b[0] * get(values, at + c) + b[1] * get(values, at + step + c) + b[2] * get(values, at + 2 * step + c)
+
+
+@inlined
+def _painted(places, paints, eye, at, i, k, material):
+    """(red, green, blue) of pixel `at`, which sees triangle i and face k of the scene."""
+    corners = ptr(places.corners)
+    p, frame = three_at(ptr(places.position), at), frame_of(corners, i)
+    b = weights(frame, corners, i, p)
+    factors = ptr(paints.factors)
+    r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
+    red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
+    if paints.textured[k] and paints.texture[material] and frame.g2 > 0.0:
+        uv, depth = ptr(paints.uv), np.float64(get(ptr(places.depth), at))
+        across, stretched = _footprint(frame, three_at(ptr(places.normal), at), p, eye, depth)
+        light = sample_texture(
+            paints.pictures,
+            np.int64(material),
+            (_mixed(uv, 6 * k, 2, b, 0), _mixed(uv, 6 * k, 2, b, 1)),
+            _in_texture(frame, uv, k, across),
+            _in_texture(frame, uv, k, stretched),
+        )
+        red, green, blue = red * light[0], green * light[1], blue * light[2]
+    if len(paints.colours) > 0:
+        colours = ptr(paints.colours)
+        red *= _mixed(colours, 12 * k, 4, b, 0)
+        green *= _mixed(colours, 12 * k, 4, b, 1)
+        blue *= _mixed(colours, 12 * k, 4, b, 2)
+    return red, green, blue
+
+
+@kernel
+def _albedo_rows(ticket, places, paints, eye, out):
+    w = places.ids.shape[1]
+    ids, faces, materials, own = ptr(places.ids), ptr(places.face), ptr(paints.material), ptr(paints.colour)
+    shown = ptr(out)
+    for y0, last in shares(ticket):
+        for at in range(y0 * w, last * w):
+            red = green = blue = 0.0
+            k = np.int64(get(ids, at))
+            if k >= 0:
+                i, material = np.int64(get(faces, at)), get(materials, k)
+                if material >= 0:
+                    red, green, blue = _painted(places, paints, eye, at, i, k, material)
+                else:
+                    red = np.float64(get(own, 3 * i))
+                    green = np.float64(get(own, 3 * i + 1))
+                    blue = np.float64(get(own, 3 * i + 2))
+            put(shown, 3 * at, np.float32(red))
+            put(shown, 3 * at + 1, np.float32(green))
+            put(shown, 3 * at + 2, np.float32(blue))
+
+
+def albedo(places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads=None) -> np.ndarray:
+    """(H, W, 3) float32: linear base colours; 0 where nothing is seen.
+
+    colour : (m, 3) float32, the colour of each triangle that `places.face` indexes
+
+    Textures are decoded when they are seen for the first time. Raises InputError if one cannot be.
+    """
+    threads = thread_count(threads)
+    out = np.empty(places.position.shape, np.float32)
+    paints = _paints(places, colour, appearance, threads)
+    run(_albedo_rows, threads, new_ticket(len(out), 8), places, paints, eye, out)
+    return out
+
+
+def _paints(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> Paints:
+    materials = appearance.materials
+    seen = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
+    shown = [material.texture if count else None for material, count in zip(materials, seen[1:])]
+    _decode(list(dict.fromkeys(t for t in shown if t is not None)), threads)
+    none = lambda values, width: np.empty((0, 3, width), np.float32) if values is None else values
+    return Paints(
+        colour,
+        appearance.material_of_face,
+        np.array([m.factor[:3] for m in materials], np.float32),
+        np.array([t is not None for t in shown]),
+        appearance.textured,
+        none(appearance.uv, 2),
+        none(appearance.colours, 4),
+        mipped_textures(shown),
+    )
+
+
+def _decode(textures: list[Texture], threads: int) -> None:
+    """Decode textures and their mip levels; they keep both."""
+
+    def decode(texture: Texture) -> None:
+        try:
+            texture.mips  # noqa: B018
+        except ValueError as error:
+            raise InputError(f"{texture.name} cannot be decoded ({error}); render without textures") from error
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(decode, textures))
+
+
+# --- Shading normals: those of the corners of triangles, interpolated. Shadows stay on the geometric surface ----------
+
+
+@inlined
+def _evaluated(frame, kept):
+    """The normal that `scene.appearance.in_frames` keeps as `kept`, of any length, in the triangle as it is now.
+
+    In its plane it is the vector x e1 + y e2 with the two kept products; this is a system of two equations.
+    """
+    e1, e2, g, g2 = frame
+    a, b, c = dot(e1, e1), dot(e1, e2), dot(e2, e2)
+    x, y = (c * kept[0] - b * kept[1]) / g2, (a * kept[1] - b * kept[0]) / g2
+    z = kept[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))  # g is |g| long, and kept[2] is |g|^(1/2) times the product
+    return x * e1[0] + y * e2[0] + z * g[0], x * e1[1] + y * e2[1] + z * g[1], x * e1[2] + y * e2[2] + z * g[2]
+
+
+@kernel
+def _normal_rows(ticket, places, kept, bends, out):
+    w = places.ids.shape[1]
+    ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(kept)
+    positions, geometric, shown = ptr(places.position), ptr(places.normal), ptr(out.normal)
+    sines, ends = ptr(bends), ptr(out.bend)
+    for y0, last in shares(ticket):
+        for at in range(y0 * w, last * w):
+            n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
+            if k >= 0:
+                i = np.int64(get(faces, at))
+                frame = frame_of(corners, i)
+                b0, b1, b2 = weights(frame, corners, i, three_at(positions, at))
+                p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
+                m = _evaluated(
+                    frame,
+                    (
+                        b0 * p[0] + b1 * q[0] + b2 * r[0],
+                        b0 * p[1] + b1 * q[1] + b2 * r[1],
+                        b0 * p[2] + b1 * q[2] + b2 * r[2],
+                    ),
+                )
+                length = np.sqrt(dot(m, m))
+                if length > 0.0 and length < np.inf:
+                    scale = (1.0 if dot(m, n) >= 0.0 else -1.0) / length  # towards the seen side
+                    n = m[0] * scale, m[1] * scale, m[2] * scale
+                    bend = b0 * get(sines, 3 * k) + b1 * get(sines, 3 * k + 1) + b2 * get(sines, 3 * k + 2)
+                    bend /= max(length, 0.5)  # the mean of unit vectors is shorter: docs/design/shading.md
+            put(ends, at, np.float32(bend))
+            put(shown, 3 * at, np.float32(n[0]))
+            put(shown, 3 * at + 1, np.float32(n[1]))
+            put(shown, 3 * at + 2, np.float32(n[2]))
+
+
+def shading_normals(places: Places, appearance: Appearance, threads=None) -> ShadingNormals:
+    """The interpolated normals of a scene that has some; geometric ones where a face has none."""
+    out = ShadingNormals(np.empty(places.normal.shape, np.float32), np.empty(places.ids.shape, np.float32))
+    ticket = new_ticket(len(places.ids), 8)
+    run(_normal_rows, thread_count(threads), ticket, places, appearance.normals, appearance.bends, out)
+    return out

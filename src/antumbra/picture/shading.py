@@ -1,0 +1,199 @@
+"""Diffuse shading with ambient light, and the background of pixels without a surface."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..kernels.jit import F32Ptr, inlined, kernel
+from ..kernels.parallel import items, new_ticket, run, thread_count
+from ..kernels.simd import get, ptr, ptr_at, put
+from ..query.receivers import NOTHING
+from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.lights import is_bounced
+from ..scene.sky import Sky
+from .discontinuity_filter import smooth_irradiance
+from .irradiance import irradiance, list_irradiance
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Simple shading: diffuse surfaces, the share of each light's irradiance that arrives, and a little ambient light.
+#
+# Ambient occlusion scales the ambient light. `picture.irradiance` shades lists of lights.
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+
+AMBIENT = 0.12
+"""Ambient irradiance as a share of the mean unoccluded direct irradiance of the visible surfaces."""
+
+_ONE, SIDEWAYS = np.float32(1.0), np.float32(0.65)
+"""Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
+
+
+def arriving_irradiance(gbuffer, light, query, bits, seen=None, shading=None, threads=None) -> np.ndarray:
+    """Irradiance of each pixel's surface from a light, as `shade` takes it; `shading`: ShadingNormals or None.
+
+    - Lists of lights: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
+      from interleaved lists is smoothed.
+    - Ambient occlusion: zeros, (H, W) float32.
+    - Other lights: (H, W) float32, unoccluded and for intensity 1.
+    """
+    if light.domain == "list":
+        arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
+        return arrived if seen is None or not light.interleave else smooth_irradiance(seen, arrived, threads)
+    if light.domain == "hemisphere":
+        return np.zeros(gbuffer.face.shape, np.float32)
+    return irradiance(gbuffer, query.light, light.domain, shading, threads)
+
+
+class _Rows(NamedTuple):
+    """The images that `shade` adds up, as pointers, and their numbers."""
+
+    tints: F32Ptr  # float32 *, (n, 3): colour times intensity of each light
+    irradiances: F32Ptr  # float32 *, (n, H, W): unoccluded irradiance of each light
+    shares: F32Ptr  # float32 *, (n, H, W): the share of it that arrives
+    n: int  # number of lights
+    skies: F32Ptr  # float32 *, (n_skies, H, W): visible fraction of each ambient occlusion
+    n_skies: int
+    more: F32Ptr  # float32 *, (n_more, H, W, 3): irradiance of each list of lights, and indirect irradiance
+    n_more: int
+    step: int  # H W, the number of pixels
+
+
+@inlined
+def _light_row(rows, normal, up, ambient, start, w, sums):
+    """Sum the light of w pixels from pixel `start` on, as their reds, greens, blues. LLVM vectorises these loops."""
+    for x in range(w):
+        open_sky = _ONE
+        for k in range(rows.n_skies):
+            open_sky *= get(rows.skies, k * rows.step + start + x)
+        sky = (SIDEWAYS + (_ONE - SIDEWAYS) * get(normal, 3 * (start + x) + up)) * open_sky
+        for c in range(3):
+            put(sums, c * w + x, ambient[c] * sky)
+    for k in range(rows.n):
+        at = k * rows.step + start
+        irradiance, share = ptr_at(rows.irradiances, at), ptr_at(rows.shares, at)
+        for c in range(3):
+            tint = get(rows.tints, 3 * k + c)
+            for x in range(w):
+                put(sums, c * w + x, get(sums, c * w + x) + get(irradiance, x) * get(share, x) * tint)
+    for k in range(rows.n_more):
+        for x in range(w):
+            for c in range(3):
+                put(sums, c * w + x, get(sums, c * w + x) + get(rows.more, 3 * (k * rows.step + start + x) + c))
+
+
+@kernel
+def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, ambient, skies, more, image, sums):
+    """Worker: shade rows of pixels. `sums` is the thread's own memory for the colours of a row."""
+    h, w = face.shape
+    rows = _Rows(
+        ptr(tints), ptr(irradiances), ptr(shares), len(tints), ptr(skies), len(skies), ptr(more), len(more), h * w
+    )
+    faces, normals, colours, out = ptr(face), ptr(normal), ptr(colour), ptr(image)
+    inverse_pi = np.float32(1.0 / np.pi)
+    ambient = (ambient[0], ambient[1], ambient[2])
+    for y in items(ticket):
+        _light_row(rows, normals, up, ambient, y * w, w, ptr(sums))
+        for x in range(w):
+            at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
+            for c in range(3):
+                shown = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
+                put(out, at + c, shown if i >= 0 else np.float32(0.0))
+
+
+def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
+    """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 where no surface is seen.
+
+    colour : (n, 3) float32, the colour of each face
+    lights : list of lights; arrived : the result of `arriving` for each; shares : (H, W) float32 of `picture.light_visibility`
+    ambient : (3,) float32, from `ambient_light` of the whole picture
+    up : "y" or "z", the axis from which most of the ambient light comes
+    indirect : (H, W, 3) float32, additional irradiance; None: none
+    """
+    shape, shining = gbuffer.face.shape, _shining(lights)
+    irradiances, arriving_shares = (_stack([of[k] for k in shining], shape) for of in (arrived, shares))
+    lists = [arrived[k] for k, light in enumerate(lights) if light.domain == "list"]
+    more = _stack(lists if indirect is None else [*lists, indirect], (*shape, 3))
+    skies = _stack([shares[k] for k, light in enumerate(lights) if light.domain == "hemisphere"], shape)
+    tints = _tints([lights[k] for k in shining])
+    image = np.empty((*shape, 3), np.float32)
+    args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
+    ticket = new_ticket(len(image), 8)
+    own = lambda: (np.empty(3 * shape[1], np.float32),)
+    run(_shade_rows, thread_count(threads), ticket, *args, arriving_shares, ambient, skies, more, image, own=own)
+    return image
+
+
+def ambient_light(gbuffer, lights, arrived) -> np.ndarray:
+    """(3,) float32: the ambient irradiance of a picture, from the mean irradiance of its surfaces; see AMBIENT.
+
+    It is 0 if the lights include indirect light. If no light shines but ambient occlusion, it is the product of their
+    colours and intensities.
+    """
+    open_skies = [light for light in lights if light.domain == "hemisphere"]
+    skies = _tints(open_skies).prod(0)
+    if any(is_bounced(light) for light in lights):
+        return np.zeros(3, np.float32)
+    shape, shining = gbuffer.face.shape, _shining(lights)
+    total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)
+    total = total @ _tints([lights[k] for k in shining])
+    for k, light in enumerate(lights):
+        if light.domain == "list":
+            total += arrived[k].sum(axis=(0, 1), dtype=np.float64)
+    if open_skies and not total.any():
+        return skies
+    return (AMBIENT * total / max(1, np.count_nonzero(gbuffer.side != NOTHING)) * skies).astype(np.float32)
+
+
+def _shining(lights) -> list[int]:
+    """Indices of the lights whose shares shading multiplies by their irradiance."""
+    return [k for k, light in enumerate(lights) if light.domain not in ("hemisphere", "list")]
+
+
+def _tints(lights) -> np.ndarray:
+    """(k, 3) float32: colours times intensities."""
+    return np.array([s.intensity * np.asarray(s.colour) for s in lights], np.float32).reshape(-1, 3)
+
+
+def _stack(images, shape) -> np.ndarray:
+    """(k, *shape) float32: the images as one array, also if there are none. A single image is not copied."""
+    if len(images) == 1:
+        return images[0][None]
+    return np.stack(images) if images else np.empty((0, *shape), np.float32)
+
+
+# --- What pixels show that see no surface: the light of skies, or a backdrop ------------------------------------------
+
+
+BACKDROP = 0.75
+"""Share of white that a backdrop shows where the soft daylight has a radiance of 1."""
+
+
+def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> np.ndarray:
+    """(H, W, 3) float32, linear shares of white: a soft daylight behind a scene that no sky lights.
+
+    It sheds no light, and no exposure changes it. It is 0 where surfaces cover the whole pixel.
+
+    coverage : (H, W) float32, the share of each pixel that shows surfaces
+    """
+    out, (rows, columns) = np.zeros((*coverage.shape, 3), np.float32), np.nonzero(coverage < 1.0)
+    out[rows, columns] = sky_behind([Sky(up=up, intensity=BACKDROP)], rays, rows, columns)
+    return out
+
+
+def skies_of(lights) -> list[Sky]:
+    """The skies among some lights."""
+    return [light for light in lights if isinstance(light, Sky)]
+
+
+def sky_behind(skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """(m, 3) float32: the radiance of skies through the centres of pixels (rows[i], columns[i]), or 0."""
+    out = np.zeros((len(rows), 3), np.float32)
+    if skies and len(rows):
+        half = np.float32(0.5)
+        directions = rays.directions(columns.astype(np.float32) + half, rows.astype(np.float32) + half)
+        for sky in skies:
+            out += sky.radiance(directions)
+    return out

@@ -1,0 +1,219 @@
+"""Progress of long work. The library itself prints nothing, except a bar in a terminal or a notebook.
+
+- A function that the caller gave (`progress_listener`, `with_progress`) gets all progress; False gets none.
+- Else terminals and notebooks show a bar after a second.
+- Begin and end of long work go to the logger ``antumbra``, at level INFO. Warnings go there too.
+"""
+
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+from functools import wraps
+from threading import Lock, Timer
+from time import perf_counter
+from typing import Any, ParamSpec, TypeVar
+
+from .errors import InputError
+
+ProgressListener = Callable[[str, int, int], object]
+"""Function of (name of the work, amount done, total amount)."""
+
+ProgressCallback = Callable[[int, int], Any]
+"""Function of (amount done, total amount)."""
+
+Progress = ProgressListener | bool | None
+"""What the keyword ``progress`` of a job takes, see `followed`."""
+
+LOG = logging.getLogger("antumbra")
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+_listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
+_shown: list[str] = []  # names of the work that is shown now, by a bar or by a listener
+_DELAY = 1.0  # seconds before a bar appears
+_EVERY = 0.1  # seconds between two states of a bar
+_WIDTH = 24  # characters of a bar
+
+
+@contextmanager
+def progress_listener(say: ProgressListener) -> Iterator[None]:
+    """Within the context, progress goes to `say`, and no bar appears."""
+    token = _listener.set(say)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+def ignore_progress(what: str, done: int, total: int) -> None:
+    """A listener that ignores all progress."""
+
+
+def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorator of a function with a keyword ``progress``, through which callers follow its work.
+
+    A function of (text, done, total): it gets the progress of everything within. False: nothing is shown. None or
+    True: a bar, where a person watches. The decorated function itself need not read the keyword.
+    """
+
+    @wraps(job)
+    def run(*args: _P.args, **options: _P.kwargs) -> _R:
+        progress: Any = _checked_progress(options.get("progress"))
+        if progress is None:
+            return job(*args, **options)
+        with progress_listener(progress or ignore_progress):
+            return job(*args, **options)
+
+    return run
+
+
+def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorator of a function whose keyword ``progress`` takes a function of (done, total), or None.
+
+    It may now be False too: nothing is shown, not even by what the function calls. True is the same as None.
+    """
+
+    @wraps(job)
+    def run(*args: _P.args, **options: _P.kwargs) -> _R:
+        options["progress"] = progress = _checked_progress(options.get("progress"))
+        with progress_listener(ignore_progress) if progress is False else nullcontext():
+            return job(*args, **options)
+
+    return run
+
+
+def _checked_progress(progress) -> Any:
+    """A function, False or None; InputError for anything else but True."""
+    if progress is None or isinstance(progress, bool):
+        return None if progress else progress
+    if not callable(progress):
+        raise InputError(f"progress is {progress!r}; it must be a function, True, False or None")
+    return progress
+
+
+@contextmanager
+def report_progress(what: str) -> Iterator[ProgressCallback]:
+    """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
+    start = perf_counter()
+    LOG.info("%s ...", what)
+    with _busy(what):
+        if say := _listener.get():
+            yield lambda done, total: say(what, done, total)
+        elif _watched():
+            bar = ProgressBar(what, _DELAY)
+            with bar.appearing():
+                yield bar
+        else:
+            yield lambda done, total: None
+    LOG.info("%s: %.0f s", what, perf_counter() - start)
+
+
+def show_progress(
+    what: str, progress: ProgressCallback | bool | None = None
+) -> AbstractContextManager[ProgressCallback | None]:
+    """Show work that may be short and is too small for the log.
+
+    progress : the keyword of a `hushed` function; a function is the context's value
+
+    Otherwise the context's value is a function that hears (done, total). It is None if nobody watches, or if the work
+    is part of other work that is shown.
+    """
+    if callable(progress):
+        return nullcontext(progress)
+    return nullcontext() if _listener.get() or _shown or not _watched() else _short(what)
+
+
+@contextmanager
+def _short(what: str) -> Iterator[ProgressCallback]:
+    """Show a bar for work that may be short."""
+    with _busy(what):
+        bar = ProgressBar(what, _DELAY)
+        try:
+            yield bar
+        finally:
+            bar.clear()
+
+
+def split_progress(heard: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
+    """A function of (done, total) for `count` runs, one after the other. `done` restarts in each run.
+
+    All runs together are piece `index` of `of` pieces.
+    """
+    if heard is None:
+        return None
+    run, last = 0, -1
+
+    def progress(done: int, total: int) -> None:
+        nonlocal run, last
+        run, last = (run + 1 if done < last else run), done
+        heard((index * count + min(run, count - 1)) * total + done, of * count * total)
+
+    return progress
+
+
+class ProgressBar:
+    """A line on standard error that is written anew again and again; notebooks show it as terminals do.
+
+    what : name of the work
+    delay : seconds before the line appears
+    """
+
+    def __init__(self, what: str, delay: float):
+        self._what, self._start, self._next = what, perf_counter(), delay
+        self._length, self._share, self._lock = 0, 0.0, Lock()
+
+    def __call__(self, done: int, total: int) -> None:
+        self._share = done / max(total, 1)
+        if perf_counter() - self._start >= self._next:
+            self._draw()
+
+    @contextmanager
+    def appearing(self) -> Iterator[None]:
+        """Within the context, the line appears after the delay even if nothing is reported; then it is removed."""
+        timer = Timer(self._next, self._draw)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            timer.join()
+            self.clear()
+
+    def clear(self) -> None:
+        """Remove the line."""
+        with self._lock:
+            if self._length:
+                self._write("")
+                print("\r", end="", file=sys.stderr, flush=True)
+
+    def _draw(self) -> None:
+        passed, share = perf_counter() - self._start, self._share
+        self._next = passed + _EVERY
+        full = round(share * _WIDTH)
+        left = f", {passed / share - passed:.0f} s left" if share > 0.0 else ""
+        bar = "#" * full + "-" * (_WIDTH - full)
+        with self._lock:
+            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {passed:.0f} s{left}")
+
+    def _write(self, line: str) -> None:
+        print("\r" + line.ljust(self._length), end="", file=sys.stderr, flush=True)
+        self._length = len(line)
+
+
+@contextmanager
+def _busy(what: str) -> Iterator[None]:
+    _shown.append(what)
+    try:
+        yield
+    finally:
+        _shown.remove(what)
+
+
+def _watched() -> bool:
+    """Whether standard error is a terminal, or the output of a notebook's cell."""
+    stream = sys.stderr
+    return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))

@@ -1,0 +1,207 @@
+"""Light lists: many point lights or distant lights that are sampled as one light, one sample per light."""
+
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..checks import as_array, flag, number, unit_vectors
+from ..errors import InputError
+from .lights import DIRECTIONAL, LIST, MAX_SPP, Light, LightPatch, check_distance, check_place
+
+# --- The common base of lists of lights: many lights as one light, whose samples are the lights of the list -----------
+
+
+N_SETS = 16  # sample sets of a query, one for each pixel of a 4x4 block
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LightList(Light):
+    """The base class of lists of lights. A subclass has the fields `intensities` and `colours`, one for each light.
+
+    interleave : bool
+        Whether the lights are dealt to the 16 sample sets, and each receiver samples one set only.
+    """
+
+    interleave: bool = field(default=False, kw_only=True)
+    domain = "list"
+
+    if TYPE_CHECKING:  # fields of the subclasses
+
+        @property
+        def intensities(self) -> np.ndarray: ...
+
+        @property
+        def colours(self) -> np.ndarray: ...
+
+    @property
+    def points(self) -> np.ndarray:
+        """(k, 3) float64: the samples (a, b, c) of all lights."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        shared = ", interleave=True" if self.interleave else ""
+        return f"{type(self).__name__}({len(self.points)} lights, intensity={self.intensity:g}{shared})"
+
+    def samples(self, spp):
+        k = len(self.points)
+        return -(-k // N_SETS) if self.interleave else k
+
+    @property
+    def sets(self) -> np.ndarray:
+        """(16, n) int: the light of each sample of each set. Without `interleave`, each set has all k lights."""
+        k = len(self.points)
+        if not self.interleave:
+            return np.broadcast_to(np.arange(k), (N_SETS, k))
+        order = np.argsort(_z_order(self.points), kind="stable")
+        dealt = np.arange(N_SETS * self.samples(0)) % k
+        return order[dealt].reshape(-1, N_SETS).T  # neighbours in space go to different sets
+
+    def weights(self) -> np.ndarray:
+        """(16, n, 3) float64: the weight of each sample of each set: its intensity in red, green and blue."""
+        shown = self.intensity * self.intensities[:, None] * self.colours * np.asarray(self.colour)
+        times = np.bincount(self.sets.ravel(), minlength=len(shown))
+        return (N_SETS / times[:, None] * shown)[self.sets]
+
+    def _check_list(self) -> None:
+        name, k = type(self).__name__, len(self.points)
+        flag(self.interleave, f"{name} interleave")
+        most = MAX_SPP * (N_SETS if self.interleave else 1)
+        if not 1 <= k <= most:
+            cure = "drop some" if self.interleave or k < 1 or k > MAX_SPP * N_SETS else "set interleave=True"
+            cure = "give at least one" if k < 1 else cure
+            raise InputError(f"{name} has {k} lights; a receiver asks at most {most} of them: {cure}")
+        object.__setattr__(self, "intensities", rows(self.intensities, k, 1, f"{name} intensities")[:, 0])
+        object.__setattr__(self, "colours", rows(self.colours, k, 3, f"{name} colours"))
+        if (self.intensities < 0).any():
+            raise InputError(f"{name} intensities must not be negative")
+        self._check()
+
+
+def without_interleave(light: Light) -> Light:
+    """The light as receivers sample it that form no 4 x 4 blocks: each tests all lights of a list."""
+    return replace(light, interleave=False) if isinstance(light, LightList) and light.interleave else light
+
+
+def _z_order(positions: np.ndarray) -> np.ndarray:
+    """(k,) int64: the position of each point on a space-filling curve through their bounding box."""
+    lower, extent = positions.min(0), np.ptp(positions, axis=0).max()
+    cells = ((positions - lower) * (1023.0 / extent if extent > 0.0 else 0.0)).astype(np.int64)
+    bits = np.arange(10)
+    spread = (cells[:, :, None] >> bits & 1) << (3 * bits + np.arange(3)[:, None])
+    return spread.sum((1, 2))
+
+
+def rows(value, k, width, what) -> np.ndarray:
+    """`value` as (k, width) float64. One value for all lights is repeated. k None allows any number of rows."""
+    given = as_array(value, what).astype(np.float64)  # a copy: a light does not change with the caller's array
+    array = given[..., None] if width == 1 else given
+    if k is not None:
+        with suppress(ValueError):  # shapes that do not fit are refused below
+            array = np.broadcast_to(array, (k, width))
+    if array.ndim != 2 or array.shape[1] != width or (k is not None and len(array) != k):
+        shape = "(k, 3)" if width == 3 else "(k,)"
+        lights = "" if k is None else f" for {k} lights"
+        raise InputError(f"{what} must be finite numbers of shape {shape}{lights}, not {given.shape}")
+    finite = np.isfinite(array).all(1)
+    if not finite.all():
+        raise InputError(f"{what} hold NaN or infinity (light {np.argmin(finite)})")
+    return np.ascontiguousarray(array)
+
+
+# --- Many point lights as one light, whose samples are the lights of a list -------------------------------------------
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointLights(LightList):
+    """A list of k point lights, sampled as one light, such as virtual point lights of instant radiosity [Keller 1997].
+
+    Without `interleave`, each receiver samples all lights: sample s is light s. With it, the lights are dealt to the 16
+    sample sets, so that each set is spread over all of them. A receiver samples the lights of its own set only, with 16
+    times fewer rays. Shading weighs a light by 16 over the number of sets that it is in. So the mean over a block of
+    4x4 pixels is the sum of all lights (Sec. 6.1 of the multi-frusta paper). The estimate is unbiased, and its noise is
+    a pattern of 4x4 pixels.
+
+    positions : (k, 3) float
+        In world units.
+    intensities : float or (k,) float
+        Candela of each light, times `intensity`. With normals, it is the intensity along the normal.
+    colours : (3,) or (k, 3) float
+        Linear RGB of each light, times `colour`.
+    normals : (3,) or (k, 3) float, or None
+        Normals of lights on a surface. They shine into the normal's half-space, by the cosine. None: all around.
+    interleave : bool
+        Whether each receiver samples one set only. At most 1024 lights without it, 16 x 1024 with it.
+    indirect : bool
+        The lights stand for bounced light, so a picture gets no other ambient light.
+    nearest : float
+        Least distance in shading, in world units. Lights that stand for an area are too bright for receivers next to
+        them, since 1 / distance^2 has a pole. The clamp darkens corners a little.
+    """
+
+    positions: np.ndarray
+    intensities: np.ndarray = field(default_factory=lambda: np.ones(()))
+    colours: np.ndarray = field(default_factory=lambda: np.ones(3))
+    normals: np.ndarray | None = None
+    indirect: bool = field(default=False, kw_only=True)
+    nearest: float = field(default=0.0, kw_only=True)
+
+    def __post_init__(self):
+        object.__setattr__(self, "positions", rows(self.positions, None, 3, "PointLights positions"))
+        if self.normals is not None:
+            normals = rows(self.normals, len(self.positions), 3, "PointLights normals")
+            cure = "leave normals out for lights all around"
+            object.__setattr__(self, "normals", unit_vectors(normals, "the normal of light", cure))
+        check_place(self.positions, "PointLights positions")
+        flag(self.indirect, "PointLights indirect")
+        number(self.nearest, "PointLights nearest", 0.0, np.inf, "[)")
+        self._check_list()
+
+    @property
+    def points(self):
+        return self.positions
+
+    def patch(self, origin, reach):
+        u, v, w = np.eye(3)
+        return LightPatch(LIST, -np.asarray(origin, np.float64), u, v, w, 0.0)
+
+
+# --- Many distant lights as one light: the suns of a year, or the patches of a sky ------------------------------------
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DirectionalLights(LightList):
+    """A list of k distant lights without extent, sampled as one light.
+
+    Without `interleave`, each receiver samples all lights: sample s is light s. With it, the lights are dealt to the 16
+    sample sets, as in `PointLights`. Neighbours in the list should be neighbours in the sky: 16 in a row share work.
+
+    directions : (k, 3) float, any length
+        From the lights *into* the scene, as in `DirectionalLight`.
+    intensities : float or (k,) float
+        Lux of each light, times `intensity`.
+    colours : (3,) or (k, 3) float
+        Linear RGB of each light, times `colour`.
+    interleave : bool
+        Whether each receiver samples one set only. At most 1024 lights without it, 16 x 1024 with it.
+    """
+
+    directions: np.ndarray
+    intensities: np.ndarray = field(default_factory=lambda: np.ones(()))
+    colours: np.ndarray = field(default_factory=lambda: np.ones(3))
+
+    def __post_init__(self):
+        directions = rows(self.directions, None, 3, "DirectionalLights directions")
+        object.__setattr__(self, "directions", unit_vectors(directions, "the direction of light"))
+        self._check_list()
+
+    @property
+    def points(self) -> np.ndarray:
+        """(k, 3) float64: unit vectors towards the lights, the samples (a, b, c)."""
+        return -self.directions
+
+    def patch(self, origin, reach):
+        check_distance(reach, "DirectionalLights", "make the scene smaller")
+        u, v, w = reach * np.eye(3)
+        return LightPatch(DIRECTIONAL, np.zeros(3), u, v, w, 0.0)

@@ -1,0 +1,340 @@
+"""Scene data: triangles, cameras and lights as functions of time, city objects, and the notes of the loader.
+
+`SceneData` is the common base: `MemoryData` holds triangles in memory, `StoreData` on disk.
+"""
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from contextlib import suppress
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ..checks import as_array, choice, instance, items, number, quoted, text, whole_number
+from ..errors import InputError, one_line
+from .alpha_masks import Cutouts, find_cutouts
+from .appearance import Appearance, appearance_of
+from .camera import Camera
+from .lights import Light
+from .materials import OPAQUE
+from .mesh import MeshInfo, ObjectInfo, Source
+from .scene_bounds import Survey, faces_of, frame_origin, objects_of
+from .triangles import Triangles
+
+# --- The contents of a CityJSON file beside its triangles: objects, and semantic surfaces of faces --------------------
+
+
+class SemanticSurface(NamedTuple):
+    """A semantic surface, such as a roof. A polygon without semantics is a surface of its own."""
+
+    object: int  # index into `CityModel.objects`
+    type: str | None  # such as "RoofSurface"; None: the polygon has no semantics
+    geometry: int  # index into the object's "geometry"
+    semantic: int | None  # index into the geometry's "semantics.surfaces"; None: the polygon has no semantics
+    path: tuple[int, ...]  # indices into "boundaries" that lead to the first polygon of the surface
+
+
+class CityModel(NamedTuple):
+    """Which object and surface each face of a scene belongs to.
+
+    `Scene.objects` has the same objects in the same order.
+    """
+
+    crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code
+    objects: list[str]  # ids of the objects with faces
+    object_of_face: np.ndarray  # (n,) int32, index into `objects`
+    surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
+    surfaces: list[SemanticSurface]  # those with faces
+    types: list[str]  # type of each object, such as "BuildingPart"
+    parents: list[str]  # id of the outermost object that each one is a part of, such as the Building; "": none
+    lods: list[str]  # all levels of detail of surfaces in the file, in ascending order
+
+    def surface_types(self, faces) -> np.ndarray:
+        """(...) str: the type of the semantic surface of each face, such as "RoofSurface".
+
+        It is "" where the polygon has no semantics, and where the face is -1 (none).
+
+        faces : (...) int, such as `Hit.face`
+
+        Raises
+        ------
+        InputError
+            If a face is no face of the city.
+        """
+        faces, n = as_array(faces, "faces"), len(self.surface_of_face)
+        if faces.dtype.kind == "f" or (faces.size and (faces.min() < -1 or faces.max() >= n)):
+            raise InputError(f"faces must be whole numbers from -1 to {n - 1}, the city's last face")
+        names = np.array([surface.type or "" for surface in self.surfaces] + [""])
+        return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]
+
+
+# --- The common base of what scenes hold: `MemoryData` has triangles in memory, `StoreData` on disk -------------------
+
+
+_GAP = 1e-5  # under a scene, as a share of its size: less than a picture shows, and more than float32 rounds
+
+
+class SceneData(ABC):
+    """Name, bounds, cameras, lights and triangles of a scene. `engine.scene.Scene` documents the attributes."""
+
+    name: str
+    up: str  # "y" or "z"
+    notes: tuple[str, ...]
+    duration: float  # seconds
+    meshes: list[MeshInfo]
+    objects: list[ObjectInfo]
+    bounds: np.ndarray  # (2, 3) float64, world
+    origin: np.ndarray  # (3,) float64, world
+    city: CityModel | None = None  # of a CityJSON file
+    crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
+    _cameras: list[Camera]  # at time 0
+    _lights: list[Light]
+
+    @property
+    @abstractmethod
+    def n_triangles(self) -> int: ...
+
+    @property
+    def appearance(self) -> Appearance | None:
+        """Textures, colours of vertices, shading normals and alpha. A store has none."""
+        return None
+
+    @property
+    def cutouts(self) -> Cutouts | None:
+        """The faces with holes, which alpha cuts; None: all faces are solid, as those of a store."""
+        return None
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
+        assert self.cutouts is None, "only scenes in memory have cut-outs"
+
+    @property
+    @abstractmethod
+    def object_of_face(self) -> np.ndarray:
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it."""
+
+    @abstractmethod
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
+        """The triangles at `time`. A store raises InputError."""
+
+    @abstractmethod
+    def _cameras_at(self, time: float) -> list[Camera]:
+        """The cameras at a time within 0 .. `duration`."""
+
+    @abstractmethod
+    def _lights_at(self, time: float) -> list[Light]:
+        """The lights at a time within 0 .. `duration`."""
+
+    @property
+    def animated(self) -> bool:
+        """Whether anything can change between time 0 and `duration`."""
+        return self.duration > 0.0
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """The cameras of the file at time 0, 1024 pixels high."""
+        return list(self._cameras)
+
+    @property
+    def lights(self) -> list[Light]:
+        """The lights of the file (KHR_lights_punctual) at time 0."""
+        return list(self._lights)
+
+    def camera(self, index: int = 0, time: float = 0.0) -> Camera:
+        """Camera `index` of the file at `time`."""
+        index = self._known("camera", index, len(self._cameras))
+        return self._cameras_at(self.clamped(time))[index]
+
+    def light(self, index: int = 0, time: float = 0.0) -> Light:
+        """Light `index` of the file at `time`."""
+        index = self._known("light", index, len(self._lights))
+        return self._lights_at(self.clamped(time))[index]
+
+    def _known(self, kind: str, index: int, count: int) -> int:
+        """The checked index of one of the scene's own cameras or lights."""
+        with suppress(InputError):
+            return whole_number(index, kind, 0, count - 1)
+        raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
+
+    def ground_height(self, time: float | None = None) -> float:
+        """The height, along the up axis, of a level ground just under the scene, in world units.
+
+        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        """
+        gap = _GAP * float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
+        return self._lowest(None if time is None else self.clamped(time)) - gap
+
+    def _lowest(self, time: float | None) -> float:
+        """The lowest height of the scene, world."""
+        return float(self.bounds[0, "xyz".index(self.up)])
+
+    def clamped(self, time) -> float:
+        """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
+        time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
+        return min(max(time, 0.0), self.duration)
+
+
+# --- What a scene in memory holds: triangles, cameras and lights as a function of time --------------------------------
+
+
+_MOMENTS = 25  # of an animation, at which its lowest point is looked for
+
+
+class MemoryData(SceneData):
+    """Triangles, cameras and lights in world space, at any time between 0 and `duration`."""
+
+    def __init__(
+        self,
+        source: Source,
+        *,
+        name: str = "scene",
+        up: str = "y",
+        notes: tuple[str, ...] = (),
+        city: CityModel | None = None,
+        crs: str | None = None,
+    ):
+        if not all(hasattr(source, part) for part in ("pieces", "cameras", "lights")):
+            raise InputError(f"source is {quoted(source)}; make a Scene by load, Scene.from_arrays or Scene.from_mesh")
+        self.city = None if city is None else instance(city, CityModel, "city")
+        self.name, self.up = one_line(text(name, "name")), check_up_axis(up)
+        self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
+        self.crs = None if crs is None else text(crs, "crs")
+        self.source, self.meshes, self.duration = source, source.meshes, float(source.duration)
+        self.objects = source.objects
+        self._object_of_face: np.ndarray | None = None
+        self.bounds, self.colours, self._looks, alpha = _survey(source)
+        self._appearance: Appearance | None = None
+        self._cutouts: Cutouts | None = None
+        self._find_cutouts = alpha
+        self.origin = frame_origin(*self.bounds)
+        self._cameras, self._lights = source.cameras(0.0), source.lights(0.0)
+
+    @property
+    def n_triangles(self) -> int:
+        return len(self.colours)
+
+    def _lowest(self, time: float | None) -> float:
+        if not self.animated:
+            return super()._lowest(time)
+        if time is None:
+            return self._lowest_ever
+        axis = "xyz".index(self.up)
+        return float(self.triangles(time).vertices[..., axis].min() + self.origin[axis])
+
+    @cached_property
+    def _lowest_ever(self) -> float:
+        found = [self._lowest(0.0)]
+        for time in np.linspace(0.0, self.duration, _MOMENTS)[1:]:
+            with suppress(InputError):  # a moment that has no triangles shows its error when it is rendered
+                found.append(self._lowest(time))
+        return min(found)
+
+    @property
+    def object_of_face(self) -> np.ndarray:
+        """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it.
+
+        The first use evaluates the geometry once more, piece by piece.
+        """
+        if self._object_of_face is None:
+            self._object_of_face = objects_of(self.source.pieces(0.0))
+        return self._object_of_face
+
+    @property
+    def appearance(self) -> Appearance | None:
+        """Textures, colours of vertices, shading normals and alpha; None if each face has one colour and no more.
+
+        The first use evaluates the geometry once more, piece by piece. Textures are decoded when they are shown.
+        """
+        if self._looks and self._appearance is None:
+            self._appearance = appearance_of(self.source, self.n_triangles)
+        return self._appearance
+
+    @property
+    def cutouts(self) -> Cutouts | None:
+        """The faces with holes, which alpha cuts; None: all faces are solid. The first use decodes their textures.
+
+        Raises
+        ------
+        InputError
+            If a texture cannot be decoded.
+        """
+        if self._find_cutouts:
+            assert self.appearance is not None
+            self._cutouts, self._find_cutouts = find_cutouts(self.appearance), False
+        return self._cutouts
+
+    def ignore_alpha(self) -> None:
+        """Make all faces solid. Call it before the first query."""
+        self._cutouts, self._find_cutouts = None, False
+
+    def triangles(self, time: float = 0.0, threads: int | None = None) -> Triangles:
+        """The triangles at `time` (seconds, clamped to 0 .. `duration`), recentred, always in the same order.
+
+        threads : int, optional
+            None: all cores.
+
+        Raises
+        ------
+        InputError
+            If the time is not a number, or the animation moves vertices to infinity.
+        """
+        from ..kernels.parallel import thread_count  # imports Numba, which file inspection does not need
+        from .triangle_setup import gather, solid_faces
+
+        time, threads = self.clamped(time), thread_count(threads)
+        vertices = np.empty((self.n_triangles, 3, 3), np.float32)
+        start = 0
+        with np.errstate(all="ignore"):
+            for piece in self.source.pieces(time):
+                start += gather(piece, self.origin, vertices[start:], threads)
+        face_id, cutouts = np.arange(self.n_triangles, dtype=np.int32), self.cutouts
+        solid = solid_faces(vertices, None if cutouts is None else cutouts.solid, threads)
+        return Triangles(vertices, self.origin.copy(), face_id, self.colours, cutouts, solid)
+
+    def _cameras_at(self, time: float) -> list[Camera]:
+        return self.source.cameras(time)
+
+    def _lights_at(self, time: float) -> list:
+        return self.source.lights(time)
+
+
+def check_up_axis(up: str) -> str:
+    return choice(up, "up", ("y", "z"))
+
+
+def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
+    """Bounds ((2, 3) float64) and colours ((n, 3) float32) at time 0; whether any mesh has a look, and alpha."""
+    survey, colours, looks, alpha = Survey(source.file), [np.empty((0, 3), np.float32)], False, False
+    for piece in source.pieces(0.0):
+        survey.add(piece)
+        looks = looks or piece.look is not None
+        alpha = alpha or (piece.look is not None and any(m.alpha_mode != OPAQUE for m in piece.look.materials))
+        shape = piece.vertices.shape[0], faces_of(piece), 3
+        colours.append(np.broadcast_to(piece.colour, shape).reshape(-1, 3))
+    return survey.bounds(), np.concatenate(colours), looks, alpha
+
+
+# --- Notes of a loader, put together by kind: a scene with 62 missing textures has one thing to say, not 62 -----------
+
+
+_QUOTED = re.compile(r"""'[^']*'|"[^"]*\"""")
+
+
+def group_notes(notes: Iterable[str], where: str = "Scene.notes has all") -> list[str]:
+    """The first note of each kind, with the number of further ones. Notes of a kind differ by names and numbers.
+
+    where : says how to see all notes
+    """
+    kinds: dict[tuple[str, ...], list[str]] = {}
+    for note in notes:
+        kinds.setdefault(_kind(note), []).append(note)
+    more = lambda found: f" (and {len(found) - 1} more of this kind; {where})" if len(found) > 1 else ""
+    return [found[0] + more(found) for found in kinds.values()]
+
+
+def _kind(note: str) -> tuple[str, ...]:
+    """The plain words of a note, without names, numbers and files."""
+    words = (word.strip("(),;:") for word in _QUOTED.sub("", note).split())
+    return tuple(word for word in words if word.isalpha())

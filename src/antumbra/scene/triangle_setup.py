@@ -1,0 +1,168 @@
+"""Triangle setup: interpolate, recentre and gather the pieces of a scene in parallel; find triangles without area."""
+
+import numpy as np
+
+from ..errors import InputError
+from ..kernels.exact.filters import has_area
+from ..kernels.jit import inlined, kernel
+from ..kernels.parallel import items, new_ticket, run, shares, thread_count
+from ..kernels.simd import f32_at, f64_at, get, i32_at, load8, ptr, put, store
+from .mesh import Piece
+from .scene_bounds import MAX_EXTENT, NEAREST
+from .triangles import Triangles
+
+# --- Turn pieces of a scene into triangles: interpolate in time, recentre, round, and copy by face, on all cores ------
+#
+# Kernels take addresses, not arrays. So read-only, memory-mapped, float32 and float64 arrays all use the same kernels,
+# and none is compiled while a frame is timed.
+
+
+# mypy: disable-error-code="call-arg, var-annotated"
+# (mypy counts the typing context among the arguments of intrinsics)
+
+
+_AT_A_TIME = 8192  # vertices, or faces
+_LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float32(0.0)
+
+
+@inlined
+def _recentre_rows(first, last, a, b, share, origin, out):
+    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. True if all is finite and near.
+
+    Coordinates below NEAREST become 0.
+    """
+    rest, fine = 1.0 - share, True
+    for i in range(3 * first, 3 * last, 3):
+        for k in range(3):
+            world = rest * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
+            local = np.float32(world - origin[k])
+            local = _ZERO if abs(local) < _NEAREST else local
+            put(out, i + k, local)
+            fine &= abs(local) <= _LIMIT  # type: ignore[assignment]
+    return fine
+
+
+@kernel
+def _recentre(ticket, single, a, b, share, origin, out, faults):
+    """Worker: recentre rows of vertices."""
+    # In: a, b, addresses of (n, 3) vertices at two moments, float32 if `single`, else float64
+    # In: share, of b, float64; origin, (3,) float64
+    # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far
+    zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
+    for first, last in shares(ticket):
+        if single:
+            fine = _recentre_rows(first, last, f32_at(a), f32_at(b), share, zero, p)
+        else:
+            fine = _recentre_rows(first, last, f64_at(a), f64_at(b), share, zero, p)
+        if not fine:
+            faults[0] = True
+
+
+@kernel
+def _gather(ticket, local, vertices, faces, n, out):
+    """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces a copy."""
+    positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
+    for first, last in shares(ticket):
+        copy, face = first // n, first % n
+        for i in range(first, last):
+            for corner in range(3):
+                vertex = copy * vertices + get(indices, 3 * face + corner)
+                for k in range(3):
+                    put(rows, 9 * i + 3 * corner + k, get(positions, 3 * vertex + k))
+            face += 1
+            if face == n:
+                copy, face = copy + 1, 0
+
+
+def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32), and return how many.
+
+    Raises
+    ------
+    InputError
+        If vertices are not finite, or too far from `origin`.
+    """
+    copies, n_vertices = piece.vertices.shape[:2]
+    if piece.faces is None:
+        count = copies * n_vertices // 3
+        _recentred(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
+        return count
+    local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
+    _recentred(piece, origin, local, threads)
+    count = copies * len(faces)
+    args = local.ctypes.data, n_vertices, faces.ctypes.data, len(faces), out.ctypes.data
+    run(_gather, threads, new_ticket(count, _AT_A_TIME), *args)
+    return count
+
+
+def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
+    """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
+    dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
+    a = np.ascontiguousarray(piece.vertices, dtype)
+    b = a if piece.towards is None else np.ascontiguousarray(piece.towards, dtype)
+    faults, ticket = np.zeros(1, np.bool_), new_ticket(out.size // 3, _AT_A_TIME)
+    addresses = a.ctypes.data, b.ctypes.data
+    run(_recentre, threads, ticket, dtype == np.float32, *addresses, piece.share, origin, out.ctypes.data, faults)
+    if faults[0]:
+        raise InputError(
+            f"{piece.where}: vertices are not finite or over {MAX_EXTENT:g} units apart; scale the scene down"
+        )
+
+
+# --- Triangles without area. No ray meets them, so no tree holds them (docs/design/exactness.md) ----------------------
+
+
+@kernel
+def _find_areas(ticket, corners, found, faults):
+    """Worker: whether each triangle has an area."""
+    # Out: found, (n,) bool; faults, (1,) bool, set if a triangle has none
+    v = ptr(corners)
+    for first, last in shares(ticket):
+        all_have = True
+        for i in range(first, last):
+            has = has_area(v, i)
+            found[i] = has
+            all_have &= has
+        if not all_have:
+            faults[0] = True
+
+
+def rows_with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
+    """(k,) int32, ascending: the triangles that have an area, by exact arithmetic; None: all have.
+
+    vertices : (n, 3, 3) float32
+    """
+    found, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
+    run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), found, faults)
+    return np.flatnonzero(found).astype(np.int32) if faults[0] else None
+
+
+@kernel
+def _copy_rows(ticket, corners, rows, out):
+    """Worker: copy the corners of some triangles to the front of `out`."""
+    source, target = ptr(corners), ptr(out)
+    for i in items(ticket):
+        row = np.int64(rows[i]) * 9
+        store(target, i * 9, load8(source, row))
+        put(target, i * 9 + 8, get(source, row + 8))
+
+
+def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
+    """(k, 3, 3) float32: the triangles with an area and without a hole; without a copy if that is all of them."""
+    if triangles.solid is None:
+        return triangles.vertices
+    out = np.empty((len(triangles.solid), 9), np.float32)
+    ticket = new_ticket(len(out), _AT_A_TIME)
+    run(_copy_rows, thread_count(threads), ticket, triangles.vertices.reshape(-1, 9), triangles.solid, out)
+    return out.reshape(-1, 3, 3)
+
+
+def solid_faces(vertices: np.ndarray, own: np.ndarray | None, threads: int) -> np.ndarray | None:
+    """(k,) int32, ascending: the faces that have an area, among those without a hole; None: all faces.
+
+    own : (m,) int32, ascending: the faces without a hole; None: all
+    """
+    found = rows_with_area(vertices, threads)
+    if found is None or own is None:
+        return own if found is None else found
+    return np.intersect1d(found, own, assume_unique=True)

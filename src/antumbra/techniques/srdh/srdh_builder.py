@@ -1,0 +1,658 @@
+"""`srdh`: a BVH with an order of children, built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
+
+Records are split top-down with the bins of `bsah`. The heuristic of `ray_split` chooses the split as long as rays come
+to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant kernels are
+free: the first child is stored as the left one.
+
+Departures from the paper:
+
+- Leaves have more than one triangle.
+- The cost of a subtree grows less than linearly with its triangles (`linear`).
+- A few evenly spread rays, as the SAH assumes, are added to the given rays (`prior`).
+- Orders are chosen once more when the tree is done (`reorder`).
+
+Ranges of few records have few bins.
+
+First levels. They are those of `top_levels`, with a ray set for each range. All threads share the records of a range.
+One thread treats its rays.
+
+Child order. `order_by_rays` chooses the best order of children of a finished tree for sampled rays, by the cost metric
+of [Feltman et al. 2012, Sec. 3.2]. A builder only has estimates of this metric. Let C be the cost of a subtree for a
+ray, and H whether the ray meets something in the subtree. If the left child A comes first, the cost is
+
+    C = C(A) + (1 - H(A)) C(B)                                           (docs/design/srdh.md, eq. 3)
+
+So the right child B should be first if, over the rays that come to the node,
+
+    sum of H(B) C(A)  >  sum of H(A) C(B)                                (docs/design/srdh.md, eq. 4)
+
+C and H of all subtrees that a ray enters follow from the leaves up. A node's own order does not change its children's C
+and H. So one pass finds the best order at each node, for the rays that come there by the old orders. Boxes and
+triangles cost 1 each, so all sums are whole numbers.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ...bvh import binned_sah
+from ...bvh.binned_split import (
+    BIN_BOXES,
+    BIN_COUNTS,
+    BIN_WORDS,
+    Binned,
+    Bins,
+    Split,
+    binned,
+    cheapest_split,
+    clear_bins,
+    fill_bins,
+    make_mapping,
+    must_halve,
+    partition,
+)
+from ...bvh.child_order import swap_children
+from ...bvh.nodes import (
+    EMPTY,
+    LEFT_FIRST,
+    LINK,
+    MAX_DEPTH,
+    ORDER,
+    Bvh,
+    aligned_empty,
+    bvh_leaf,
+    line_at,
+    link_at,
+    order_at,
+    parents_first,
+)
+from ...bvh.top_down import (
+    Ranges,
+    Settings,
+    build_below,
+    build_range,
+    copy_corners,
+    grow,
+    largest_subtree,
+    push_range,
+    write_leaf,
+)
+from ...bvh.top_levels import (
+    UpperLevels,
+    assemble,
+    blocks_of,
+    build_top,
+    join_bins,
+    mapping_of_range,
+    set_split,
+    split_blocks,
+)
+from ...bvh.triangle_bounds import PAIR, checked, make_records, power_of_two_for, range_bounds, write_boxes
+from ...errors import InputError
+from ...kernels.jit import inlined, kernel, overload
+from ...kernels.parallel import items, new_ticket, run, thread_count
+from ...kernels.simd import (
+    as_i32,
+    atomic_add,
+    bits,
+    get,
+    load4,
+    load8,
+    load16,
+    maximum,
+    minimum,
+    ptr,
+    ptr_at,
+    put,
+    splat4,
+    stack_array,
+    stack_f32,
+    stack_i32,
+    store,
+    swap_halves,
+)
+from .ray_split import (
+    CONSTANT,
+    DISTANCE,
+    GROW,
+    HIT,
+    RAY,
+    HeuristicSettings,
+    Intersections,
+    RayHitSet,
+    RayHitSetPointers,
+    RaySplit,
+    SetSize,
+    bounded_rays,
+    check_intersections,
+    divide_rays,
+    no_ray_split,
+    ray_at,
+    ray_hit_set,
+    ray_split,
+    rays_of,
+)
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Choose the best order of children of a finished tree for sampled rays, by the cost metric of [Feltman et al. 2012,
+# Sec. 3.2].
+#
+# A builder only has estimates of this metric. Let C be the cost of a subtree for a ray, and H whether the ray meets
+# something in the subtree. If the left child A comes first, the cost is
+#
+#     C = C(A) + (1 - H(A)) C(B)                                           (docs/design/srdh.md, eq. 3)
+#
+# So the right child B should be first if, over the rays that come to the node,
+#
+#     sum of H(B) C(A)  >  sum of H(A) C(B)                                (docs/design/srdh.md, eq. 4)
+#
+# C and H of all subtrees that a ray enters follow from the leaves up. A node's own order does not change its
+# children's C and H. So one pass finds the best order at each node, for the rays that come there by the old orders.
+# Boxes and triangles cost 1 each, so all sums are whole numbers.
+
+
+_CHUNK = 64  # rays
+_LEVELS = MAX_DEPTH + 2
+
+
+class _Frames(NamedTuple):
+    """The nodes on the path from the root to a ray's current node, (_LEVELS,) int64 each."""
+
+    node: np.ndarray  # index of the node
+    entered: np.ndarray  # bits of the children whose boxes the ray enters
+    side: np.ndarray  # the next child; 2: both are done
+    comes: np.ndarray  # 1 if the ray comes here by the old orders
+    cost: np.ndarray  # cost of the left child
+    hits: np.ndarray  # 1 if the ray meets something in the left child
+
+
+@inlined
+def _children_entered(nodes, node, ray):
+    """Bits of the children whose boxes a ray enters."""
+    b = line_at(node)
+    x, y, z = (
+        (load4(nodes, b) - ray.ox) * ray.ix,
+        (load4(nodes, b + 4) - ray.oy) * ray.iy,
+        (load4(nodes, b + 8) - ray.oz) * ray.iz,
+    )
+    u, v, w = swap_halves(x), swap_halves(y), swap_halves(z)
+    near = maximum(maximum(minimum(x, u), minimum(y, v)), maximum(minimum(z, w), splat4(np.float32(0.0))))
+    far = minimum(minimum(maximum(x, u), maximum(y, v)), minimum(maximum(z, w), splat4(np.float32(1.0))))
+    return bits(near <= far * GROW) & 3
+
+
+@inlined
+def _leaf(bvh, link, met, ray):
+    """(triangles of a leaf, 1 if the ray meets one of them); `met` has the last ray that met each triangle."""
+    if link == EMPTY:
+        return np.int64(0), np.int64(0)
+    leaf, hit = bvh_leaf(link), np.int64(0)
+    for slot in range(leaf.first, leaf.first + leaf.count):
+        hit |= np.int64(met[bvh.prim_ids[slot]] == ray)
+    return leaf.count, hit
+
+
+@kernel
+def _weigh(bvh, box_ray, i, met, frames, gains):
+    """Add to each node's gain the cost that ray i saves if the right child comes first."""
+    nodes = ptr(bvh.nodes)
+    frames.node[0], frames.side[0], frames.comes[0] = 0, 0, 1
+    frames.entered[0] = _children_entered(nodes, 0, box_ray)
+    depth, cost, hit = 0, np.int64(0), np.int64(0)  # cost, hit: of the child that was done last
+    while depth >= 0:
+        node, side = frames.node[depth], frames.side[depth]
+        if side == 1:
+            frames.cost[depth], frames.hits[depth] = cost, hit
+        if side == 2:
+            left, right, met_left = frames.cost[depth], cost, frames.hits[depth]
+            if frames.comes[depth] and met_left | hit:
+                atomic_add(gains, node, hit * left - met_left * right)
+            cost, hit = left + (1 - met_left) * right, hit | met_left
+            cost += 1  # this node's own box
+            depth -= 1
+            continue
+        frames.side[depth] += 1
+        cost, hit = np.int64(1), np.int64(0)
+        if not frames.entered[depth] >> side & 1:
+            continue
+        link = np.int64(bvh.links[node, LINK + side])
+        if link < 0:
+            count, hit = _leaf(bvh, link, met, i)
+            cost += count
+            continue
+        comes = frames.comes[depth] if side == 0 or frames.hits[depth] == 0 else 0
+        depth += 1
+        frames.node[depth], frames.side[depth], frames.comes[depth] = link, 0, comes
+        frames.entered[depth] = _children_entered(nodes, link, box_ray)
+
+
+@kernel
+def _weigh_rays(ticket, bvh, rays, found, gains, met):
+    """Worker: add the gains of each ray. `met` is the thread's own memory, -1 for each triangle."""
+    frames = _Frames(
+        stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
+        stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
+    )  # fmt: skip
+    for i in items(ticket):
+        for k in range(found.first[i], found.first[i + 1]):
+            met[found.prims[k]] = i
+        _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
+
+
+@kernel
+def _choose_orders(bvh, gains):
+    """Put the children of all nodes into the better order."""
+    words = ptr(bvh.links)
+    for node in range(len(bvh.nodes)):
+        if gains[node] != 0:
+            bvh.links[node, ORDER] = LEFT_FIRST
+        if gains[node] > 0:
+            swap_children(words, node)
+
+
+@kernel
+def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
+    """Copy the nodes in `order`, depth first. `numbers` is scratch memory for the new indices."""
+    for i in range(len(order)):
+        numbers[order[i]] = i
+    for i in range(len(order)):
+        store(new_nodes, line_at(i), load16(bvh.nodes, line_at(np.int64(order[i]))))
+        for side in range(2):
+            link = bvh.links[order[i], LINK + side]
+            new_links[i, LINK + side] = numbers[link] if link >= 0 else link
+
+
+def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections | None = None) -> Bvh:
+    """The same tree, with the first child of each node chosen for these rays. Where no ray decides, orders stay.
+
+    Parameters
+    ----------
+    bvh : Bvh
+        It is not changed. The builder's orders by distance become constant where rays decide.
+    rays : Intersections
+        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        empty sample, `bvh` itself is returned.
+
+    Returns
+    -------
+    Bvh
+        The same bits for any number of threads. A left child follows its parent in memory.
+
+    Raises
+    ------
+    InputError
+        If a ray meets a triangle out of range.
+    """
+    if rays is None or len(rays.origins) == 0 or len(bvh.prim_ids) < 2:
+        return bvh
+    check_intersections(rays, len(bvh.prim_ids))
+    m, threads = len(rays.origins), thread_count(threads)
+    gains = np.zeros(len(bvh.nodes), np.int64)
+    own = lambda: (np.full(len(bvh.prim_ids), -1, np.int32),)
+    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains, own=own)
+    old, new = aligned_empty(bvh.nodes.shape, "f4"), aligned_empty(bvh.nodes.shape, "f4")
+    old[:] = bvh.nodes
+    chosen = bvh._replace(nodes=old, links=old.view(np.int32))
+    _choose_orders(chosen, gains)
+    _copy_nodes(chosen, parents_first(chosen.links), np.empty(len(old), np.int32), new, new.view(np.int32))
+    return bvh._replace(nodes=new, links=new.view(np.int32))
+
+
+# --- The first levels of an `srdh` build: the levels of `top`, with a ray set for each range --------------------------
+#
+# All threads share the records of a range. One thread treats its rays.
+
+
+FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `ShownRays`
+
+
+@inlined
+def start_of(spans, r):
+    """The start of range r's ray set, as a `Side`."""
+    return SetSize(spans[r, FIRST_RAY], spans[r, FIRST_HIT])
+
+
+@kernel
+def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
+    """Worker: choose the split of each range, and the order of its children."""
+    # In: level, a `Level`; depth; sets, the `ShownRays` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
+    # Out: level.splits and level.places; orders, (k, 2) int32: order, 1 if the high side comes first
+    total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
+    for r in items(ticket):
+        mapping, chosen = mapping_of_range(level, r), no_ray_split()
+        if not must_halve(level.ranges[r, 1] - level.ranges[r, 0], depth):
+            block, end = blocks_of(level, r)
+            join_bins(level, block, end, mapping.n_bins, total)
+            if spans[r, N_RAYS] > 0:
+                rays, box = rays_of(sets, start_of(spans, r)), load8(ptr(level.boxes), r * 16)
+                chosen = ray_split(total, rays, spans[r, N_RAYS], mapping, box, settings)
+            else:
+                split = cheapest_split(total, mapping.n_bins, settings.scale)
+                chosen = RaySplit(split, chosen.order, chosen.swapped, chosen.cost)
+        set_split(level, r, chosen.split)
+        orders[r, 0], orders[r, 1] = chosen.order, chosen.swapped
+
+
+@kernel
+def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
+    """Worker: write the ray sets of each range's children."""
+    # In: level, sides of `split_blocks`; sets and spans of the ranges; orders of `_choose_splits`
+    # Out: out, the children's `ShownRays`; children, (2 k, 4): their spans, with the starts already set
+    boxes = stack_f32(16)
+    for r in items(ticket):
+        split = Split(level.splits[r, 0], level.splits[r, 1], np.float32(0.0))
+        low, high = SetSize(np.int64(0), np.int64(0)), SetSize(np.int64(0), np.int64(0))
+        if split.axis >= 0 and spans[r, N_RAYS] > 0:
+            store(boxes, 0, load8(ptr(sides), r * 32))
+            store(boxes, 8, load8(ptr(sides), r * 32 + 16))
+            chosen = RaySplit(split, np.int64(orders[r, 0]), orders[r, 1] != 0, np.float32(0.0))
+            low, high = divide_rays(
+                rays_of(sets, start_of(spans, r)), spans[r, N_RAYS], mapping_of_range(level, r), chosen, boxes,
+                rays_of(out, start_of(children, 2 * r)), rays_of(out, start_of(children, 2 * r + 1)),
+            )  # fmt: skip
+        children[2 * r, N_RAYS], children[2 * r, N_HITS] = low.rays, low.hits
+        children[2 * r + 1, N_RAYS], children[2 * r + 1, N_HITS] = high.rays, high.hits
+
+
+class RayLevels:
+    """Splits the ranges of the top, level by level, and keeps the ray set of each range."""
+
+    def __init__(self, method: Binned, rays: RayHitSet, settings: HeuristicSettings, largest: int, threads: int):
+        self.method, self.settings, self.largest, self.threads = method, settings, largest, threads
+        # the ranges of the last level, in order: number of records, and their rays
+        self.counts, self.rays = np.array([len(method.records)]), rays
+        self.spans = np.array([[0, len(rays.rays), 0, len(rays.hits)]])
+        self.done: list[tuple[RayHitSet, np.ndarray]] = []  # ranges that one thread each builds, in order
+        self.orders = [np.empty((0, 2), np.int32)]  # of each level, as `_choose_splits` writes them
+
+    def split(self, ranges, boxes, depth):
+        """The `split_level` for `build_top`."""
+        large = self.counts > self.largest
+        self.done.append((self.rays, self.spans[~large]))
+        spans, orders, found = self.spans[large], np.empty((len(ranges), 2), np.int32), []
+
+        def choose(level):
+            ticket = new_ticket(len(ranges), 1)
+            run(_choose_splits, self.threads, ticket, level, depth, self.rays, spans, self.settings, orders)
+            found.append(level)
+
+        middles, sides = split_blocks(self.method, ranges, boxes, depth, self.threads, choose)
+        room = np.repeat(spans[:, [N_RAYS, N_HITS]], 2, axis=0)
+        children = np.zeros((2 * len(ranges), 4), np.int64)
+        children[:, [FIRST_RAY, FIRST_HIT]] = np.cumsum(room, axis=0) - room
+        out = RayHitSet(np.empty((room[:, 0].sum(), RAY), np.float32), np.empty((room[:, 1].sum(), HIT), np.float32))
+        ticket = new_ticket(len(ranges), 1)
+        run(_divide_sets, self.threads, ticket, *found, sides, self.rays, spans, orders, out, children)
+        self.counts = np.column_stack([middles - ranges[:, 0], ranges[:, 1] - middles]).ravel()
+        self.rays, self.spans = out, children
+        self.orders.append(orders)
+        return middles, sides
+
+    def arranged(self, top: UpperLevels) -> UpperLevels:
+        """The top of `build_top`, with the first child of each node on the left."""
+        order, swapped = np.concatenate(self.orders).T
+        boxes, children = top.boxes.copy(), top.children.copy()
+        boxes[swapped != 0] = boxes[swapped != 0, ::-1]
+        children[swapped != 0] = children[swapped != 0, ::-1]
+        return top._replace(boxes=boxes, children=children, orders=order)
+
+    def sets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(rays, hits, spans) of the remaining ranges, in the order of `UpperLevels.ranges`."""
+        done = [(rays, span) for rays, spans in [*self.done, (self.rays, self.spans)] for span in spans]
+        rays = [r.rays[s[FIRST_RAY] : s[FIRST_RAY] + s[N_RAYS]] for r, s in done]
+        hits = [r.hits[s[FIRST_HIT] : s[FIRST_HIT] + s[N_HITS]] for r, s in done]
+        counts = np.array([[len(r), len(h)] for r, h in zip(rays, hits)])
+        starts = np.cumsum(counts, axis=0) - counts
+        spans = np.stack([starts[:, 0], counts[:, 0], starts[:, 1], counts[:, 1]], axis=1)
+        return np.concatenate(rays), np.concatenate(hits), spans
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# `srdh`: a BVH with an order of children, built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
+#
+# Records are split top-down with the bins of `bsah`. The heuristic of `srdh_cost` chooses the split as long as rays
+# come to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant
+# kernels are free: the first child is stored as the left one.
+#
+# Departures from the paper:
+#
+# - Leaves have more than one triangle.
+# - The cost of a subtree grows less than linearly with its triangles (`linear`).
+# - A few evenly spread rays, as the SAH assumes, are added to the given rays (`prior`).
+# - Orders are chosen once more when the tree is done (`reorder`).
+#
+# Ranges of few records have few bins.
+
+
+PRIOR = 16.0  # 1 to 2 % fewer box tests than without a prior, with rays of 16 x 16 pixels
+KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
+"""Name: traversal kernels to choose from. They are left or right first, front to back or back to front, or all four."""
+
+_WAITING = MAX_DEPTH + 1
+_NUMBERS = 4 * _WAITING
+_BOXES = 16 * _WAITING
+_MOST = 1 << 25  # rays of waiting ranges: a GiB
+
+
+class RaySettings(NamedTuple):
+    """The settings and rays of all ranges below the top."""
+
+    max_leaf: int
+    scale: np.float32  # this and the next three as in `srdh_cost.HeuristicSettings`
+    kernels: int
+    prior: np.float64
+    linear: bool
+    rays: np.ndarray  # (m, RAY) float32: the `ShownRays` of all ranges that threads build alone, joined
+    hits: np.ndarray  # (h, HIT) float32: their hits, joined
+    spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
+    rooms: np.ndarray  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
+
+
+def _rooms_for(n_rays: np.ndarray) -> np.ndarray:
+    """The capacity for rays below ranges to which `n_rays` rays come.
+
+    All rays may come to the waiting range of each level, to the range that is divided, and to both its sides. Hardly
+    any of this memory is ever touched. The capacity is limited to _MOST. Ranges that find no room continue by the SAH.
+    """
+    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MOST))
+
+
+def _scratch_words(settings: RaySettings) -> int:
+    """The float32 that a thread needs: for the bins of a range, and the hits and rays of the waiting ranges.
+
+    Waiting ranges share the hits of the first set, since each hit is on one side of a split.
+    """
+    return int(BIN_WORDS + 3 * HIT * settings.spans[:, 3].max() + RAY * settings.rooms.max())
+
+
+@inlined
+def _from(waiting, start):
+    """The `ShownRaysPointers` from the position `start`, a `Side`, on."""
+    rays = ptr_at(waiting.rays, start.rays * RAY)
+    return RayHitSetPointers(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
+
+
+@kernel
+def _move_down(waiting, start, n, to):
+    """Move n rays and hits from `start` down to `to`; all three are `Side`s."""
+    for i in range(n.rays):
+        store(waiting.rays, (to.rays + i) * RAY, load8(waiting.rays, (start.rays + i) * RAY))
+    for i in range(n.hits):
+        store(waiting.hits, (to.hits + i) * HIT, load4(waiting.hits, (start.hits + i) * HIT))
+
+
+@inlined
+def _beyond(start, n, times):
+    """The position behind `times` sets of n rays and hits each."""
+    return SetSize(start.rays + times * n.rays, start.hits + times * n.hits)
+
+
+@kernel
+def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
+    """Whether a leaf costs less than the split of a range; never for the root."""
+    rays = n_rays + settings.prior
+    return n <= settings.max_leaf and depth > 0 and not (rays + cost < rays * n)
+
+
+@kernel
+def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
+    """The `RaySplit` of a range. Axis -1 means that `grow` builds the range."""
+    if n_rays == 0 or must_halve(last - first, depth):
+        return no_ray_split()
+    clear_bins(source.bins, mapping.n_bins)
+    fill_bins(source.records, first, last, mapping, source.bins)
+    return ray_split(source.bins, rays, n_rays, mapping, box, settings)
+
+
+@kernel
+def _first_set(settings, s, scratch):
+    """The stack of waiting ray sets as `ShownRaysPointers`: at first ray set s alone. The next set is on top."""
+    first_ray, n_rays, first_hit, n_hits = settings.spans[s]
+    rays = ptr_at(scratch, 3 * n_hits * HIT)
+    for i in range(n_rays):
+        store(rays, i * RAY, load8(settings.rays, (first_ray + i) * RAY))
+    for i in range(n_hits):
+        store(scratch, i * HIT, load4(settings.hits, (first_hit + i) * HIT))
+    return RayHitSetPointers(rays, as_i32(rays), scratch)
+
+
+@kernel
+def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
+    """`subtree.grow` from node 1 on, for ray set s; returns the index of the next free node."""
+    ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
+    plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
+    next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
+    spans[0, 0], spans[0, 1], spans[0, 2], spans[0, 3] = 0, 0, settings.spans[s, 1], settings.spans[s, 3]
+    height = push_range(ranges, 0, first, last, depth, 12, box, centroids)
+    while height > 0:
+        height -= 1
+        b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
+        d, word = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
+        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        start, n = SetSize(spans[height, 0], spans[height, 1]), SetSize(spans[height, 2], spans[height, 3])
+        mapping = make_mapping(centroids, e - b)
+        chosen = _choose(source, b, e, d, here, mapping, _from(waiting, start), n.rays, settings)
+        if chosen.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
+            next_node = grow(source, b, e, d, here, centroids, plain, out, next_node, word)
+            continue
+        if _leaf_is_cheaper(e - b, d, n.rays, chosen.cost, settings):
+            write_leaf(records, b, e, out, word)
+            continue
+        m = partition(records, b, e, mapping, chosen.split)
+        low, low_centroids = range_bounds(records, b, m)
+        high, high_centroids = range_bounds(records, m, e)
+        store(boxes, 0, low)
+        store(boxes, 8, high)
+        near, far = _beyond(start, n, 1), _beyond(start, n, 2)
+        low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the second child's set is first in memory
+        n_low, n_high = divide_rays(
+            _from(waiting, start), n.rays, mapping, chosen, boxes, _from(waiting, low_at), _from(waiting, high_at)
+        )
+        n_second, n_first = (n_low, n_high) if chosen.swapped else (n_high, n_low)
+        then = _beyond(start, n_second, 1)
+        _move_down(waiting, near, n_second, start)
+        _move_down(waiting, far, n_first, then)
+        spans[height] = start.rays, start.hits, n_second.rays, n_second.hits
+        spans[height + 1] = then.rays, then.hits, n_first.rays, n_first.hits
+        put(out.links, word, next_node)
+        left, right = link_at(next_node, 0), link_at(next_node, 1)
+        if chosen.swapped:
+            write_boxes(out.nodes, next_node, high, low)
+            height = push_range(ranges, height, b, m, d + 1, right, low, low_centroids)
+            height = push_range(ranges, height, m, e, d + 1, left, high, high_centroids)
+        else:
+            write_boxes(out.nodes, next_node, low, high)
+            height = push_range(ranges, height, m, e, d + 1, right, high, high_centroids)
+            height = push_range(ranges, height, b, m, d + 1, left, low, low_centroids)
+        put(out.links, order_at(next_node), chosen.order)
+        next_node += 1
+    return next_node
+
+
+@overload(build_range)
+def _build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
+    if settings.instance_class is RaySettings:
+
+        def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
+            next_node = _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out)
+            copy_corners(vertices, first, last, out)
+            return next_node - 1
+
+        return build
+
+
+@cache
+def _compile_top() -> None:
+    """Load the kernels that only large scenes run, so that the first build of a process readies all later ones."""
+    segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
+    rays = ray_hit_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
+    method = binned(2)
+    bounds = make_records(PAIR, method.records, 1)
+    settings = HeuristicSettings(np.float32(1.0), np.int64(CONSTANT), np.float64(PRIOR), False)
+    build_top(2, *bounds, 1, RayLevels(method, rays, settings, 1, 1).split)
+
+
+def build(
+    vertices: np.ndarray,
+    threads: int | None = None,
+    max_leaf: int = 4,
+    *,
+    rays: Intersections | None = None,
+    kernels: str = "constant",
+    prior: float = PRIOR,
+    linear: bool = False,
+    reorder: bool = True,
+) -> Bvh:
+    """Build a BVH for shadow rays like `rays`; the same, bit for bit, for any number of threads.
+
+    Parameters
+    ----------
+    vertices, threads, max_leaf
+        As for `binned_sah.build`.
+    rays : Intersections
+        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        empty sample, the tree is that of `bsah`.
+    kernels : str
+        A name in `KERNELS`: the traversal kernels from which the builder chooses at each node.
+    prior : float
+        Evenly spread rays, as the SAH assumes, that are added to the rays of each range. With them, few rays do not
+        outweigh the SAH. 0 is as published.
+    linear : bool
+        Whether the cost of a subtree is its number of triangles n, as published. Otherwise it is n to the power of
+        3/4, which is nearer to the true cost and makes better trees.
+    reorder : bool
+        Whether constant orders are chosen once more at the end, when costs are known (`rayorder`). The paper does
+        not. It applies only to constant `kernels`.
+
+    Returns
+    -------
+    Bvh
+        With an order at each node to which rays came. A left child follows its parent in memory.
+
+    Raises
+    ------
+    InputError
+        As `binned_sah.build`; also on unknown kernels, an invalid prior, or rays that meet triangles out of range.
+    """
+    if kernels not in KERNELS:
+        raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
+    if not 0.0 <= prior < np.inf:
+        raise InputError(f"prior is {prior!r}; it must be a number of rays, 0 or more")
+    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    n = len(flat)
+    if n < 2 or rays is None or len(rays.origins) == 0:
+        return binned_sah.build(vertices, threads, max_leaf)
+    check_intersections(rays, n)
+    _compile_top()
+    method = binned(n)
+    box, centroids = make_records(flat, method.records, threads)
+    heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
+    levels = RayLevels(method, ray_hit_set(rays, flat), heuristic, largest_subtree(n), threads)
+    top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
+    found = levels.sets()
+    settings = RaySettings(np.int64(max_leaf), *heuristic, *found, _rooms_for(found[2][:, 1]))
+    bvh, subtrees = build_below(flat, method, _scratch_words(settings), top, settings, threads)
+    del method  # room for the final nodes
+    bvh = assemble(bvh, top, subtrees, threads)
+    return order_by_rays(bvh, threads, rays=rays) if reorder and kernels == "constant" else bvh
