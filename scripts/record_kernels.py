@@ -22,9 +22,9 @@ from antumbra.papers.published_methods import NEEDS as PAPERS
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.warm import jobs
+from antumbra.jobs.job_kernels import all_jobs
 
-jobs(papers=True)[int(sys.argv[1])].work()
+all_jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -32,8 +32,9 @@ import json, sys
 from antumbra.kernels.toolchain.compile_pool import import_numba
 import_numba()
 from time import process_time
-from antumbra.kernels import compiling, machine
-from antumbra.kernels.marshalling import named
+from antumbra.kernels import machine_code
+from antumbra.kernels.marshalling import import_object
+from antumbra.kernels.toolchain import compiling
 from antumbra.kernels.machine_code import level
 
 for name, key in json.load(sys.stdin):

@@ -10,7 +10,7 @@ from ..engine.scene import Scene
 from ..query.light_samples import light_samples
 from ..query.receivers import Receivers
 from ..query.shadow_query import below_horizon
-from ..rendering import warm
+from ..rendering.warm import jobs as rendering_jobs
 from ..scene.lights import PointLight
 from .bake.measure import Asked, Meter, SurfacePoints
 from .sight.bitrows import reordered
@@ -19,7 +19,7 @@ from .sun.hours import tally_job
 
 def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
     """The jobs of the given plans, and the jobs common to all plans; arguments as for `rendering.warm.jobs`."""
-    return [tally_job(), points_job(), *warm.jobs(plans, papers)]
+    return [tally_job(), points_job(), *rendering_jobs(plans, papers)]
 
 
 def points_job() -> Job:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from . import lamps
+from .lamps import Lamp, handle, outline
 from .model import Model
 from .probe import Probe
 
@@ -40,7 +40,7 @@ class Marks:
         """Put the handles where the lights are."""
         with self._lock:
             for lamp in self._model.lamps:
-                place = lamps.handle(lamp.light, self._model.stage)
+                place = handle(lamp.light, self._model.stage)
                 if place is not None:
                     self._put(lamp, place)
 
@@ -62,7 +62,7 @@ class Marks:
                 "/blockers", to_page(edges), _BLOCKED, thickness=4.0, thickness_units="screen"
             )
 
-    def _put(self, lamp: lamps.Lamp, place: np.ndarray) -> None:
+    def _put(self, lamp: Lamp, place: np.ndarray) -> None:
         on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
         if lamp.name not in self._handles:
             handle = self._handles[lamp.name] = self._scene.add_transform_controls(
@@ -74,7 +74,7 @@ class Marks:
         handle.visible = on
         if not np.allclose(handle.position, place, atol=1e-5):
             handle.position = place
-        lines = lamps.outline(lamp.light, self._model.stage)
+        lines = outline(lamp.light, self._model.stage)
         if len(lines):
             self._scene.add_line_segments(
                 f"/outlines/{lamp.name}", lines, _LIGHT, thickness=2.0, thickness_units="screen", visible=on

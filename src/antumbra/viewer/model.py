@@ -18,8 +18,7 @@ from ..rendering.frame import Frame
 from ..rendering.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.lights import DirectionalLight, Light, check_lights, light_names
-from . import lamps
-from .lamps import Lamp
+from .lamps import Lamp, moved, sun_angles, sun_at
 from .stage import Stage
 
 PICTURE, STEPS, SEEN = "picture", "box tests", "seen: "
@@ -145,7 +144,7 @@ class Model:
 
     def move(self, name: str, to: np.ndarray) -> None:
         """Move a light so that its handle is at a place ((3,), page)."""
-        self._moved[name] = lamps.moved(self.lamp(name).light, self.stage, to)
+        self._moved[name] = moved(self.lamp(name).light, self.stage, to)
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""
@@ -154,7 +153,7 @@ class Model:
             raise InputError("the scene has no sun; give one by --light sun:DX,DY,DZ")
         bearing, elevation = number(bearing, "the bearing", -np.inf, np.inf), float(np.clip(elevation, -90.0, 90.0))
         assert isinstance(lamp.light, DirectionalLight)
-        self._moved[lamp.name] = lamps.sun_at(lamp.light, bearing, elevation, self.scene.up)
+        self._moved[lamp.name] = sun_at(lamp.light, bearing, elevation, self.scene.up)
 
     def aim_sun_at(self, day: str, hour: float) -> tuple[float, float]:
         """Move the sun to where it stands on a day ("2026-06-21") at an hour of the wall clock.
@@ -179,5 +178,5 @@ class Model:
         return (
             lamp.name in self._moved
             and isinstance(sun, DirectionalLight)
-            and lamps.sun_angles(sun, self.scene.up)[1] <= 0.0
+            and sun_angles(sun, self.scene.up)[1] <= 0.0
         )
