@@ -39,12 +39,12 @@ if typing.TYPE_CHECKING:
     from .jobs.sun.study import sun_hours
     from .jobs.sun.times import times_of
     from .jobs.table import Column, Table
+    from .picture.frame import Frame
+    from .picture.render_options import RenderOptions
+    from .picture.renderer import Renderer, render
+    from .picture.virtual_point_lights import virtual_point_lights
     from .query.gbuffer import GBuffer
     from .query.receivers import Receivers
-    from .rendering.frame import Frame
-    from .rendering.options import RenderOptions
-    from .rendering.renderer import Renderer, render
-    from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -141,7 +141,7 @@ _HOME = {
     "DirectionalLights": "scene.light_lists",
     "DiskLight": "scene.lights",
     "Engine": "engine.engine",
-    "Frame": "rendering.frame",
+    "Frame": "picture.frame",
     "GBuffer": "query.gbuffer",
     "Hit": "scene.triangles",
     "InputError": "errors",
@@ -156,8 +156,8 @@ _HOME = {
     "QuadLight": "scene.lights",
     "Raster": "jobs.raster",
     "Receivers": "query.receivers",
-    "RenderOptions": "rendering.options",
-    "Renderer": "rendering.renderer",
+    "RenderOptions": "picture.render_options",
+    "Renderer": "picture.renderer",
     "Scene": "engine.scene",
     "Sensors": "jobs.sensors",
     "Sightlines": "jobs.sight.pairs",
@@ -183,7 +183,7 @@ _HOME = {
     "point_sensors": "jobs.sensors",
     "procedural": "engine.scene",
     "raster_sensors": "jobs.sensors",
-    "render": "rendering.renderer",
+    "render": "picture.renderer",
     "sensors_of": "jobs.readsensors",
     "sky_view": "jobs.sun.sky",
     "sun_hours": "jobs.sun.study",
@@ -192,7 +192,7 @@ _HOME = {
     "vertex_sensors": "jobs.sensors",
     "view": "viewer.show",
     "viewshed": "jobs.sight.viewshed",
-    "virtual_point_lights": "rendering.virtual_lights",
+    "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",
     "visibility_matrix": "jobs.sight.matrix",
     "write_attributes": "formats.cityjson.attribute_writer",

@@ -10,8 +10,8 @@ from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.auto.cost_model import BEST, GOOD, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.plan import parse_plan
+from antumbra.picture.renderer import Renderer
 from antumbra.rendering import calibration
-from antumbra.rendering.renderer import Renderer
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 

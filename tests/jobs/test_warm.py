@@ -10,7 +10,7 @@ from antumbra.engine.plan import Plan, covering_plans, parse_plan
 from antumbra.jobs import warm
 from antumbra.kernels.marshalling import import_object
 from antumbra.kernels.toolchain import kernel_manifest as needs
-from antumbra.rendering.render_jobs import rendering_job
+from antumbra.picture.render_kernels import rendering_job
 
 NAMES = [job.name for job in warm.jobs(papers=True)]
 CALLED = """

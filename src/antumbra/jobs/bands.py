@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from ..rendering.frame import Frame
-from ..rendering.options import RenderOptions
-from ..rendering.renderer import Renderer
-from ..rendering.rows import BAND, kept_rows, names_of
+from ..picture.frame import Frame
+from ..picture.render_options import RenderOptions
+from ..picture.renderer import Renderer
+from ..picture.row_bands import BAND, band_array_names, joined_bits
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .engines import Engine
@@ -32,6 +32,6 @@ def render_bands(
     parts = Parts("bands of the picture", camera.height, BAND, band, engine.folder, about)
     if not engine.finish([parts]):
         return None
-    frame = renderer.from_rows(request, kept_rows(parts.joined(names_of(request))))
+    frame = renderer.from_rows(request, joined_bits(parts.joined(band_array_names(request))))
     engine.end([parts])  # the bits are in memory
     return frame

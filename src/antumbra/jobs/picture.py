@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..picture.heat_maps import Panel, Scale, linear_scale, scale_of, sheet
-from ..rendering.renderer import render
+from ..picture.renderer import render
 from ..scene.camera import fitted_camera
 from ..scene.lights import AmbientOcclusion
 from .sensors import corners_of

@@ -10,17 +10,17 @@ from ..engine.plan import Plan, covering_plans
 from ..engine.precompilation import Job
 from ..engine.primary_visibility import camera_rays_job, cutouts_job
 from ..engine.store_building import store_job
-from .explanation import steps_job
-from .render_jobs import (
+from ..picture.render_kernels import (
     antialias_job,
+    appearance_job,
     bounce_job,
-    dressed_job,
+    explicit_rays_job,
     ground_job,
     indirect_job,
-    listed_job,
     quality_job,
     rendering_job,
 )
+from ..picture.traversal_steps import steps_job
 
 
 def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
@@ -36,9 +36,9 @@ def jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]
         camera_rays_job(),
         quality_job(),
         antialias_job(),
-        dressed_job(),
+        appearance_job(),
         ground_job(),
-        listed_job(),
+        explicit_rays_job(),
         indirect_job("raster"),
         indirect_job("rays"),
     ]

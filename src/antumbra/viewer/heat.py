@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..picture.frame_request import TimeSample
 from ..picture.heat_maps import draw_bar, linear_scale
-from ..rendering.explanation import explain
-from ..rendering.moments import Moment
+from ..picture.traversal_steps import explain
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .model import Model
@@ -25,7 +25,7 @@ class Work(NamedTuple):
 
 def work_picture(model: Model, camera: Camera, lights: list[Light], spp: int) -> Work:
     """Count the box tests of a picture's shadow rays under the page's plan."""
-    moment = Moment(model.time, camera, lights)
+    moment = TimeSample(model.time, camera, lights)
     explanation = explain(model.scene, [moment], [model.looks.plan], spp=spp, threads=model.threads)
     (found,) = explanation.plans
     scale = linear_scale(found.boxes[explanation.asks])

@@ -13,9 +13,9 @@ from ..errors import InputError
 from ..jobs.sun.place import Place, checked_place
 from ..jobs.sun.positions import solar_angles
 from ..jobs.sun.times import zone_of
+from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
-from ..rendering.frame import Frame
-from ..rendering.renderer import Renderer
+from ..picture.renderer import Renderer
 from ..scene.camera import Camera
 from ..scene.lights import DirectionalLight, Light, check_lights, light_names
 from .lamps import Lamp, moved, sun_angles, sun_at
@@ -176,7 +176,5 @@ class Model:
         """Whether the user moved this sun below the horizon. Distant lights of a file may shine from anywhere."""
         sun = lamp.light
         return (
-            lamp.name in self._moved
-            and isinstance(sun, DirectionalLight)
-            and sun_angles(sun, self.scene.up)[1] <= 0.0
+            lamp.name in self._moved and isinstance(sun, DirectionalLight) and sun_angles(sun, self.scene.up)[1] <= 0.0
         )

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..picture.frame import Frame
 from ..picture.image_files import to_srgb8
-from ..rendering.frame import Frame
-from ..rendering.options import RenderOptions
+from ..picture.render_options import RenderOptions
 from ..scene.camera import Camera
 from ..scene.light_lists import N_SETS
 from ..scene.lights import Light

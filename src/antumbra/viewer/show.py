@@ -14,7 +14,7 @@ from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..jobs.sun.place import Place
 from ..jobs.warm import points_job
-from ..rendering.render_jobs import warm_up_quality
+from ..picture.render_kernels import precompile_quality
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from .model import Model
@@ -160,6 +160,6 @@ def view(
 def prepare(model: Model) -> None:
     """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
     precompile(rays_job)
-    warm_up_quality()
+    precompile_quality()
     precompile(points_job)
     traced(model, model.first_camera(1280, 800), Step(4, 4))

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...engine.scene import AnyScene
+from ...picture.frame import Frame
 from ...picture.image_files import stored
-from ...rendering.frame import Frame
 from ...scene.lights import Light
 from .blockers import blockers, has_centre
 

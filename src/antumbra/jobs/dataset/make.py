@@ -11,10 +11,10 @@ from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import checked_folder
 from ...kernels.parallel import thread_count
+from ...picture.option_fields import deciding_fields
+from ...picture.render_options import RenderOptions
+from ...picture.renderer import Renderer
 from ...progress import Progress, with_progress
-from ...rendering.keywords import deciding
-from ...rendering.options import RenderOptions
-from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...version import VERSION
@@ -131,7 +131,7 @@ class _Work:
             "seed": views.seed,
             "cameras": views.record(),
             "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
-            "options": deciding(options),
+            "options": deciding_fields(options),
             **({} if plan.tracer.exact else {"plan": str(plan)}),  # an exact plan changes no bit
         }
         self.settings = json.loads(json.dumps(settings))

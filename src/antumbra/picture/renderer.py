@@ -1,4 +1,4 @@
-"""Render one frame, or a sequence of frames with state kept between them, of one scene by one plan."""
+"""`render` and `Renderer`: one frame, or a sequence of frames with cached state, of one scene under one plan."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -17,23 +17,22 @@ from ..query.gbuffer import GBuffer
 from ..scene.camera import Camera
 from ..scene.lights import Light, check_lights
 from ..scene.triangles import Triangles
-from .frame import Frame
-from .keywords import split, with_keywords
-from .options import EngineOptions, RenderKeywords, RenderOptions, options_of
-from .passes import draw
-from .render_jobs import (
-    warm_up,
-    warm_up_antialias,
-    warm_up_bounce,
-    warm_up_dressed,
-    warm_up_ground,
-    warm_up_indirect,
-    warm_up_listed,
-    warm_up_quality,
+from .frame import Frame, TracedBits
+from .frame_passes import render_frame
+from .frame_request import Request, request_of
+from .option_fields import split_keywords, with_keywords
+from .render_kernels import (
+    precompile_antialias,
+    precompile_appearance,
+    precompile_bounce,
+    precompile_explicit_rays,
+    precompile_ground,
+    precompile_indirect,
+    precompile_plan,
+    precompile_quality,
 )
-from .request import Request, request_of
-from .rows import Rows
-from .state import KeptRows
+from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
+from .row_bands import RowBands
 
 _P = ParamSpec("_P")
 
@@ -147,15 +146,15 @@ class Renderer:
         """
         request = self.request(camera, lights, options_of(options, keywords))
         with show_progress("tracing", progress) as heard:
-            return draw(self.engine, request._replace(progress=heard))
+            return render_frame(self.engine, request._replace(progress=heard))
 
-    def rows(self, request: Request) -> Rows:
+    def rows(self, request: Request) -> RowBands:
         """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
-        return Rows(self.engine, request)
+        return RowBands(self.engine, request)
 
-    def from_rows(self, request: Request, kept: KeptRows) -> Frame:
+    def from_rows(self, request: Request, kept: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
-        frame = draw(self.engine, request, kept)
+        frame = render_frame(self.engine, request, kept)
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
@@ -178,22 +177,22 @@ class Renderer:
     def _warm_up(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
         gbuffer, showing, options = compiled_for(self.source.gbuffer), self.accelerator.showing, request.options
-        warm_up(self.plan, gbuffer, options.counters)
+        precompile_plan(self.plan, gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
-            warm_up_quality()
+            precompile_quality()
         if options.smooths_edges:
-            warm_up_antialias()
+            precompile_antialias()
         if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
-            warm_up_dressed()
+            precompile_appearance()
         if showing is not None and showing.asked.bounce:
-            warm_up_bounce()
+            precompile_bounce()
         if request.camera.listed:
-            warm_up_listed()
+            precompile_explicit_rays()
         if request.passes is not None:
-            warm_up_indirect(gbuffer)
+            precompile_indirect(gbuffer)
         if request.ground is not None:
-            warm_up_ground()
+            precompile_ground()
 
     def accelerate(self, time=0.0) -> Accelerated:
         """The scene's triangles at a time in seconds, with their BVH if the plan has one."""
@@ -245,7 +244,7 @@ def render(
     InputError
         If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
-    of_renderer, of_picture = split(keywords, EngineOptions)
+    of_renderer, of_picture = split_keywords(keywords, EngineOptions)
     asked, scene = options_of(options, of_picture), scene_of(scene)
     if camera is None:
         camera = scene.default_camera(time=asked.time)

@@ -1,7 +1,7 @@
-"""Functions and documents whose keywords are the fields of a class of options.
+"""Options as annotated dataclass fields, from which signatures, docstrings and CLI options are derived.
 
-Each field of such a dataclass is annotated by an `Option`: its check, its description, and how commands write it.
-Signatures, docstrings, options of commands, records and digests are made of these.
+Each field carries an `Option`: its check, its description, and how commands spell it. Records and digests are derived
+from the same fields.
 """
 
 import inspect
@@ -20,7 +20,7 @@ _K = TypeVar("_K", bound=type)
 _WIDTH = 116  # of the text of a parameter, as in other docstrings
 
 
-class Words(NamedTuple):
+class CommandOption(NamedTuple):
     """How commands write an option."""
 
     help: str
@@ -40,11 +40,11 @@ class Option(NamedTuple):
     check: Check
     kind: str  # the type, as docstrings write it
     text: str  # the description in docstrings
-    words: tuple[Words, ...] = ()
+    words: tuple[CommandOption, ...] = ()
     decides: bool = True  # whether pictures depend on it
 
 
-class Whole(NamedTuple):
+class WholeNumber(NamedTuple):
     """Check of a whole number."""
 
     low: int
@@ -55,7 +55,7 @@ class Whole(NamedTuple):
         return None if value is None and self.optional else whole_number(value, what, self.low, self.high)
 
 
-class Real(NamedTuple):
+class RealNumber(NamedTuple):
     """Check of a number."""
 
     low: float
@@ -72,7 +72,7 @@ def optional_flag(value, what: str) -> bool | None:
     return None if value is None else flag(value, what)
 
 
-def anything(value, what: str) -> Any:
+def unchecked(value, what: str) -> Any:
     """No check: the function that gets the value has one."""
     return value
 
@@ -90,31 +90,31 @@ def type_of(field: Field) -> Any:
     return kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
 
 
-def checked(options: Any) -> None:
+def check_fields(options: Any) -> None:
     """Check all fields of frozen options, and replace the values by those that the checks return."""
     for field in fields(options):
         value = option_of(field).check(getattr(options, field.name), field.name)
         object.__setattr__(options, field.name, value)
 
 
-def values(options: Any) -> dict[str, Any]:
+def field_values(options: Any) -> dict[str, Any]:
     """Name -> value, in the order of the fields."""
     return {field.name: getattr(options, field.name) for field in fields(options)}
 
 
-def deciding(options: Any) -> dict[str, Any]:
+def deciding_fields(options: Any) -> dict[str, Any]:
     """Name -> value of the options on which pictures depend, for digests."""
     return {field.name: getattr(options, field.name) for field in fields(options) if option_of(field).decides}
 
 
-def split(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
+def split_keywords(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keywords that are fields of a class, and all others."""
     names = {field.name for field in fields(kind)}
     own = {name: value for name, value in keywords.items() if name in names}
     return own, {name: value for name, value in keywords.items() if name not in names}
 
 
-def described(kind: _K) -> _K:
+def describe_fields(kind: _K) -> _K:
     """Decorator of a class of options: its docstring describes the fields."""
     kind.__doc__ = _with_fields(kind.__doc__, kind)
     return kind

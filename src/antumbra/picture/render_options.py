@@ -1,7 +1,7 @@
-"""The options of a picture: the one place where they stand.
+"""`RenderOptions` and `EngineOptions`: the only definition of a picture's options.
 
-`antumbra.render` and `Renderer.render` take the fields as keywords. The options of commands, the records of ``--json``,
-the digests of finished frames, bands and data sets, and the docstrings are derived from the fields too.
+`antumbra.render` and `Renderer.render` take the fields as keywords. CLI options, the records of ``--json``, docstrings,
+and the digests of finished frames, bands and data sets are derived from the same fields.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,16 @@ import numpy as np
 from ..checks import choice, flag, instance, number
 from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
-from .keywords import Option, Real, Whole, Words, anything, checked, described, optional_flag
+from .option_fields import (
+    CommandOption,
+    Option,
+    RealNumber,
+    WholeNumber,
+    check_fields,
+    describe_fields,
+    optional_flag,
+    unchecked,
+)
 
 if TYPE_CHECKING:
     from ..engine.plan import Plan
@@ -57,7 +66,7 @@ def _ground(value, what: str) -> bool | float:
     return number(value, f"{what} (height)", -MAX_HEIGHT, MAX_HEIGHT)
 
 
-@described
+@describe_fields
 @dataclass(frozen=True, kw_only=True)
 class RenderOptions:
     """The options of a picture, checked and immutable.
@@ -77,20 +86,20 @@ class RenderOptions:
     spp: Annotated[
         int,
         Option(
-            Whole(1, MAX_SPP),
+            WholeNumber(1, MAX_SPP),
             "int",
             """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp,
             ignore it.""",
-            (Words("Shadow rays for each pixel and light.", start=None, note="16"),),
+            (CommandOption("Shadow rays for each pixel and light.", start=None, note="16"),),
         ),
     ] = 16
     time: Annotated[
         float,
         Option(
-            Real(-np.inf, np.inf, "[]", "seconds"),
+            RealNumber(-np.inf, np.inf, "[]", "seconds"),
             "float",
             "Seconds, clamped to [0, scene.duration].",
-            (Words("Seconds into the animation.", "Scene", start=None, note="0", literal=False),),
+            (CommandOption("Seconds into the animation.", "Scene", start=None, note="0", literal=False),),
         ),
     ] = 0.0
     counters: Annotated[
@@ -99,7 +108,7 @@ class RenderOptions:
             flag,
             "bool",
             "Count tests and nodes exactly (costs a little time).",
-            (Words("Count rays, nodes and tests exactly.", "Output", commands=("render",)),),
+            (CommandOption("Count rays, nodes and tests exactly.", "Output", commands=("render",)),),
             decides=False,
         ),
     ] = False
@@ -110,7 +119,7 @@ class RenderOptions:
             "str",
             "A name in `antumbra.query.light_samples.SAMPLERS`.",
             (
-                Words(
+                CommandOption(
                     "Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
                     metavar="NAME",
                 ),
@@ -124,7 +133,7 @@ class RenderOptions:
             'None, "front" or "back"',
             "Triangles whose given side faces the receiver do not block its rays.",
             (
-                Words(
+                CommandOption(
                     "The side of triangles that, seen from a receiver, blocks no shadow ray.",
                     kind=CullFaces,
                     start=CullFaces.none,
@@ -140,7 +149,7 @@ class RenderOptions:
             """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface. In wide penumbrae each
             pixel then uses 16 times as many samples of the light. For interleaved lists of lights the irradiance is
             smoothed. None: only the irradiance of a `Sky` is smoothed.""",
-            (Words("Smooth noise in penumbrae over 4x4 pixels.", note="filter"),),
+            (CommandOption("Smooth noise in penumbrae over 4x4 pixels.", note="filter"),),
         ),
     ] = None
     antialias: Annotated[
@@ -153,7 +162,7 @@ class RenderOptions:
             neither bits, visibility nor G-buffer change. `adaptive` smooths edges better, and replaces it. If False,
             each pixel shows what its centre sees.""",
             (
-                Words(
+                CommandOption(
                     "Smooth edges of surfaces by their shape; --adaptive looks at them more closely.",
                     commands=("render",),
                 ),
@@ -163,19 +172,19 @@ class RenderOptions:
     adaptive: Annotated[
         int | None,
         Option(
-            Whole(1, MAX_SPP, optional=True),
+            WholeNumber(1, MAX_SPP, optional=True),
             "int or None",
             """Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the
             new visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel
             is their mean. Lights with their own numbers of rays keep them, in each sub-pixel too.""",
             (
-                Words(
+                CommandOption(
                     "Refine penumbrae with more rays, and edges by sub-pixels.",
                     kind=bool | None,
                     note="no-adaptive",
                     literal=False,
                 ),
-                Words(
+                CommandOption(
                     "Shadow rays for each refined pixel and light; implies --adaptive.",
                     note="4 times --spp",
                     name="adaptive_spp",
@@ -187,12 +196,12 @@ class RenderOptions:
     bounce: Annotated[
         int | None,
         Option(
-            Whole(1, MAX_SPP, optional=True),
+            WholeNumber(1, MAX_SPP, optional=True),
             "int or None",
             """Replace ambient light by light that bounces once: this many diffuse rays per pixel, 1 to 1024. Each
             diffuse ray has a shadow ray to each light from its end. `sampler` distributes the diffuse rays too.""",
             (
-                Words(
+                CommandOption(
                     "Instead of ambient light, light that bounces once: so many diffuse rays from each pixel.",
                     "Light",
                     metavar="RAYS",
@@ -208,7 +217,7 @@ class RenderOptions:
             """Whether pixels that see no surface show the skies among the lights. Without a sky, they are black in the
             image, and a PNG shows a soft daylight there, which sheds no light. If False, they are black.""",
             (
-                Words(
+                CommandOption(
                     "What a .png shows where there is no surface: a colour, or transparent.",
                     "Scene",
                     kind=str | None,
@@ -237,7 +246,11 @@ class RenderOptions:
             flag,
             "bool",
             """Show textures and colours of vertices. If not, each face has its mean colour, `Scene.colours`.""",
-            (Words("Show textures and colours of vertices, not the mean colour of each face.", commands=("render",)),),
+            (
+                CommandOption(
+                    "Show textures and colours of vertices, not the mean colour of each face.", commands=("render",)
+                ),
+            ),
         ),
     ] = True
     smooth_normals: Annotated[
@@ -247,7 +260,7 @@ class RenderOptions:
             "bool",
             """Shade with the normals of vertices, if the scene has them. If not, each face has its own. Neither changes
             the bits or the visibility: shadows stay on the geometric surface.""",
-            (Words("Shade with the normals of vertices, not with those of faces.", commands=("render",)),),
+            (CommandOption("Shade with the normals of vertices, not with those of faces.", commands=("render",)),),
         ),
     ] = True
     ground: Annotated[
@@ -261,7 +274,7 @@ class RenderOptions:
             shadows. `Frame.ground` has its visibility. It blocks no ray, changes no other pixel and is not in
             `Frame.mask`. It is not seen from below, and a store has none.""",
             (
-                Words(
+                CommandOption(
                     "A ground below the scene, of which only the shadows are seen: on, off, a height, or auto: under "
                     "scenes seen from outside that have none.",
                     "Scene",
@@ -276,7 +289,7 @@ class RenderOptions:
     ] = False
 
     def __post_init__(self):
-        checked(self)
+        check_fields(self)
 
     @property
     def smooths_edges(self) -> bool:
@@ -298,13 +311,13 @@ class EngineOptions:
     plan: Annotated[
         "str | Plan | None",
         Option(
-            anything,
+            unchecked,
             "str, Plan or None",
             """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
             neglects geometry that few rays see (``"bsah+chcrt:20"``). None: ``"auto"``, which chooses the methods; for
             a store ``"bsah+chcrt"``.""",
             (
-                Words(
+                CommandOption(
                     "The methods that answer; see antumbra plans.",
                     "Speed",
                     kind=str | None,
@@ -317,20 +330,20 @@ class EngineOptions:
     threads: Annotated[
         int | None,
         Option(
-            Whole(1, 1024, optional=True),
+            WholeNumber(1, 1024, optional=True),
             "int or None",
             "None: all cores.",
-            (Words("Threads to use.", "Speed", note="all cores"),),
+            (CommandOption("Threads to use.", "Speed", note="all cores"),),
         ),
     ] = None
     gbuffer: Annotated[
         str,
         Option(
-            anything,
+            unchecked,
             '"raster", "rays" or "auto"',
             "The method of primary visibility, as for `Renderer`. It never changes the bits.",
             (
-                Words(
+                CommandOption(
                     "The method that finds visible surfaces.",
                     "Speed",
                     kind=GBufferBy,
@@ -342,11 +355,11 @@ class EngineOptions:
     max_memory: Annotated[
         int | None,
         Option(
-            anything,
+            unchecked,
             "int or None",
             "Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.",
             (
-                Words(
+                CommandOption(
                     "Memory for a scene in a store, in bytes, or with M or G: 512M.",
                     "Speed",
                     kind=str | None,

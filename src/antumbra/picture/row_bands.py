@@ -1,21 +1,20 @@
-"""One picture in bands of rows: the bits that each band's rays find, and a picture made from the bits of all bands.
+"""Render a picture in bands of rows: trace the occlusion bits of each band, and assemble the picture from all bands.
 
-A band holds bits, and no colours. So the filter, ambient light and exposure see the whole picture, as if no band
-existed. docs/design/shards.md compares this with bands that hold finished pixels.
+A band holds bits, not colours, so the filter, ambient light and exposure see the whole picture, as if there were no
+bands. docs/design/shards.md compares this with bands of finished pixels.
 """
 
 import numpy as np
 
 from ..engine.engine import Engine
-from ..picture.light_visibility import finer_query, without_equal_samples
 from ..query.gbuffer import seen_by
 from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
 from ..query.shadow_query import Surfaces
-from .indirect import indirect_light
-from .passes import evaluate, look, trace
-from .request import Request
-from .state import FrameState, KeptRows, TracedLights, ask, ask_all, edge_colours, queries_of
+from .frame import FrameState, TracedBits, TracedLights, edge_colours, queries_of, trace_queries, trace_query
+from .frame_passes import evaluate, find_surfaces, indirect_light, trace
+from .frame_request import Request
+from .light_visibility import finer_query, without_equal_samples
 
 BAND = 32
 """Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
@@ -23,20 +22,20 @@ BAND = 32
 _ABOVE, _BELOW = 4, 1  # more rows that a band looks at; the penumbra's test sees one row on each side
 
 
-def names_of(request: Request) -> list[str]:
+def band_array_names(request: Request) -> list[str]:
     """The names of a band's arrays."""
     lights = range(len(request.lights))
     kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
     return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
 
 
-def kept_rows(found: dict[str, np.ndarray]) -> KeptRows:
+def joined_bits(found: dict[str, np.ndarray]) -> TracedBits:
     """The arrays of all bands, each joined, as a picture takes them."""
     named = lambda kind: [values for name, values in found.items() if name.startswith(f"{kind} ")]
-    return KeptRows(named("bits"), named("finer"), named("edges"), found.get("indirect"))
+    return TracedBits(named("bits"), named("finer"), named("edges"), found.get("indirect"))
 
 
-class Rows:
+class RowBands:
     """Traces bands of one picture. They share the surfaces that the camera sees, and the tree if the plan allows it.
 
     A store has no such picture of surfaces: it reads only what a band's rays meet.
@@ -68,9 +67,9 @@ class Rows:
     def _look(self, rows: slice) -> Surfaces:
         state = self._state
         if state.tracer.in_store:
-            return look(state, rows)
+            return find_surfaces(state, rows)
         if self._seen is None:
-            self._seen = look(state, slice(0, state.request.camera.height))
+            self._seen = find_surfaces(state, slice(0, state.request.camera.height))
         return _rows(self._seen, rows)
 
     def _trace(self, surfaces: Surfaces) -> TracedLights:
@@ -86,7 +85,7 @@ class Rows:
             finer = finer_query(seen, query, bits, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
             sides[own] = finer.sides[own]
-            made[f"finer {i}"] = ask(state, finer._replace(sides=sides))[own]
+            made[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[own]
         return made
 
     def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:
@@ -106,7 +105,7 @@ class Rows:
         queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
         queries = [without_equal_samples(query) for query in queries]
         state.tracer.prepare_again(queries, state.clock.lap)
-        return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(ask_all(state, queries).bits)}
+        return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
 
     def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
         """The sub-pixels of edges; and the blocks that are the band's own."""

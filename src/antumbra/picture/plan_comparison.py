@@ -1,8 +1,7 @@
-"""Plans side by side: seconds, counters and tests of the same frame, and whether all plans give the same bits.
+"""Compare plans on the same frame: seconds, counters, tests per ray, and whether all plans give the same bits.
 
-Each plan renders a frame with counters, a frame that is not timed, and then one frame in each round. Plans take turns
-within a round. Each frame has a new `Renderer`, so it keeps nothing from the frames before. A last walk counts tests in
-windows of 16 x 16 pixels (`windows`). It traces the shadow rays of the pixels, without refinement or bounced light.
+Each plan renders one frame with counters, one untimed frame, and then one frame per round; within a round the plans
+take turns. Each frame has a new `Renderer`, so nothing is cached between frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,11 +18,11 @@ from ..kernels.parallel import thread_count
 from ..query.receivers import NOTHING
 from ..scene.lights import check_lights
 from .frame import Frame
-from .keywords import values
-from .moments import Moment, Picture, build_for, picture_of
-from .options import EngineOptions, RenderOptions
+from .frame_request import PictureQueries, TimeSample, build_for, picture_queries
+from .option_fields import field_values
+from .render_options import EngineOptions, RenderOptions
 from .renderer import Renderer
-from .windows import WINDOW, trace_windows
+from .traversal_steps import WINDOW, trace_windows
 
 Say = Callable[[str, int, int], object]
 """Function of (what is done, steps done, all steps)."""
@@ -42,7 +41,7 @@ class Difference(NamedTuple):
     first: tuple[int, int] | None  # (x, y) of the first of these pixels; None: there is none
 
 
-class Measured(NamedTuple):
+class PlanMeasurement(NamedTuple):
     """The measurements of one plan."""
 
     plan: Plan
@@ -77,29 +76,29 @@ class Comparison(NamedTuple):
     frame: Frame  # of the reference
     reference: Plan  # the first exact plan; if there is none, the first plan
     asks: np.ndarray  # (H, W) bool: pixels with shadow rays
-    plans: list[Measured]
+    plans: list[PlanMeasurement]
 
     @property
-    def wrong(self) -> list[Measured]:
+    def wrong(self) -> list[PlanMeasurement]:
         """Exact plans whose bits or colours differ from the reference. There are none, or there is a bug."""
         return [one for one in self.plans if one.plan.tracer.exact and one.difference.pixels]
 
     @property
-    def fastest(self) -> Measured:
+    def fastest(self) -> PlanMeasurement:
         """The plan with the least median total."""
         return min(self.plans, key=lambda one: one.medians["total"])
 
 
-class _Work(NamedTuple):
+class _ComparedFrame(NamedTuple):
     """The frame that all plans render."""
 
     scene: AnyScene
-    moment: Moment
+    moment: TimeSample
     options: RenderOptions
     engine: EngineOptions  # without the plan
 
     def renderer(self, plan: Plan) -> Renderer:
-        return Renderer(self.scene, **values(self.engine) | {"plan": plan})
+        return Renderer(self.scene, **field_values(self.engine) | {"plan": plan})
 
     def draw(self, plan: Plan, counters: bool = False) -> Frame:
         time, camera, lights = self.moment
@@ -107,7 +106,7 @@ class _Work(NamedTuple):
 
 
 def compare(
-    scene: AnyScene, moment: Moment, plans: Sequence[str | Plan], options: RenderOptions = PLAIN,
+    scene: AnyScene, moment: TimeSample, plans: Sequence[str | Plan], options: RenderOptions = PLAIN,
     engine: EngineOptions = BY_RASTER, *, rounds: int = 5, say: Say | None = None,
 ) -> Comparison:  # fmt: skip
     """Measure several plans on the same frame.
@@ -133,7 +132,7 @@ def compare(
     """
     plans = compared_plans(plans)
     whole_number(rounds, "rounds", 1, 1000)
-    work = _Work(scene, moment._replace(lights=check_lights(moment.lights, scene.up)), options, engine)
+    work = _ComparedFrame(scene, moment._replace(lights=check_lights(moment.lights, scene.up)), options, engine)
     for plan in plans:
         work.renderer(plan)  # refuses a plan before the others are measured
     steps = _Steps(say, len(plans) * (_UNTIMED + rounds))
@@ -147,13 +146,13 @@ def compare(
             told.append(work.draw(plan).timings)
     rays, windows = _windows(work, plans, steps)
     told = [
-        Measured(plan, one, *of_frame, tests, difference)
+        PlanMeasurement(plan, one, *of_frame, tests, difference)
         for plan, one, of_frame, tests, difference in zip(plans, seconds, counted, windows, differences)
     ]
     return Comparison(frame, reference, rays > 0, told)
 
 
-def over_pixels(windows: np.ndarray, asks: np.ndarray) -> np.ndarray:
+def windows_to_pixels(windows: np.ndarray, asks: np.ndarray) -> np.ndarray:
     """(H, W) float64: the number of each pixel's window, or 0 where `asks` is False."""
     rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
     return np.where(asks, windows[rows[:, None], columns], 0.0)
@@ -186,7 +185,7 @@ class _Steps:
         self._done += 1
 
 
-def _counted(work: _Work, plan: Plan, steps: _Steps) -> tuple[int, dict[str, int], dict[str, int] | None]:
+def _counted(work: _ComparedFrame, plan: Plan, steps: _Steps) -> tuple[int, dict[str, int], dict[str, int] | None]:
     """The rays of a frame, its counters, and its chunks read and evicted."""
     steps.next(f"counting: {plan}")
     frame = work.draw(plan, counters=True)
@@ -194,7 +193,9 @@ def _counted(work: _Work, plan: Plan, steps: _Steps) -> tuple[int, dict[str, int
     return frame.rays, frame.counters, frame.paging
 
 
-def _warm_frames(work: _Work, plans: list[Plan], reference: Plan, steps: _Steps) -> tuple[Frame, list[Difference]]:
+def _warm_frames(
+    work: _ComparedFrame, plans: list[Plan], reference: Plan, steps: _Steps
+) -> tuple[Frame, list[Difference]]:
     """Render a frame by each plan, so that its kernels are loaded: the reference's frame, and all differences."""
     steps.next(f"warming up: {reference}")
     first = work.draw(reference)
@@ -220,7 +221,7 @@ def difference(first: Frame, other: Frame) -> Difference:
     return Difference(bits, len(xs), (int(xs[0]), int(ys[0])) if len(xs) else None)
 
 
-def _windows(work: _Work, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray, list[np.ndarray | None]]:
+def _windows(work: _ComparedFrame, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray, list[np.ndarray | None]]:
     """(H, W) int64, the shadow rays of each pixel; and for each plan its tests per ray, see `_tests_of`."""
     picture, tests = _picture(work, plans[0]), []
     rays = np.sum([(q.sides != NOTHING) * np.int64(q.samples.shape[1]) for q in picture.queries], axis=0)
@@ -234,11 +235,11 @@ def _windows(work: _Work, plans: list[Plan], steps: _Steps) -> tuple[np.ndarray,
     return rays, tests
 
 
-def _picture(work: _Work, plan: Plan) -> Picture:
-    return picture_of(work.scene, work.moment, work.options, thread_count(work.engine.threads), plan)
+def _picture(work: _ComparedFrame, plan: Plan) -> PictureQueries:
+    return picture_queries(work.scene, work.moment, work.options, thread_count(work.engine.threads), plan)
 
 
-def _tests_of(work: _Work, plan: Plan, picture: Picture, rays: np.ndarray) -> np.ndarray | None:
+def _tests_of(work: _ComparedFrame, plan: Plan, picture: PictureQueries, rays: np.ndarray) -> np.ndarray | None:
     """(rows, columns) float64: the tests per ray of each window. None if the plan names no builder.
 
     Such a plan makes a hierarchy of all rays, or chooses its methods by all rays. In single windows it would do other

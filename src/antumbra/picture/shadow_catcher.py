@@ -1,18 +1,13 @@
-"""A ground that is seen by its shadows alone, where pixels see no surface: a *shadow catcher*, or *matte*.
+"""The shadow catcher: an invisible ground plane that shows only the shadows cast on it, also called a *matte*.
 
-It is no triangle. Its points are receivers of additional queries, which the frame's own tracer answers. So no tree and
-no bit of a surface changes, and the ground blocks no ray. The light that a sky sends from below to the undersides of
-surfaces stands for the light that the ground would reflect: it is the colour that the ground shows.
+It is not a triangle. Its points are the receivers of additional queries, which the frame's own tracer answers, so no
+tree and no bit of a surface changes, and the ground blocks no ray.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..picture.discontinuity_filter import smooth_irradiance
-from ..picture.irradiance import facing_of
-from ..picture.light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
-from ..picture.shading import arriving_irradiance, shade
 from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
 from ..query.pixel_refinement import block_means, subpixel_rays
 from ..query.query_bounds import place, reach_of
@@ -21,8 +16,11 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
 from ..scene.lights import DIRECTIONAL, is_bounced
 from ..techniques.culling.culling_grid import targets_of
-from .frame import Ground
-from .state import FrameState, TracedLights, ask, ask_all, smooths
+from .discontinuity_filter import smooth_irradiance
+from .frame import FrameState, Ground, TracedLights, smooths_light, trace_queries, trace_query
+from .irradiance import facing_of
+from .light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
+from .shading import arriving_irradiance, shade
 
 _WHITE = np.ones((1, 3), np.float32)
 
@@ -59,14 +57,16 @@ class ShadowCatcher:
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
         finest = [q._replace(samples=s) for q, s in zip(queries, finer)]
         state.tracer.prepare_again([*queries, *finest], state.clock.lap)
-        traced = ask_all(state, queries)
+        traced = trace_queries(state, queries)
         state.clock.lap("trace")
         seen, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
         light = [light_fractions(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
             more = finer_query(seen, query, bits, samples, state.threads)
-            light[i] = refine_fractions(light[i], seen, facing, more, ask(state, more), request.smooth, state.threads)
+            light[i] = refine_fractions(
+                light[i], seen, facing, more, trace_query(state, more), request.smooth, state.threads
+            )
             state.clock.lap("trace")
         visibility = [each.fraction for each in light]
         lit, unshadowed = self._light(gbuffer, traced, [each.share for each in light], seen)
@@ -86,7 +86,7 @@ class ShadowCatcher:
         state.clock.lap("gbuffer")
         queries = self._queries(found, finer.edges)
         state.tracer.prepare_again(queries, state.clock.lap)
-        traced = ask_all(state, queries)
+        traced = trace_queries(state, queries)
         state.clock.lap("trace")
         facing = facing_of(found.gbuffer, None)
         arrive = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
@@ -124,7 +124,7 @@ class ShadowCatcher:
 
     def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
         """The light of one light source as `picture.shading.arriving_irradiance` gives it, and without shadows."""
-        threads, own = self._state.threads, seen if smooths(self._state.request, light) else None
+        threads, own = self._state.threads, seen if smooths_light(self._state.request, light) else None
         if query.light.kind == DIRECTIONAL and light.domain == "list":
             return self._arriving_far(gbuffer, light, query, bits, own)
         arrived = arriving_irradiance(gbuffer, light, query, bits, own, None, threads)

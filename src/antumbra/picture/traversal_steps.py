@@ -1,11 +1,11 @@
-"""Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers.
+"""Count traversal steps of shadow rays by plan: per pixel, per class of ray, and the depths of frequent blockers.
 
-`single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). Other tracers
-test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
-counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second walk,
-one ray at a time, finds the leaf in which each ray ends.
+The tracer `single` and its variants trace one ray at a time, so each test belongs to one ray. Other tracers test boxes
+for ray bundles or eight boxes at once; their queries are traced in windows of 16 x 16 pixels, and the tests of a window
+are divided evenly among its pixels.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +17,54 @@ from ..engine.precompilation import Job, fixed_job, precompile, small_scene, sma
 from ..engine.scene import Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
+from ..query.shadow_query import ShadowQuery, with_receivers
 from ..scene.lights import check_lights
+from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
 from ..trace.rays.ray_traversal import BUILT, Ordered
 from ..trace.rays.single_rays import Steps, add_steps, count_steps, hit_depths, leaf_depths
-from .moments import Moment, Picture, build_for, picture_of
-from .options import RenderOptions
-from .render_jobs import warm_up, warm_up_bounce
-from .windows import WINDOW, trace_windows
+from .frame_request import PictureQueries, TimeSample, build_for, picture_queries
+from .render_kernels import precompile_bounce, precompile_plan
+from .render_options import RenderOptions
+
+# --- A query traced window by window, so that the tests of ray bundles belong to a part of the picture ----------------
+
+
+WINDOW = 16  # pixels; no ray bundle crosses the border of a window
+
+
+def trace_windows(
+    accelerator: Accelerator, accelerated: Accelerated, query: ShadowQuery
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trace a query window by window: (bits, tests); tests: (rows, columns, 2) int64, box and triangle tests.
+
+    Windows begin at multiples of 16 pixels, so they contain whole 4 x 4 blocks of interleaved samples. The bits
+    therefore equal the bits of the query traced as a whole.
+    """
+    h, w = query.sides.shape
+    rows, columns = -(-h // WINDOW), -(-w // WINDOW)
+    bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
+    tests, alone = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
+
+    def trace(window):
+        y, x = divmod(window, columns)
+        part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
+        tally = new_counters()
+        bits[part] = alone.answer(accelerated, with_receivers(query, lambda array: array[part]), tally)
+        tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
+
+    with ThreadPoolExecutor(accelerator.threads) as pool:
+        list(pool.map(trace, range(rows * columns)))
+    return bits, tests
+
+
+# --- Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers -------
+#
+# `single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). Other
+# tracers
+# test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
+# counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second
+# walk,
+# one ray at a time, finds the leaf in which each ray ends.
 
 
 class Depths(NamedTuple):
@@ -60,7 +101,7 @@ class Explanation(NamedTuple):
     plans: list[PlanSteps]
 
 
-class _Walked(NamedTuple):
+class _CountedTrace(NamedTuple):
     """The result of tracing with one plan."""
 
     plan: Plan
@@ -100,12 +141,12 @@ def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explana
         Engine(scene, plan, threads)  # a store has its own tree
     moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
     for plan in plans:
-        warm_up(plan, "rays" if source.in_store else "raster")
+        precompile_plan(plan, "rays" if source.in_store else "raster")
     if source.in_store:
         source.warm_up()
     precompile(steps_job)
     if any(plan.sample is not None and plan.sample.bounce for plan in plans):
-        warm_up_bounce()
+        precompile_bounce()
     return explain_compiled(scene, moments, plans, spp, thread_count(threads), say)
 
 
@@ -114,7 +155,9 @@ def steps_job() -> Job:
 
     def work():
         camera, lights = small_view()
-        explain_compiled(Scene.of_data(small_scene()), [Moment(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2)
+        explain_compiled(
+            Scene.of_data(small_scene()), [TimeSample(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2
+        )
 
     return fixed_job("counted steps", work)
 
@@ -130,7 +173,7 @@ def explained_plans(plans) -> list[Plan]:
 
 def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_of(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
+    pictures, told = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
@@ -145,7 +188,7 @@ def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanati
     return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
 
 
-def _walk(accelerator: Accelerator, pictures: list[Picture]) -> _Walked:
+def _walk(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
     """Build for every picture in turn, then trace the last one and count its steps."""
     if pictures[-1].source is not None:
         return _walk_store(accelerator, pictures[-1])
@@ -156,12 +199,14 @@ def _walk(accelerator: Accelerator, pictures: list[Picture]) -> _Walked:
     ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
     steps = add_steps([count_steps(ordered, query, n, threads) for query in queries])
     if one_by_one:
-        return _Walked(accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None)
+        return _CountedTrace(
+            accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None
+        )
     bits, tests = zip(*(trace_windows(accelerator, ready, query) for query in queries))
-    return _Walked(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+    return _CountedTrace(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
 
 
-def _walk_store(accelerator: Accelerator, picture: Picture) -> _Walked:
+def _walk_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
     """Trace a picture of a store, and count the steps of its rays through the store's tree.
 
     The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
@@ -177,10 +222,10 @@ def _walk_store(accelerator: Accelerator, picture: Picture) -> _Walked:
     own = np.where(known, places, -1).astype(np.int32)
     ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
     steps = add_steps([count_steps(ordered, q._replace(ids=own), n, threads) for q in picture.queries])
-    return _Walked(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
+    return _CountedTrace(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
 
 
-def _check_bits(first: _Walked, other: _Walked) -> None:
+def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
     """Raise RuntimeError if two plans give different bits."""
     differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
     if any(differ):
@@ -199,7 +244,7 @@ def _frequent(hits: np.ndarray) -> np.ndarray:
     return order[: int(np.searchsorted(reached, reached[-1] / 2)) + 1]
 
 
-def _plan_steps(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
+def _plan_steps(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
     """The figures of one plan; `hits`: the number of rays that each triangle blocks in the first plan."""
     steps, depths = walked.steps, _depths(walked, hits, frequent)
     if walked.bundles is None:
@@ -207,10 +252,12 @@ def _plan_steps(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> Plan
         tested, triangles = int(classes.sum()), int(steps.triangles.sum())
         return PlanSteps(walked.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
     tested, triangles = (int(n) for n in walked.bundles.sum(axis=(0, 1)))
-    return PlanSteps(walked.plan, _shared_out(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
+    return PlanSteps(
+        walked.plan, _window_shares(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths
+    )
 
 
-def _shared_out(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
+def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
     """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays."""
     rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
     window = rows[:, None] * tests.shape[1] + columns
@@ -218,7 +265,7 @@ def _shared_out(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
     return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
 
 
-def _depths(walked: _Walked, hits: np.ndarray, frequent: np.ndarray) -> Depths:
+def _depths(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
     bvh = walked.ready.bvh
     histogram = hit_depths(bvh, walked.steps.hits)
     reached, depth_of = np.cumsum(histogram), np.zeros(len(hits))

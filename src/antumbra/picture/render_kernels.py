@@ -1,4 +1,4 @@
-"""The jobs of rendering: frames by a plan, and the extra kernels of filter, refinement and bounced light."""
+"""Compile jobs of rendering: frames of a plan, and the kernels of filter, refinement, appearance and bounced light."""
 
 from dataclasses import replace
 
@@ -7,9 +7,9 @@ from ..engine.plan import Plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..scene.camera import Camera
 from ..techniques.srdh.representative_rays import SrdhRays
-from .options import RenderOptions
-from .passes import draw
-from .request import request_of
+from .frame_passes import render_frame
+from .frame_request import request_of
+from .render_options import RenderOptions
 
 PLAIN = RenderOptions(spp=1, sampler="hammersley", filter=False, antialias=False)
 """Options of pictures that call no kernel without need."""
@@ -18,44 +18,44 @@ QUALITY = replace(PLAIN, filter=True, adaptive=2)
 """... of the kernels of the filter and of refinement too."""
 
 
-def warm_up(plan: Plan, gbuffer: str, counters: bool = False) -> None:
+def precompile_plan(plan: Plan, gbuffer: str, counters: bool = False) -> None:
     """Compile the kernels of rendering by a plan. `counters`: include a tracer's separate counting kernels."""
     precompile(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
     if plan.trace == "cones":
         precompile(wide_lights_job)
 
 
-def warm_up_quality() -> None:
+def precompile_quality() -> None:
     """Compile the kernels of the filter and of adaptive sampling; they are the same for every plan."""
     precompile(quality_job)
 
 
-def warm_up_antialias() -> None:
+def precompile_antialias() -> None:
     """Compile the kernels of anti-aliasing; they are the same for every plan."""
     precompile(antialias_job)
 
 
-def warm_up_dressed() -> None:
+def precompile_appearance() -> None:
     """Compile the kernels of textures and smooth normals; they are the same for every plan."""
-    precompile(dressed_job)
+    precompile(appearance_job)
 
 
-def warm_up_bounce() -> None:
+def precompile_bounce() -> None:
     """Compile the kernels of the diffuse rays that `SrdhRays` can request."""
     precompile(bounce_job)
 
 
-def warm_up_indirect(gbuffer: str) -> None:
+def precompile_indirect(gbuffer: str) -> None:
     """Compile the kernels of bounced light; they are the same for every plan."""
     precompile(indirect_job, gbuffer)
 
 
-def warm_up_listed() -> None:
+def precompile_explicit_rays() -> None:
     """Compile the kernels of cameras that are not perspective; they are the same for every plan."""
-    precompile(listed_job)
+    precompile(explicit_rays_job)
 
 
-def warm_up_ground() -> None:
+def precompile_ground() -> None:
     """Compile the kernels of a ground that catches shadows; they are the same for every plan."""
     precompile(ground_job)
 
@@ -87,7 +87,7 @@ def bounce_job() -> Job:
     return fixed_job("a diffuse bounce", lambda: _render_small(plan))
 
 
-def dressed_job() -> Job:
+def appearance_job() -> Job:
     """The job of textures and smooth normals."""
     return fixed_job("textures and normals", lambda: _render_small(Plan(), dressed=True))
 
@@ -99,7 +99,7 @@ def indirect_job(gbuffer: str = "raster") -> Job:
     )
 
 
-def listed_job() -> Job:
+def explicit_rays_job() -> Job:
     """The job of cameras whose rays are listed."""
 
     def work():
@@ -126,4 +126,4 @@ def _render_small(
     request = request_of(camera, lights, options, None if options.ground is False else options.ground)
     if engine.accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
         engine.accelerator.build(scene.triangles(0.0, 2))
-    draw(engine, request)
+    render_frame(engine, request)

@@ -1,4 +1,4 @@
-"""Virtual point lights: new lights at the surfaces that a light's photons reach [Keller 1997]."""
+"""Virtual point lights: instant radiosity from the surface points that a light's photons reach [Keller 1997]."""
 
 import numpy as np
 
@@ -108,12 +108,16 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         normal = _on_sphere(a, b)
         return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
     if isinstance(light, Sky):
-        directions = -light.points[_drawn(light, xi)]
+        directions = -light.points[_chosen_lights(light, xi)]
         power = np.pi * radius**2 * float(light.intensities.sum()) * light.intensity
-        return _before(directions, a, b, centre, radius), directions, power
+        return _photon_origins(directions, a, b, centre, radius), directions, power
     if isinstance(light, DirectionalLight):
         directions, share = _in_cone(light, xi[:, 2:])
-        return _before(directions, a, b, centre, radius), directions, np.pi * radius**2 * light.intensity * share
+        return (
+            _photon_origins(directions, a, b, centre, radius),
+            directions,
+            np.pi * radius**2 * light.intensity * share,
+        )
     if isinstance(light, QuadLight):
         origins = light.corner + a[:, None] * light.u + b[:, None] * light.v
         axis = np.cross(light.u, light.v) / light.area()
@@ -130,7 +134,7 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
     return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
 
 
-def _before(directions, a, b, centre, radius) -> np.ndarray:
+def _photon_origins(directions, a, b, centre, radius) -> np.ndarray:
     """(n, 3): origins of photons along unit directions (n, 3), on disks that cover the scene."""
     u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
     x, y = (_on_disk(a, b) * radius).T[..., None]
@@ -149,14 +153,14 @@ def _in_cone(light: DirectionalLight, xi) -> tuple[np.ndarray, float]:
     return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + least)
 
 
-def _drawn(sky: Sky, xi: np.ndarray) -> np.ndarray:
+def _chosen_lights(sky: Sky, xi: np.ndarray) -> np.ndarray:
     """(n,) int: the light of a sky that emits each photon. All its lights have the same power."""
     return np.minimum((xi[:, 2] * sky.count).astype(int), sky.count - 1)
 
 
 def _colours(light: Light, xi: np.ndarray) -> np.ndarray:
     """(n, 3): the colour of each photon."""
-    own = light.colours[_drawn(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
+    own = light.colours[_chosen_lights(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
     return own * np.asarray(light.colour)
 
 

@@ -1,4 +1,4 @@
-"""A picture of the triangles that pre-BVH culling keeps: from the camera, and X-ray views from above and the side."""
+"""Draw the triangles that pre-BVH culling keeps: from the camera, and as X-ray views from above and from the side."""
 
 from time import perf_counter
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import shadow_queries
 from ..scene.lights import FIXED, LIST, SPHERE, check_lights
 from ..techniques.culling.culling_grid import sample_points
-from .render_jobs import warm_up
+from .render_kernels import precompile_plan
 from .renderer import Renderer
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)
@@ -37,7 +37,7 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     ``culler`` is a name in CULLERS; the other arguments are as in `antumbra.render`.
     """
     lights, renderer = check_lights(lights, scene.up), Renderer(scene, f"{culler}+bsah+single", threads)
-    warm_up(renderer.plan, renderer.source.gbuffer)
+    precompile_plan(renderer.plan, renderer.source.gbuffer)
     triangles = scene.triangles(time, threads)
     gbuffer = renderer.see(triangles, camera)
     samples = [light_samples(light, spp) for light in lights]
@@ -50,8 +50,8 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     receivers = gbuffer.position[gbuffer.side != NOTHING]
     emitters = np.concatenate([np.empty((0, 3)), *(_emitter(query) for query in queries)])
     shape, up = gbuffer.face.shape, 2 if scene.up == "z" else 1
-    panels = [_seen(gbuffer, camera, kept)]
-    panels += [_through(triangles.vertices, kept[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
+    panels = [_camera_view(gbuffer, camera, kept)]
+    panels += [_xray_view(triangles.vertices, kept[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
     cells, marked = (0, 0) if culled.marked is None else (culled.marked.size, int(culled.marked.sum()))
     image = np.concatenate(panels, axis=1)
     return CullingPicture(image, len(culled.kept), cells, marked, culled.sources, culled.targets, seconds)
@@ -67,7 +67,7 @@ def _emitter(query) -> np.ndarray:
     return sample_points(query)
 
 
-def _seen(gbuffer, camera, kept) -> np.ndarray:
+def _camera_view(gbuffer, camera, kept) -> np.ndarray:
     """The camera's view, lit from the camera: (H, W, 3) float32."""
     ahead = np.asarray(camera.target, np.float64) - camera.position
     facing = np.abs(gbuffer.normal @ (ahead / np.linalg.norm(ahead)).astype(np.float32))
@@ -75,7 +75,7 @@ def _seen(gbuffer, camera, kept) -> np.ndarray:
     return np.where((gbuffer.side != NOTHING)[..., None], colour * (0.15 + 0.85 * facing[..., None]), np.float32(0.0))
 
 
-def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
+def _xray_view(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
     """X-ray view along an axis: points on all surfaces add up their colours; receivers and lights are drawn on top."""
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down
@@ -90,7 +90,7 @@ def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
         inside = (x >= 0) & (x < w) & (y >= 0) & (y < h)
         return y[inside].astype(np.int64) * w + x[inside].astype(np.int64), inside
 
-    face, points = _spread(vertices, _POINTS * h * w)
+    face, points = _surface_points(vertices, _POINTS * h * w)
     where, inside = pixels(points)
     image = np.zeros((h * w, 3), np.float32)
     for which, colour in ((kept, KEPT), (~kept, DROPPED)):
@@ -101,7 +101,7 @@ def _through(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
     return image.reshape(h, w, 3)
 
 
-def _spread(vertices, n) -> tuple[np.ndarray, np.ndarray]:
+def _surface_points(vertices, n) -> tuple[np.ndarray, np.ndarray]:
     """n points spread evenly over all surfaces: (n,) triangle indices and (n, 3) positions."""
     edges = vertices[:, 1:] - vertices[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0].astype(np.float64), edges[:, 1]), axis=1)
