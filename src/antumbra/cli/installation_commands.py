@@ -252,11 +252,11 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
+    from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
     from ..jobs.warm import jobs
     from ..kernels.toolchain.kernel_cache import user_cache
-    from ..rendering.calibration import calibrate
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
     wanted = jobs(plans)

@@ -1,4 +1,4 @@
-"""Measures this machine for the plan `auto`: seconds of work, once, by ``antumbra warmup``."""
+"""Calibrate the cost model of the plan `auto` on this machine; ``antumbra warmup`` runs it once, for some seconds."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,17 +8,17 @@ from time import perf_counter, thread_time
 import numpy as np
 
 from ..bvh.nodes import Bvh
-from ..engine.accelerator import best_tree
-from ..engine.auto.cost_model import BEST, GOOD, QUICK, MachineRates, reference, store_machine_rates
-from ..engine.auto.strategies import STRATEGIES, TreeForms, answer_query
-from ..engine.method_registry import BUILDERS
-from ..engine.primary_visibility import primary_visibility
-from ..engine.scene import procedural
 from ..kernels.parallel import thread_count
 from ..query.light_samples import light_samples
 from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
+from .accelerator import best_tree
+from .auto.cost_model import BEST, GOOD, QUICK, MachineRates, reference, store_machine_rates
+from .auto.strategies import STRATEGIES, TreeForms, answer_query
+from .method_registry import BUILDERS
+from .primary_visibility import primary_visibility
+from .scene import procedural
 
 _TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
 
