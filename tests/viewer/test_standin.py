@@ -55,9 +55,9 @@ def test_the_stand_in_looks_as_the_picture_does(lights):
     pieces = pieces_of(model.scene.triangles(), 6000)
     colours = colours_of(light_of(model, pieces), pieces.normals, model.scene.colours[pieces.faces], model)
     shown = np.round(255 * linear_to_srgb(colours[0])).astype(int)
-    from antumbra.jobs.view import projected
+    from antumbra.jobs.false_colours import project_points
 
-    at_pixel = np.floor(projected(camera, pieces.points)).astype(int)
+    at_pixel = np.floor(project_points(camera, pieces.points)).astype(int)
     up = pieces.normals[:, 1] > 0.5
     x, y = at_pixel[up & (np.abs(pieces.points[:, [0, 2]]) < 5.5).all(1)].T
     here = shown[up & (np.abs(pieces.points[:, [0, 2]]) < 5.5).all(1)]

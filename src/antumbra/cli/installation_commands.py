@@ -255,11 +255,11 @@ def warmup(
     from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
-    from ..jobs.warm import jobs
+    from ..jobs.job_kernels import all_jobs
     from ..kernels.toolchain.kernel_cache import user_cache
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    wanted = jobs(plans)
+    wanted = all_jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
         compiled = precompile_all(wanted)

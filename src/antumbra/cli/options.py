@@ -26,7 +26,7 @@ from .arguments import parse_point
 
 
 TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
-"""Suffixes of tables: those of `jobs.formats.WRITERS`, which is slow to import."""
+"""Suffixes of tables: those of `jobs.result_table.WRITERS`, which is slow to import."""
 
 _GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
 
@@ -374,7 +374,7 @@ def points_or_file(given: list[str] | None, file: Path | None, one: str, many: s
         return point_sensors([parse_point(text, one) for text in given])
     if file is None:
         return None
-    from ..jobs.readsensors import SUFFIXES, read_points
+    from ..jobs.sensor_files import SUFFIXES, read_points
 
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")

@@ -107,7 +107,7 @@ if TYPE_CHECKING:
 
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
-    from ..jobs.engines import Engine
+    from ..jobs.executors import Executor
     from ..picture.frame import Frame
     from ..picture.renderer import Renderer
     from ..scene.camera import Camera
@@ -218,10 +218,10 @@ class PictureSpec(NamedTuple):
         return Shot(camera, lights, options, frame)
 
     def shot_in_bands(
-        self, scene: "AnyScene", time: float, engine: "Engine", digest: str, layers: bool = False
+        self, scene: "AnyScene", time: float, engine: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
         """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
-        from ..jobs.bands import render_bands
+        from ..jobs.work_parts import render_bands
 
         camera, lights, options = self._asked(scene, time, layers)
         settings = self.settings(scene, digest, time)

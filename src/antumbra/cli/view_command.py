@@ -86,7 +86,7 @@ def view(given: ViewArguments) -> int:
     memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.place import given_position, place_of
+    from ..jobs.sun.location import given_position, place_of
     from ..viewer.page import checked_port
     from ..viewer.show import view as shown
 

@@ -11,7 +11,7 @@ from ..checks import path_of, quoted, text
 from ..engine.scene_loading import load
 from ..errors import InputError
 from ..files import temporary_folder
-from ..jobs.engines import Asked
+from ..jobs.executors import UnitCollector
 from .engine import Cluster
 from .named import files_in, with_files
 
@@ -70,7 +70,7 @@ def _opened(function: Callable, scene):
     return scene if function.__name__ == "bake" else load(scene)
 
 
-def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: Asked) -> None:
+def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: UnitCollector) -> None:
     """Begin the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
     named = _named(function, Path(), args, kwargs)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from ..errors import InputError
 from ..files import atomic_output
-from ..jobs.engines import Units, numbered
+from ..jobs.executors import Units, numbered
 from ..progress import report_progress
 from .inputs import piece_of
 from .node import Node, NodeJob, signature

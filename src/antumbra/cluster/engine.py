@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..extras import import_extra
-from ..jobs.engines import Units, numbered
+from ..jobs.executors import Units, numbered
 from ..progress import LOG
 from .inputs import input_of
 

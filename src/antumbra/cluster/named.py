@@ -5,7 +5,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from ..jobs.readsensors import raster_file
+from ..jobs.sensor_files import raster_file
 
 INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky"
 """Arguments of jobs, on the command line or in Python, that may name a file or a folder to read."""

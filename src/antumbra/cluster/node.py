@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 from ..engine.plan import DEFAULT_PLAN, parse_plan
 from ..engine.precompilation import compile_missing, missing_of
 from ..files import file_lock, temporary_folder
-from ..jobs.engines import Asked, Units, numbered
-from ..jobs.warm import jobs
+from ..jobs.executors import UnitCollector, Units, numbered
+from ..jobs.job_kernels import all_jobs
 from ..progress import ignore_progress, progress_listener
 from .inputs import Input, local_path, own_temporary
 
-Prepare = Callable[[dict[str, str], int, Asked], Any]
+Prepare = Callable[[dict[str, str], int, UnitCollector], Any]
 """prepare(paths of inputs by name, threads, engine): begin a job, and give its units to the engine."""
 
 
@@ -58,7 +58,7 @@ class Node:
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
             os.chdir(self._own)  # results of a job have relative names here
             warm(job.plan)
-            asked = Asked(Path(job.folder))
+            asked = UnitCollector(Path(job.folder))
             job.prepare(paths, self._threads, asked)
         self._units = [(units, k) for _, units, k in numbered(asked.job)]
         return signature(asked.job)
@@ -86,7 +86,7 @@ class Node:
 
 def warm(plan: str | None) -> None:
     """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
-    wanted = {each for job in jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    wanted = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
     if missing_of(wanted):
         with file_lock(own_temporary() / "warm.lock"):
             if missing := missing_of(wanted):

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jobs.dataset.blockers import has_centre, towards_centre
-from ..jobs.sun.positions import directions_of
+from ..jobs.dataset.dataset_layers import has_centre, towards_centre
+from ..jobs.sun.sun_positions import directions_of
 from ..scene.camera import axes
 from ..scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight, tangents
 from .stage import RADIUS, Stage

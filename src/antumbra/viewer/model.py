@@ -10,9 +10,8 @@ import numpy as np
 from ..checks import instance, number
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
-from ..jobs.sun.place import Place, checked_place
-from ..jobs.sun.positions import solar_angles
-from ..jobs.sun.times import zone_of
+from ..jobs.sun.location import Place, checked_place
+from ..jobs.sun.sun_positions import solar_angles, zone_of
 from ..picture.frame import Frame
 from ..picture.image_files import frame_exposure
 from ..picture.renderer import Renderer

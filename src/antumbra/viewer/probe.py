@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.point_visibility import visibility
-from ..jobs.dataset.blockers import has_centre, towards_centre
+from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..query.receivers import point_receivers
 from ..scene.lights import DirectionalLight
 from .lamps import FAR

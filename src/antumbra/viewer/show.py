@@ -12,8 +12,8 @@ from ..engine.plan import Plan
 from ..engine.precompilation import precompile
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
-from ..jobs.sun.place import Place
-from ..jobs.warm import points_job
+from ..jobs.job_kernels import points_job
+from ..jobs.sun.location import Place
 from ..picture.render_kernels import precompile_quality
 from ..scene.camera import Camera
 from ..scene.lights import Light

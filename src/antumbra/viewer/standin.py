@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jobs.bake.measure import Asked, Meter, SurfacePoints
+from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
 from ..picture.image_files import roll_off
 from ..picture.shading import SIDEWAYS
 from ..query.query_bounds import morton_codes
@@ -99,7 +99,7 @@ def light_of(model: Model, pieces: Pieces, check: Callable = lambda *_: None) ->
     check : called between parts of the work; it may raise an exception to end it
     """
     lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
-    asked = Asked("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
+    asked = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
     meter = Meter(model.scene, asked, 2 * n)
     out = np.zeros((2, n, 3), np.float32)
     for side, sign in enumerate((1.0, -1.0)):

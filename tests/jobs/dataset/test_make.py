@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs.dataset import make
-from antumbra.jobs.dataset.sheet import contact_sheet
+from antumbra.jobs.dataset import dataset_job as make
+from antumbra.jobs.dataset.dataset_files import contact_sheet
 from antumbra.picture.option_fields import deciding_fields
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 from killed import run, run_killed
