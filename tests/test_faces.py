@@ -243,7 +243,7 @@ def known(tmp_path_factory) -> Iterator[dict[str, Example]]:
         warnings.simplefilter("ignore", UserWarning)
         folder = tmp_path_factory.mktemp("faces")
         patch.chdir(folder)
-        patch.setattr("antumbra.viewer.show.prepare", begin)
+        patch.setattr("antumbra.viewer.viewer_page.prepare", begin)
         yield examples(folder)
 
 

@@ -52,7 +52,7 @@ if typing.TYPE_CHECKING:
     from .scene.triangles import Hit, Triangles
     from .store.store_build import BuildReport
     from .techniques.srdh.representative_rays import SrdhRays
-    from .viewer.show import Viewer, view
+    from .viewer.viewer_page import Viewer, view
 
 __version__ = _VERSION
 
@@ -165,7 +165,7 @@ _HOME = {
     "Suns": "jobs.sun.sun_positions",
     "Table": "jobs.result_table",
     "Triangles": "scene.triangles",
-    "Viewer": "viewer.show",
+    "Viewer": "viewer.viewer_page",
     "Viewshed": "jobs.line_of_sight.viewshed",
     "Visibility": "engine.engine",
     "VisibilityMatrix": "jobs.line_of_sight.visibility_matrix",
@@ -188,7 +188,7 @@ _HOME = {
     "suns_of": "jobs.sun.sun_positions",
     "times_of": "jobs.sun.sun_positions",
     "vertex_sensors": "jobs.sensors",
-    "view": "viewer.show",
+    "view": "viewer.viewer_page",
     "viewshed": "jobs.line_of_sight.viewshed",
     "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",

@@ -87,8 +87,8 @@ def view(given: ViewArguments) -> int:
 
     from ..extras import import_extra
     from ..jobs.sun.location import given_position, place_of
-    from ..viewer.page import checked_port
-    from ..viewer.show import view as shown
+    from ..viewer.viewer_page import checked_port
+    from ..viewer.viewer_page import view as shown
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(given.host, given.port)

@@ -1,8 +1,7 @@
-"""The guard of the page: who may reach its server, and what happens to messages that make no sense.
+"""Guard the viewer's server: check the host, origin and token of each request, and drop malformed messages.
 
-Browsers let any web page open a WebSocket to any address, and a DNS name can be pointed at this machine at any time.
-So the ``Host`` and the ``Origin`` of every request are checked, and a page that other machines reach needs a token in
-its path. viser has no hook for this, but websockets, on which its server is built, has ``process_request``.
+Any web page may open a WebSocket to any address, and a DNS name can be pointed at this machine at any time. So the
+``Host`` and the ``Origin`` of every request are checked, and a page that other machines reach needs a token.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""The panel of the page: sliders that change the model, and text about pictures and clicked points."""
+"""The control panel of the page: sliders that change the model, and text on pictures and clicked points."""
 
 from collections.abc import Callable
 from datetime import date
@@ -6,10 +6,9 @@ from html import escape
 from typing import Any
 
 from ..scene.lights import DirectionalLight
-from .lamps import sun_angles
-from .model import PICTURE, SEEN, STEPS
-from .pictures import Traced
-from .probe import Face, Probe
+from .gizmos import Face, Probe
+from .progressive_pictures import TracedPicture
+from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
 
 _HINT = "Click a surface: the panel says which lights it sees, and what blocks them."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
@@ -37,7 +36,7 @@ class Controls:
             self._furnish_sun()
         self._furnish_lights()
 
-    def tell(self, picture: Traced) -> None:
+    def tell(self, picture: TracedPicture) -> None:
         """Say what the picture is that the browser shows."""
         speed = f"{picture.rays / max(picture.seconds, 1e-9) / 1e6:.1f} M rays/s"
         text = f"{picture.step}: {1000 * picture.seconds:.0f} ms, {speed}"
@@ -54,7 +53,7 @@ class Controls:
 
     def describe(self, found: Probe | None) -> None:
         """Show what a clicked point sees."""
-        self._point.content = described(found)
+        self._point.content = describe_point(found)
 
     def refresh(self) -> None:
         """Set the sliders to what the model has."""
@@ -68,11 +67,11 @@ class Controls:
 
     def _furnish_point(self) -> None:
         with self._gui.add_folder("Point"):
-            self._point = self._gui.add_html(described(None))
+            self._point = self._gui.add_html(describe_point(None))
 
     def _furnish_picture(self) -> None:
         model, gui = self._model, self._gui
-        kinds = [PICTURE, *(SEEN + lamp.name for lamp in model.lamps), STEPS]
+        kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.lamps), BOX_TESTS]
         with gui.add_folder("Picture"):
             show = gui.add_dropdown("show", kinds, initial_value=model.looks.show)
             plan = gui.add_text("plan", model.looks.plan, hint="the plan whose box tests are shown")
@@ -140,7 +139,7 @@ class Controls:
                 self._page.changed()
 
 
-def described(found: Probe | None) -> str:
+def describe_point(found: Probe | None) -> str:
     """HTML about a point: the surface, and a row for each light."""
     if found is None:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
