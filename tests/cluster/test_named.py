@@ -15,8 +15,10 @@ from antumbra.cli import shards as sharing
 from antumbra.cli.app import app
 from antumbra.cli.sight_commands import MatrixArguments
 from antumbra.cli.sun_command import SunArguments
-from antumbra.cluster import calls, inputs, node
-from antumbra.cluster.named import INPUTS, files_in, with_files
+from antumbra.cluster import node_files as inputs
+from antumbra.cluster import ray_executor as calls
+from antumbra.cluster import ray_workers as node
+from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
 
 def put_raster(folder, name="dem.tif"):

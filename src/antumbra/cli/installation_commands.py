@@ -139,9 +139,9 @@ def _memory() -> dict[str, str]:
 
 
 def _nodes(address: str) -> list[dict]:
-    """What the nodes of a cluster have; see `cluster.survey`."""
-    from ..cluster.engine import connected
-    from ..cluster.survey import survey
+    """What the nodes of a cluster have; see `cluster.ray_workers`."""
+    from ..cluster.ray_executor import connected
+    from ..cluster.ray_workers import survey
 
     with connected(address) as cluster:
         return survey(cluster)

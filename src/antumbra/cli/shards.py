@@ -102,8 +102,8 @@ def engine_for(given: Any, output: Path) -> "Engine | None":
     if given.merge:
         return ShardMerge(folder, given.merge)
     if given.ray is not None:
-        from ..cluster.engine import Cluster
-        from ..cluster.named import files_in
+        from ..cluster.node_files import files_in
+        from ..cluster.ray_executor import Cluster
 
         if share is not None:
             raise InputError("--ray makes shards of its own; leave it or --shard out")
@@ -120,7 +120,7 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
     home : module and name of the command
     paths : field -> the path of its file on this node
     """
-    from ..cluster.named import with_files
+    from ..cluster.node_files import with_files
 
     changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
     for name in _OUTPUTS:

@@ -1,18 +1,26 @@
-"""The input files of a job on a node: by path where the node has them, else fetched once to its disk."""
+"""The input files of a job on a node: found in arguments, opened by path, or fetched once to the node's disk.
+
+Arguments name files by a path, or in text such as ``city.json?lod=2.2`` or ``raster:dem.tif+1.6``.
+"""
 
 import hashlib
 import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from os import PathLike, fspath
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..errors import InputError
 from ..files import atomic_output, checked_own, file_lock, make_folder, private_folder
+from ..jobs.sensor_files import raster_file
 from ..progress import LOG
 from ..store.store_format import STORE_SUFFIX
+
+# --- The input files of a job on a node: by path where the node has them, else fetched once to its disk ---------------
+
 
 PIECE = 8 << 20  # bytes that are fetched at once
 
@@ -122,3 +130,36 @@ def _header(path: Path) -> str:
 def _sum(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The files that arguments name: by a path, or in a text such as ``city.json?lod=2.2`` or ``raster:dem.tif+1.6``.
+
+
+INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky"
+"""Arguments of jobs, on the command line or in Python, that may name a file or a folder to read."""
+
+
+def files_in(named: Mapping[str, Any]) -> dict[str, Path]:
+    """The files and folders that arguments name, if they exist, by the names of the arguments."""
+    found = {name: _path_in(named.get(name)) for name in INPUTS}
+    return {name: Path(path) for name, path in found.items() if path and Path(path).exists()}
+
+
+def with_files(named: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
+    """The arguments that name files, with other paths of these files.
+
+    paths : argument -> path
+    """
+    return {
+        name: value.replace(_path_in(value), paths[name], 1) if isinstance(value, str) else Path(paths[name])
+        for name, value in named.items()
+        if name in paths
+    }
+
+
+def _path_in(value: Any) -> str:
+    """The path in an argument; empty: it is neither a path nor a text."""
+    if isinstance(value, str):
+        return raster_file(value) or value.partition("?")[0]
+    return fspath(value) if isinstance(value, PathLike) else ""
