@@ -39,9 +39,9 @@ from antumbra.kernels.machine_code import level
 
 for name, key in json.load(sys.stdin):
     start = process_time()
-    module, _ = compiling.lowered(named(name), key, "measured")
+    module, _ = compiling.lower_kernel(import_object(name), key, "measured")
     functions, instructions = compiling.size_of(module)
-    machine.emitted(machine.optimised(module, level()), level())
+    machine_code.emit_object(machine_code.optimise(module, level()), level())
     print(json.dumps([name, key, functions, instructions, round(process_time() - start, 1)]), flush=True)
 """
 
@@ -76,14 +76,14 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
-    kernels = sorted({kernel for name in all_jobs for kernel in calls[name]})
+    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     said = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in all_jobs},
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
     }
     file.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(all_jobs)} jobs in {file}")
+    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
 
 
 def kept(only: str) -> tuple[dict, dict]:
