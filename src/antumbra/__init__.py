@@ -148,7 +148,7 @@ _HOME = {
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
     "Place": "jobs.sun.location",
-    "Plan": "plan",
+    "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",
