@@ -253,4 +253,4 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
 def test_no_other_module_makes_folders_that_outlive_a_killed_process():
     makers = re.compile(r"TemporaryDirectory|mkdtemp\(")
     found = [path.name for path in (ROOT / "src").rglob("*.py") if makers.search(path.read_text(encoding="utf-8"))]
-    assert sorted(found) == ["private.py", "temporary.py"]
+    assert sorted(found) == ["files.py"]
