@@ -1,4 +1,4 @@
-"""Options of ray hierarchies and of CHC+RT, separate from the tracers so that the method registry need not import them."""
+"""Options of ray hierarchies and of CHC+RT, apart from the tracers so that the method registry need not import them."""
 
 from typing import NamedTuple
 
