@@ -158,7 +158,7 @@ def _ray(cell, lane):
 
 @kernel
 def _keep_if_nearest(cell, lane, tree, k, slot):
-    """Record a hit if it is the nearest so far; for any-hit rays, t is 0."""
+    """Record a hit if it is the nearest so far; any hit of an any-hit ray will do."""
     prim, t = get(tree.prim_ids, slot), np.float64(0.0)
     if not cell.any_hit:
         t = rounded_t(_ray(cell, lane), tree.corners, slot)
@@ -179,7 +179,7 @@ def _trace_block(tree, k, link, mask, cell):
         lane = lowest_bit(mask)
         mask &= mask - 1
         o, d = broadcasts(cell.bundle.rays, lane, 16), broadcasts(cell.bundle.rays, 48 + lane, 16)
-        hit, unsure = ray_is_hit(o, d, numbers, cell.cull_faces, get(cell.bundle.limits, lane))
+        hit, unsure = ray_meets(o, d, numbers, cell.cull_faces, get(cell.bundle.limits, lane))
         hit, unsure = hit & present, unsure & present
         if get(cell.span, lane) > 0.0 or get(cell.span, 16 + lane) < np.inf:
             hit, unsure = np.int64(0), hit | unsure  # float32 cannot decide whether a hit lies within a span
