@@ -48,12 +48,6 @@ from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangen
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 
 # --- Beams: segments of a query that share one cone hierarchy and one traversal of the triangles ----------------------
-#
-# All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011, Sec.
-# 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone, and
-# the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
-# amount (`planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own beam.
-
 
 PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 """Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
@@ -103,34 +97,34 @@ def beams_of(query, each_sample: bool = False, threads: int | None = None) -> li
         return []
     low, high = (corner.astype(np.float64) for corner in bounds(query.origins, threads))
     if light.kind == SPHERE:
-        return [_ball(0, n, -1, light.base, light.radius, low, high)]
+        return [_beam_of_ball(0, n, -1, light.base, light.radius, low, high)]
     if light.kind == DIRECTIONAL:
-        return [_heavens(query, low, high) if is_list(light) else _distant(light, n, low, high)]
+        return [_distant_list(query, low, high) if is_list(light) else _distant_disk(light, n, low, high)]
     if light.kind == AMBIENT:
-        return [_along(AROUND, n, np.eye(3), light.radius * _BEAM_MARGIN, low, high)]
+        return [_beam_without_apex(AROUND, n, np.eye(3), light.radius * _BEAM_MARGIN, low, high)]
     ends = fixed_points(query)
     if light.kind == FIXED and not each_sample:
-        return [_around(ends, 0, n, -1, low, high)]
+        return [_beam_of_ends(ends, 0, n, -1, low, high)]
     same = (ends == ends[:1]).all((0, 2))
     return [
-        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
+        _beam_of_ends(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
         for s in range(n)
         for which in ([-1] if same[s] else range(N_SETS))
     ]
 
 
-def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
+def _beam_of_ends(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
     """The beam of these ends."""
     points = ends.reshape(-1, 3).astype(np.float64)
     if (points == points[0]).all():
-        return _ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
+        return _beam_of_ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
     centre = (points.min(0) + points.max(0)) / 2.0
     common = bool((ends == ends[:1]).all())
-    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
+    beam = _beam_of_ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
     return beam._replace(common=common)
 
 
-def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
+def _beam_of_ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
     """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
 
     Its apex is a float32 point, so differences to it are rounded once.
@@ -143,7 +137,7 @@ def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float,
     return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
-def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
+def _beam_without_apex(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
     """The beam without an apex for receivers in the box from `low` to `high`."""
     corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
     unit = _unit(np.abs(corners).max() * _BEAM_MARGIN)
@@ -154,18 +148,18 @@ def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, 
     return Beam(kind, 0, n, -1, False, np.zeros(3), axes, unit, radius, corners.min(0), corners.max(0), scale)
 
 
-def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
+def _distant_disk(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
     """The beam of a distant disk. Rounding spreads the directions even of a light without extent."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
     length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
     if length > _WIDE * distance:
-        return _along(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
+        return _beam_without_apex(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
     sine = float(np.sin(np.arctan(length / distance * _BEAM_MARGIN))) + 2.0**-20
-    return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
+    return _beam_without_apex(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
 
 
-def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
+def _distant_list(query, low: np.ndarray, high: np.ndarray) -> Beam:
     """The beam of a list of distant lights: of the cone around their mean direction, if it is narrow."""
     distance, towards = float(np.linalg.norm(query.light.u)), query.samples.reshape(-1, 3)
     middle = towards.mean(0)
@@ -176,8 +170,8 @@ def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
         cosine = float((towards @ middle).min())
         if cosine > _NARROW:
             sine = float(np.linalg.norm(np.cross(towards, middle), axis=1).max()) * _BEAM_MARGIN + 2.0**-20
-            return _along(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
-    return _along(AROUND, n, np.eye(3), distance * _BEAM_MARGIN, low, high)
+            return _beam_without_apex(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
+    return _beam_without_apex(AROUND, n, np.eye(3), distance * _BEAM_MARGIN, low, high)
 
 
 def _unit(distance: float) -> float:
@@ -186,7 +180,6 @@ def _unit(distance: float) -> float:
 
 
 # --- Projection of points by a beam: onto the six faces of a cube around the apex, or parallel for distant lights -----
-
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
 
@@ -266,7 +259,6 @@ def projected16(view, o, face):
 
 # --- Selection of a beam's active receivers: those with a sample above their own surface ------------------------------
 
-
 _SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane as a whole
 _SHALLOW = np.float64(2.0**-18)  # relative to the light's distance: receivers near a plane are no farther from it
 _MORE = np.float64(1.000001)
@@ -294,18 +286,18 @@ def query_bits_of(query, bits):
 
 
 @kernel
-def _light_side(asking, view, face):
+def _light_side(query_bits, view, face):
     """The side of a triangle's plane that holds all segment ends of the receivers near it; 0: unknown."""
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
     at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
-    p, n, error = plane(asking.query.corners, face, z, z, z)
+    p, n, error = plane(query_bits.query.corners, face, z, z, z)
     length = np.sqrt(dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
         h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
-    elif view.scale > 64.0 * view.unit * _distance(asking):  # the rounding of ends matters
+    elif view.scale > 64.0 * view.unit * _distance(query_bits):  # the rounding of ends matters
         return np.int64(0)
     else:
         h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
@@ -315,85 +307,85 @@ def _light_side(asking, view, face):
 
 
 @inlined
-def _light_side_again(asking, view, face, last):
+def _cached_light_side(query_bits, view, face, last):
     """`_light_side`, cached with its triangle in `last`: adjacent pixels mostly see the same triangle."""
     if get(last, 0) != face:
         put(last, 0, face)
-        put(last, 1, _light_side(asking, view, face))
+        put(last, 1, _light_side(query_bits, view, face))
     return get(last, 1)
 
 
 @inlined
-def _distance(asking):
+def _distance(query_bits):
     """The distance of a distant light."""
-    base = asking.query.light.base
+    base = query_bits.query.light.base
     return np.sqrt(dot(base, base))
 
 
 @kernel
-def _is_near(asking, view, i):
+def _is_near(query_bits, view, i):
     """Is a receiver near its triangle's plane? If the plane then parts it from the light, all samples are below."""
     if view.kind == PERSPECTIVE:  # all receivers have the same ends
         return True
     z = np.float64(0.0)
-    p, n, error = plane(asking.query.corners, np.int64(get(asking.query.faces, i)), z, z, z)
-    o = three_at(asking.query.origins, i)
+    p, n, error = plane(query_bits.query.corners, np.int64(get(query_bits.query.faces, i)), z, z, z)
+    o = three_at(query_bits.query.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
-    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(dot(n, n))
+    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(query_bits) * np.sqrt(dot(n, n))
 
 
 @kernel
-def _asks(asking, samples, i, counters):
+def _is_active(query_bits, samples, i, counters):
     """Does a sample of a beam lie above the receiver's own surface? Sets the bits of the samples below it."""
-    patch, horizon, asks = patch_of(asking.query, i), horizon_of(asking.query, i), False
+    patch, horizon, active = patch_of(query_bits.query, i), horizon_of(query_bits.query, i), False
     for s in range(samples.first, samples.first + samples.count):
-        l = sample_of(asking.query, patch, i, s)
-        if is_above(horizon, l[0], l[1], l[2], asking.query.corners):
-            asks = True
+        l = sample_of(query_bits.query, patch, i, s)
+        if is_above(horizon, l[0], l[1], l[2], query_bits.query.corners):
+            active = True
         else:
             count(counters, BELOW_HORIZON, 1)
-            set_bit(asking.query, asking.bits, i, s)
-    return asks
+            set_bit(query_bits.query, query_bits.bits, i, s)
+    return active
 
 
 @kernel
-def _below(asking, samples, ids, lanes, counters):
+def _set_below_horizon(query_bits, samples, ids, lanes, counters):
     """Set the bits of all samples of a beam for some lanes."""
     count(counters, BELOW_HORIZON, samples.count * popcount(lanes))
     while lanes != 0:
         i = np.int64(get(ids, lowest_bit(lanes)))
         lanes &= lanes - 1
         for s in range(samples.first, samples.first + samples.count):
-            set_bit(asking.query, asking.bits, i, s)
+            set_bit(query_bits.query, query_bits.bits, i, s)
 
 
 @kernel
-def _sides_of(asking, samples, ids, lanes, sides):
+def _sides_of(query_bits, samples, ids, lanes, sides):
     """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
     for lane in range(16):
         i = np.int64(get(ids, lane))
-        others = samples.set >= 0 and set_of(asking.query, i) != samples.set
-        put(sides, lane, NOTHING if others else np.int64(get(asking.query.sides, i)))
+        others = samples.set >= 0 and set_of(query_bits.query, i) != samples.set
+        put(sides, lane, NOTHING if others else np.int64(get(query_bits.query.sides, i)))
     store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
 
 
 @kernel
-def _some_ask(asking, view, samples, ids, lanes, counters):
+def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
     """`who_asks` for receivers that their triangle's plane parts from the light, tested one by one."""
-    asks, below = np.int64(0), np.int64(0)
+    active, below = np.int64(0), np.int64(0)
     while lanes != 0:
         lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
         lanes ^= lane
-        if _is_near(asking, view, i):
+        if _is_near(query_bits, view, i):
             below |= lane
-        elif _asks(asking, samples, i, counters):
-            asks |= lane
-    _below(asking, samples, ids, below, counters)
-    return asks
+        elif _is_active(query_bits, samples, i, counters):
+            active |= lane
+    _set_below_horizon(query_bits, samples, ids, below, counters)
+    return active
 
 
 @kernel
-def active_receivers(asking, view, samples, ids, lanes, last, counters):
+def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
     """Bits of the active receivers among 16: a sample of the beam lies above their surface.
 
     The answer bits of samples below a receiver's surface are set.
@@ -403,31 +395,33 @@ def active_receivers(asking, view, samples, ids, lanes, last, counters):
     last : pointer to 2 int64, a cache of this function; initialize the first with -1
     """
     scratch = stack_i32(16)
-    _sides_of(asking, samples, ids, lanes, scratch)
+    _sides_of(query_bits, samples, ids, lanes, scratch)
     sides = load16(scratch, 0)
-    valid, asks = bits(sides != np.int32(NOTHING)), np.int64(0)
+    valid, active = bits(sides != np.int32(NOTHING)), np.int64(0)
     count(counters, RAYS, samples.count * popcount(valid))
-    faces = gather(asking.query.faces, load16(ids, 0))
+    faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
     while valid != 0:  # receivers on one triangle together
         face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
         if face >= 0:
-            known = _light_side_again(asking, view, face, last)
+            known = _cached_light_side(query_bits, view, face, last)
         if known == 0:
             valid ^= lane
-            asks |= lane if _asks(asking, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
+            active |= (
+                lane if _is_active(query_bits, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
+            )
         else:
             same = valid & bits(faces == np.int32(face))
             valid ^= same
             above = same & bits(sides == np.int32(known))
-            asks |= above
+            active |= above
             if same != above:
-                asks |= _some_ask(asking, view, samples, ids, same & ~above, counters)
-    return asks
+                active |= _active_below_plane(query_bits, view, samples, ids, same & ~above, counters)
+    return active
 
 
 @inlined
-def origins_of(asking, ids):
+def origins_of(query_bits, ids):
     """The positions of 16 receivers, a `Vec` of f32x16."""
-    at, p = ids * 3, asking.query.origins
+    at, p = ids * 3, query_bits.query.origins
     return Vec(gather(p, at), gather(p, at + 1), gather(p, at + 2))

@@ -22,23 +22,17 @@ from ...scene.lights import FIXED, LIST
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, new_counters
 from ..culling.pre_bvh_culling import Soup
 from ..tracer_options import RayHierarchyOptions
-from . import shaft_hierarchy as clusters
+from . import shaft_hierarchy
 from .box_nodes import Boxes
-from .leaf_packing import left_of, rays_by_blocks, rays_of, receivers_of, shafts_of
+from .leaf_packing import rays_by_blocks, rays_of, receivers_of, shafts_of, unfinished_rays
 from .light_beams import AROUND, PERSPECTIVE, Beam, beams_of
-from .ray_leaves import Empty, LeafRays, borrowed, finished, write_bits
+from .ray_leaves import Empty, LeafRays, borrowed, finished_share, write_bits
 from .ray_tree import RayTree, tree_of
 from .receiver_order import order_of
 from .shaft_hierarchy import ROWS, ShaftNodes
 from .triangle_traversal import BATCH, FINISHED, PAIRS, TraversalOptions, memory_for, occluders_first, trace_triangles
 
 # --- Wide lights, as large as the lit surfaces: choose between one traversal for all samples and shafts ---------------
-#
-# A hierarchy around one apex culls nothing if the light is wide: every triangle would be tested against every ray. So
-# a few triangles are traced first, and their tests are counted. If the estimate for all triangles is too high, a
-# second set of triangles is traced through `shafts` as `clusters`. Leaves of shafts have one light sample each. The
-# remaining triangles take the cheaper way. Only counts decide, and no triangle is traced twice.
-
 
 PROBE = 128
 """Number of triangles traced to estimate the cost of the others."""
@@ -81,18 +75,18 @@ def traverse(
     traced: TraversalInputs, tree: RayTree, rays: LeafRays, picks: np.ndarray, unit: np.float32 = _NONE
 ) -> float:
     """Trace the picked triangles through a hierarchy, of shafts if `unit` is not 0; return the cost per triangle."""
-    mine, soup, progress = np.zeros(N_COUNTERS, np.int64), traced.soup, traced.progress
+    counts, soup, progress = np.zeros(N_COUNTERS, np.int64), traced.soup, traced.progress
     ticket = new_ticket(len(picks), BATCH)
     if unit:
-        ticket = new_ticket(len(picks), clusters.BATCH)
-        shafts = soup, picks, tree, rays, traced.how.facing, unit, mine
-        run(clusters.trace_clusters, traced.threads, ticket, *shafts, progress=progress)
+        ticket = new_ticket(len(picks), shaft_hierarchy.BATCH)
+        shafts = soup, picks, tree, rays, traced.how.facing, unit, counts
+        run(shaft_hierarchy.trace_clusters, traced.threads, ticket, *shafts, progress=progress)
     else:
-        nodes = soup, picks, traced.beam, tree, rays, traced.how, mine
-        own = lambda: (memory_for(len(tree.faces), traced.how),)
-        run(trace_triangles, traced.threads, ticket, *nodes, own=own, progress=progress)
-    np.add(traced.counters, mine, out=traced.counters)
-    return (TEST * mine[TRIANGLE_TESTS] + NODE * mine[NODES] + BOX * mine[BOX_TESTS]) / max(len(picks), 1)
+        nodes = soup, picks, traced.beam, tree, rays, traced.how, counts
+        new_memory = lambda: (memory_for(len(tree.faces), traced.how),)
+        run(trace_triangles, traced.threads, ticket, *nodes, own=new_memory, progress=progress)
+    np.add(traced.counters, counts, out=traced.counters)
+    return (TEST * counts[TRIANGLE_TESTS] + NODE * counts[NODES] + BOX * counts[BOX_TESTS]) / max(len(picks), 1)
 
 
 def _unit(tree: RayTree) -> np.float32:
@@ -114,7 +108,7 @@ def trace_wide(
     traced: TraversalInputs, rays: LeafRays, tree: RayTree, picks: np.ndarray, bits: np.ndarray, empty: Empty
 ) -> np.ndarray:
     """Trace a few triangles, or all triangles if shafts are cheaper; return the remaining triangles."""
-    quiet, (few, picks) = traced._replace(progress=None), _some(picks, 16, PROBE // 16)
+    quiet, (few, picks) = traced._replace(progress=None), _split_runs(picks, 16, PROBE // 16)
     cost = traverse(quiet, tree, rays, few) + ROW
     write_bits(rays, bits, traced.threads)
     if cost < CHEAP or cost * len(picks) < WORTH * LEAF * rays.dead.size:
@@ -125,8 +119,8 @@ def trace_wide(
         return picks[:0]
     shafts = tree_of(ShaftNodes, traced.beam, leaves, traced.threads, empty)
     unit = _unit(shafts)
-    step = clusters.BATCH
-    few, others = _some(_near_each_other(traced, picks), step, max(len(picks) // (SHARE * step), 4))
+    step = shaft_hierarchy.BATCH
+    few, others = _split_runs(_in_morton_order(traced, picks), step, max(len(picks) // (SHARE * step), 4))
     if traverse(quiet, shafts, leaves, few, unit) + CLUSTERED < cost:
         traverse(traced, shafts, leaves, others, unit)
         others = picks[:0]
@@ -135,7 +129,7 @@ def trace_wide(
     return np.sort(others)
 
 
-def _near_each_other(traced: TraversalInputs, picks: np.ndarray) -> np.ndarray:
+def _in_morton_order(traced: TraversalInputs, picks: np.ndarray) -> np.ndarray:
     """The picked triangles in Morton order."""
     order = by_codes(traced.soup.corners, 10, traced.threads)[1]
     if len(picks) == len(order):
@@ -145,7 +139,7 @@ def _near_each_other(traced: TraversalInputs, picks: np.ndarray) -> np.ndarray:
     return order[picked[order]]
 
 
-def _some(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _split_runs(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     """(n evenly spread runs of `run` triangles, all others)."""
     runs = -(-len(picks) // run)
     few = np.zeros(runs, bool)
@@ -155,11 +149,6 @@ def _some(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 # --- Shadow queries by hierarchies of their rays [Olsson and Assarsson 2011, Sec. 3.1] --------------------------------
-#
-# Receivers and lights form beams (`beams`). The receivers of a beam are sorted (`order`), and become leaves (`rays`)
-# of a hierarchy (`tree`). The triangles traverse the hierarchy (`traverse`), and blocked segments are returned as
-# bits.
-
 
 SEGMENTS = 1 << 22
 """Maximum number of segments with their own ends in memory at once."""
@@ -214,8 +203,8 @@ def _trace_beam(
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     tree = tree_of(kind, beam, rays, threads, empty)
     for k, picks in enumerate(passes):
-        if k > 0 and finished(rays) >= FINISHED:
-            rays = left_of(query, beam, rays, bits, threads, empty)
+        if k > 0 and finished_share(rays) >= FINISHED:
+            rays = unfinished_rays(query, beam, rays, bits, threads, empty)
             tree = tree_of(kind, beam, rays, threads, empty)
         traced = TraversalInputs(soup, query, beam, how, threads, counters, progress)
         if options.shafts and may_be_wide(traced, len(picks)):

@@ -42,10 +42,6 @@ from ...trace.triangle_tests import decide, length1, seen_from
 from .light_beams import Beam, query_bits_of
 
 # --- Scratch memory that is reused from call to call ------------------------------------------------------------------
-#
-# The system clears every new page of a process, which takes longer than most kernels work on the page. Memory released
-# between frames would be cleared again in every frame.
-
 
 KEPT = 64 << 20
 """Maximum number of bytes kept for later calls."""
@@ -68,10 +64,10 @@ def _take(size: int) -> np.ndarray:
 
 def _give_back(buffers: list[np.ndarray]) -> None:
     with _lock:
-        kept = 0
+        total = 0
         for i, buffer in enumerate(all_ := buffers + _spare):
-            kept += len(buffer)
-            if kept > KEPT:
+            total += len(buffer)
+            if total > KEPT:
                 del all_[i:]
                 break
         _spare[:] = all_
@@ -80,26 +76,21 @@ def _give_back(buffers: list[np.ndarray]) -> None:
 @contextmanager
 def borrowed() -> Iterator[Empty]:
     """Yield a function like ``numpy.empty``; its arrays must not be used after the ``with`` block."""
-    taken: list[np.ndarray] = []
+    buffers: list[np.ndarray] = []
 
     def empty(n: int, dtype: Any) -> np.ndarray:
         size = n * np.dtype(dtype).itemsize
         buffer = _take(size)
-        taken.append(buffer)
+        buffers.append(buffer)
         return buffer[:size].view(dtype)
 
     try:
         yield empty
     finally:
-        _give_back(taken)
+        _give_back(buffers)
 
 
 # --- The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests ------------------------------
-#
-# Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The other
-# lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
-# layout of the receivers.
-
 
 PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
@@ -203,22 +194,22 @@ def fetch_leaf(leaves, leaf):
 @kernel
 def _fill_ends(ticket, query, bits, rays):
     """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
-    asking, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
+    query_bits, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
     for block in items(ticket):
-        anyone = np.int64(-1)
+        some_id = np.int64(-1)
         for lane in range(ways):
-            anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
-        for lane in range(ways if anyone >= 0 else 0):
+            some_id = max(some_id, np.int64(get(leaves.ids, block * ways + lane)))
+        for lane in range(ways if some_id >= 0 else 0):
             i = np.int64(get(leaves.ids, block * ways + lane))
-            _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
+            _fill_lane(query_bits, i if i >= 0 else some_id, leaves, block, lane)
 
 
 @inlined
-def _fill_lane(asking, i, leaves, block, lane):
+def _fill_lane(query_bits, i, leaves, block, lane):
     """Write the ends of the segments of receiver i to a lane."""
-    patch, ends = patch_of(asking.query, i), ptr_at(leaves.ends, block * leaves.end_step)
+    patch, ends = patch_of(query_bits.query, i), ptr_at(leaves.ends, block * leaves.end_step)
     for s in range(leaves.count):
-        l = sample_of(asking.query, patch, i, leaves.first + s)
+        l = sample_of(query_bits.query, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
 
@@ -226,15 +217,15 @@ def _fill_lane(asking, i, leaves, block, lane):
 @kernel
 def _fill_common(query, leaf, bits, rays):
     """Write the ends that all receivers share, computed for one receiver of a leaf."""
-    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
     lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
     i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
     for lane in range(rays.ways):
-        _fill_lane(asking, i, leaves, np.int64(0), lane)
+        _fill_lane(query_bits, i, leaves, np.int64(0), lane)
 
 
 @inlined
-def _fill_leaf(asking, leaves, leaf):
+def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
     others = ~lanes & (np.int64(1) << leaves.ways) - 1
@@ -242,10 +233,10 @@ def _fill_leaf(asking, leaves, leaf):
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
-    there = ids * np.int32(2 * asking.query.words)
+    there = ids * np.int32(2 * query_bits.query.words)
     for n in range(leaves.count):
         s = leaves.first + n
-        word = gather(as_i32(asking.bits), there + np.int32(s >> 5))
+        word = gather(as_i32(query_bits.bits), there + np.int32(s >> 5))
         known = bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) & lanes
         put(leaves.dead, leaf * leaves.count + n, known | others)
 
@@ -253,9 +244,9 @@ def _fill_leaf(asking, leaves, leaf):
 @kernel
 def _fill_dead(ticket, query, bits, rays):
     """Worker: mark the segments that are dead before the traversal."""
-    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
     for leaf in items(ticket):
-        _fill_leaf(asking, leaves, leaf)
+        _fill_leaf(query_bits, leaves, leaf)
 
 
 def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
@@ -292,10 +283,10 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, t
     return rays
 
 
-def finished(rays: LeafRays) -> float:
+def finished_share(rays: LeafRays) -> float:
     """The share of dead segments."""
-    asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
-    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
+    segments = int(np.bitwise_count(rays.lanes).sum()) * rays.count
+    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(segments, 1)
 
 
 @kernel
@@ -354,28 +345,28 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     triangle : the result of `triangle_in`
     prim : the triangle's id; it does not block receivers that lie on it
     """
-    ways, block, everyone = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
+    ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
     marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)
-    while first < leaves.count and np.int64(get(marks, first)) == everyone:
+    while first < leaves.count and np.int64(get(marks, first)) == all_lanes:
         first += 1
     if first == leaves.count:
         return True
     origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
     lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
     for s in range(first, leaves.count):
-        asks = everyone & ~np.int64(get(marks, s))
-        if asks == 0:
+        live = all_lanes & ~np.int64(get(marks, s))
+        if live == 0:
             continue
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
         hit, unsure = decide(minus(rows(points, 0, ways), origins), lanes, facing)
-        if (hit | unsure) & asks != 0:
+        if (hit | unsure) & live != 0:
             others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
-            hit, unsure = hit & asks & others, unsure & asks & others
+            hit, unsure = hit & live & others, unsure & live & others
             if unsure != 0:
                 hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
             if hit != 0:
                 atomic_or(leaves.dead, leaf * leaves.count + s, hit)
-                asks &= ~hit
-        finished = finished and asks == 0
+                live &= ~hit
+        finished = finished and live == 0
     return finished

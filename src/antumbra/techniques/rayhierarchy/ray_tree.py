@@ -19,8 +19,6 @@ from .light_beams import view_of
 from .ray_leaves import PAD, Empty, LeafRays, leaves_of
 
 # --- The common interface of classes of nodes, such as `boxes` and `shafts`: functions that dispatch on the class -----
-#
-# A class has one field, `rows`: the number of float32 per node. Other packages may add classes.
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
@@ -64,12 +62,6 @@ def covered(nodes, group, row, ways, among):
 
 
 # --- The implicit hierarchy over a beam's rays: left-balanced, a fixed number of children, no links -------------------
-#
-# The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of
-# level 0 is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5].
-# Sixteen children fill a register; the paper uses four. The children of one node form a *group*: they are stored and
-# tested together. Each face of the cube around an apex has its own hierarchy.
-
 
 LEVELS = 16
 """Maximum number of levels: enough for 2^32 rays with four children per node."""

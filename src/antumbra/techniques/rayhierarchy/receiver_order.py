@@ -49,12 +49,7 @@ from .light_beams import (
 )
 from .ray_leaves import PAD
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once.
-#
-# An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
-# 3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
-
+# --- Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once ----
 
 BITS = 14  # per coordinate; two coordinates and three bits for the face fill a non-negative int32
 KEY_BITS = 2 * BITS + 3
@@ -111,19 +106,12 @@ def keys_of(cells):
 
 
 @inlined
-def on_ground(d, scale):
+def on_plane(d, scale):
     """(face, u, v) of points for a beam that is not PERSPECTIVE: the face is 0, and scale maps u and v to [0, 1]."""
     return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor
 
 
 # --- Selection of a beam's active receivers, and their order in the leaves of its hierarchy ---------------------------
-#
-# *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
-# sorted
-# by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a mip-
-# map,
-# with four pixels per node and four nodes per parent.
-
 
 _PART = 8192  # receivers per work item, a multiple of 16
 _TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in Z order
@@ -159,27 +147,27 @@ def places_on(view, scale, d):
     """(face, u, v) of 16 receivers, with u and v from 0 to 1."""
     if view.kind == PERSPECTIVE:
         return on_cube(d)
-    return on_ground(d, scale)
+    return on_plane(d, scale)
 
 
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
-    asking, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
-    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
+    query_bits, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
+    ids, last, out, thread_counters = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
     for first, end in shares(ticket):
         n = 0
         for i in range(first, end, 16):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
-            d = relative16(view, origins_of(asking, load16(ids, 0)))
-            asks = active_receivers(asking, view, samples, ids, lanes, last, mine) & ~at_apex(view, d)
+            d = relative16(view, origins_of(query_bits, load16(ids, 0)))
+            active = active_receivers(query_bits, view, samples, ids, lanes, last, thread_counters) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
-            store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
-            n += popcount(asks)
+            store(out, i, select(mask_from_bits16(active), cells_of(face, u, v), np.int32(-1)))
+            n += popcount(active)
         counts[first // ticket[CHUNK]] = n
-    add_counters(tally, mine)
+    add_counters(tally, thread_counters)
 
 
 @kernel
@@ -244,14 +232,14 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
         run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
-        return _together(ids, True)
+        return _without_faces(ids, True)
     starts = np.cumsum(counts)
     packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
     run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
-    return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
+    return sort_cells(packed, ids, threads) if sort and len(ids) else _without_faces(ids, False)
 
 
-def _together(ids: np.ndarray, placed: bool) -> Order:
+def _without_faces(ids: np.ndarray, placed: bool) -> Order:
     return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), placed)
 
 

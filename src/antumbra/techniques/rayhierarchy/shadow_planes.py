@@ -29,9 +29,6 @@ from ...kernels.simd import as_i32, broadcast16, get, put
 from .light_beams import AROUND, PERSPECTIVE
 
 # --- The triangle data of node tests: 16 triangles side by side, with one row of 16 numbers per quantity --------------
-#
-# The numbers of a triangle are 16 apart. So 16 triangles can be written at once, and each one read separately.
-
 
 LANES = 16
 NUMBERS = 56
@@ -77,25 +74,6 @@ def put_whole(row, k, x):
 
 
 # --- A triangle's shadow in a beam, as planes that nodes of rays are tested against -----------------------------------
-#
-# A triangle blocks the segment from a receiver O to an end L under two conditions. O and L are on different sides of
-# its plane, and O is on the triangle's side of the three planes through L and an edge. A node has many receivers, and
-# a beam may have many ends. So there are two sets of planes f(x) = n . x + m. Each has three edge planes and the
-# triangle's own:
-#
-# *outer*
-#     No end has f > 0, and no point of the triangle has f < 0. A segment from a receiver with f < 0 misses the
-#     triangle.
-# *inner*
-#     No end has f < 0 (for the triangle's own plane: f > 0). A segment from a receiver with all f > 0 meets the
-#     triangle.
-#
-# For a point light, both sets are the planes of Sec. 3.2 [Olsson and Assarsson 2011], which contain the apex. The
-# paper's distances of cones from the edges are values of f. For a ball, the planes are tangent to it. For directions
-# in a cone, they are tilted by its angle. Let b be the normal of the plane through the apex and the edge P + s t. The
-# tangent plane through the edge has the normal n = (r / h) p +- sqrt(1 - r^2 / h^2) b. Here h is the distance of the
-# edge's line from the apex, p the unit vector to its nearest point and r the ball's radius.
-
 
 _MORE = np.float64(1.0 + 2.0**-20)
 _U = np.float64(2.0**-28)  # relative to the summed products: a smaller side is unknown, as rounding turns its plane
@@ -125,7 +103,7 @@ class Shape(NamedTuple):
 
 
 @inlined
-def nothing():
+def unknown_plane():
     """The unknown plane: no test can use it."""
     z = np.float64(0.0)
     return ShadowPlane(z, z, z, z)
@@ -150,7 +128,7 @@ def _through_apex(t, w, r):
     size = abs(t[0]) + abs(t[1]) + abs(t[2])
     far = (abs(w[0]) + abs(w[1]) + abs(w[2])) * (abs(r[0]) + abs(r[1]) + abs(r[2]))
     if not abs(side) > _U * size * far:
-        return nothing(), False
+        return unknown_plane(), False
     s = np.float64(1.0) if side > 0.0 else np.float64(-1.0)
     return ShadowPlane(s * n[0], s * n[1], s * n[2], np.float64(0.0)), True
 
@@ -164,13 +142,13 @@ def _tangent(t, w, p, r, radius):
     zero = np.float64(0.0)
     length = np.sqrt(dot(t, t))
     if not length > zero:
-        return nothing(), False
+        return unknown_plane(), False
     t = t[0] / length, t[1] / length, t[2] / length
     along = dot(w, t)
     foot = w[0] - along * t[0], w[1] - along * t[1], w[2] - along * t[2]
     h = np.sqrt(dot(foot, foot))
     if not h > abs(radius) * 1.000001 + _U * np.sqrt(dot(w, w)):
-        return nothing(), False
+        return unknown_plane(), False
     k = radius / (h * h)
     b = cross(t, foot)
     c = np.sqrt(np.float64(1.0) - (radius / h) * (radius / h)) / h
@@ -181,7 +159,7 @@ def _tangent(t, w, p, r, radius):
         other = k * foot[0] - sign * c * b[0], k * foot[1] - sign * c * b[1], k * foot[2] - sign * c * b[2]
         if dot(n, to) > _THIN * size and (not dot(other, to) > _THIN * size or dot(n, to) > dot(other, to)):
             return _plane_at(n, p), True
-    return nothing(), False
+    return unknown_plane(), False
 
 
 @inlined
@@ -200,7 +178,7 @@ def _own_plane(view, a, b, c):
         return ShadowPlane(n[0], n[1], n[2], -dot(n, a)), -1
     if -d > slack:
         return ShadowPlane(-n[0], -n[1], -n[2], dot(n, a)), 1
-    return nothing(), 0
+    return unknown_plane(), 0
 
 
 @inlined
@@ -223,13 +201,13 @@ def _edge(view, p, q, r):
 def shape_of(view, a, b, c):
     """The `Shape` of the triangle with these corners, float64, in the beam's frame."""
     if view.kind == AROUND:  # segments have all directions, so no plane is known
-        none = nothing(), nothing(), nothing(), nothing()
+        none = unknown_plane(), unknown_plane(), unknown_plane(), unknown_plane()
         return Shape(a, b, c, none, none, False, np.int64(0))
-    own, facing = _own_plane(view, a, b, c)
+    plane, facing = _own_plane(view, a, b, c)
     outer0, inner0, known0 = _edge(view, a, b, c)
     outer1, inner1, known1 = _edge(view, b, c, a)
     outer2, inner2, known2 = _edge(view, c, a, b)
-    outer, inner = (outer0, outer1, outer2, own), (inner0, inner1, inner2, own)
+    outer, inner = (outer0, outer1, outer2, plane), (inner0, inner1, inner2, plane)
     return Shape(a, b, c, outer, inner, known0 and known1 and known2 and facing != 0, np.int64(facing))
 
 

@@ -51,22 +51,13 @@ from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import ray_meets
 from ..culling.pre_bvh_culling import Soup
-from . import ray_tree as names
+from . import ray_tree
 from .ray_leaves import block_of, ends_in, leaves_of, origins_in
 from .ray_tree import LEVELS, group_at, groups_of, tree_pointers
 from .shadow_planes import LANES
 from .triangle_traversal import finish
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and a box around the ends of their segments.
-#
-# If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them
-# well: the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
-#
-# The hull is the set of all (1 - t) R + t L for t in [0, 1], Eq. (4) of docs/design/rayhierarchy.md. A box meets the
-# hull if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. They leave
-# an interval of t, and the box misses the hull if it is empty.
-
+# --- Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and a box around the ends of their segments ---
 
 ROWS = 12  # numbers per node: lowest and highest x, y and z of the receivers, then of the ends
 _ENDS = 6
@@ -119,13 +110,13 @@ def _shaft_of_nodes(children, alive, ways, group, lane):
         put(group, (k + 1) * ways + lane, reduce_max(select(there, high, _F(-np.inf))))
 
 
-@overload(names.bound_leaf)
+@overload(ray_tree.bound_leaf)
 def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
     if nodes.instance_class is ShaftNodes:
         return lambda nodes, view, face, leaves, leaf, group, lane: _shaft_of_leaf(leaves, leaf, group, lane)
 
 
-@overload(names.bound_node)
+@overload(ray_tree.bound_node)
 def _bound_node(nodes, children, alive, ways, group, lane):
     if nodes.instance_class is ShaftNodes:
         return lambda nodes, children, alive, ways, group, lane: _shaft_of_nodes(children, alive, ways, group, lane)
@@ -155,12 +146,6 @@ def meet_shafts(group, box, ways):
 
 
 # --- Traversal of a hierarchy of `shafts` by clusters of triangles, down to single rays -------------------------------
-#
-# If rays diverge, a leaf's shaft meets many triangles far from all its rays. So 256 triangles descend together,
-# represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it is
-# tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in
-# Morton order, so these boxes are small.
-
 
 BATCH = LANES * LANES
 """Triangles that descend together."""
@@ -210,7 +195,7 @@ def _write_clusters(soup, picked, first, last, clusters):
 
 
 @inlined
-def _axis(o, d, low, high):
+def _test_axis(o, d, low, high):
     """On one axis: (segment middle relative to box middle, half size of the box with margin, mask: they are apart)."""
     low, high, along = low * _HALF, high * _HALF, d * _HALF
     middle = low + high
@@ -220,25 +205,25 @@ def _axis(o, d, low, high):
 
 
 @inlined
-def _beside(c, d, h, e, g, k):
+def _is_separated(c, d, h, e, g, k):
     """mask16 of the rays that miss a box in the plane of two axes, with middles c and e and half sizes h and k."""
     return absolute(c * g - e * d) > h * absolute(g) + k * absolute(d) + _TINY
 
 
 @inlined
-def _near(o, d, low, high, unit):
+def _hit_boxes(o, d, low, high, unit):
     """Bits of the segments from o to o + d that may meet boxes: a separating axis test in f32x16.
 
     The axes are the coordinate axes and their cross products with d.
 
     unit : a power of two that scales the largest d to at most 1, so no product overflows
     """
-    x, half_x, gone_x = _axis(o.x, d.x, low.x, high.x)
-    y, half_y, gone_y = _axis(o.y, d.y, low.y, high.y)
-    z, half_z, gone_z = _axis(o.z, d.z, low.z, high.z)
+    x, half_x, gone_x = _test_axis(o.x, d.x, low.x, high.x)
+    y, half_y, gone_y = _test_axis(o.y, d.y, low.y, high.y)
+    z, half_z, gone_z = _test_axis(o.z, d.z, low.z, high.z)
     u, v, w = d.x * unit, d.y * unit, d.z * unit
-    gone = gone_x | gone_y | gone_z | _beside(x, u, half_x, y, v, half_y)
-    return bits(gone | _beside(y, v, half_y, z, w, half_z) | _beside(z, w, half_z, x, u, half_x)) ^ 0xFFFF
+    gone = gone_x | gone_y | gone_z | _is_separated(x, u, half_x, y, v, half_y)
+    return bits(gone | _is_separated(y, v, half_y, z, w, half_z) | _is_separated(z, w, half_z, x, u, half_x)) ^ 0xFFFF
 
 
 @kernel
@@ -257,20 +242,20 @@ def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counter
 
 
 @kernel
-def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, counters):
+def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, unit, counters):
     """Does a triangle of the clusters block the segment of a lane? own: the receiver's own triangle."""
     o, boxes = broadcasts(origins, lane, ways), clusters.boxes
     d = minus(broadcasts(ends, lane, ways), o)
     low, high = rows(boxes, 0, 2 * LANES), rows(boxes, LANES, 2 * LANES)
     count(counters, BOX_TESTS, 1)
-    near = _near(o, d, low, high, unit)
-    while near != 0:
-        i = lowest_bit(near)
-        near &= near - 1
+    hit_clusters = _hit_boxes(o, d, low, high, unit)
+    while hit_clusters != 0:
+        i = lowest_bit(hit_clusters)
+        hit_clusters &= hit_clusters - 1
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing, None)
         if (hit | unsure) != 0:
-            others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own))
+            others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own_prim))
             if hit & others != 0:
                 return True
             unsure &= others
@@ -283,24 +268,24 @@ def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, co
 def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
     """Mark the segments of a leaf that the clusters block as dead; True if all are dead now. A lane has one segment."""
     ways = leaves.ways
-    asks = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
-    if asks == 0:
+    live = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
+    if live == 0:
         return True
     block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
     o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
     d = minus(rows(points, 0, ways), o)
     count(counters, BOX_TESTS, 1)
-    near = _near(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & asks
+    candidates = _hit_boxes(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & live
     origins = ptr_at(leaves.origins, 3 * block * ways)
-    while near != 0:
-        lane = lowest_bit(near)
-        near &= near - 1
-        own = np.int64(get(leaves.own, block * ways + lane))
-        if _is_blocked(origins, points, ways, own, lane, soup, clusters, facing, unit, counters):
+    while candidates != 0:
+        lane = lowest_bit(candidates)
+        candidates &= candidates - 1
+        own_prim = np.int64(get(leaves.own, block * ways + lane))
+        if _is_blocked(origins, points, ways, own_prim, lane, soup, clusters, facing, unit, counters):
             blocked |= np.int64(1) << lane
     if blocked != 0:
         atomic_or(leaves.dead, leaf, blocked)
-    return asks == blocked
+    return live == blocked
 
 
 @kernel
@@ -315,10 +300,10 @@ def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
         group = groups_of(tree, 0, level) + g
         alive = np.int64(get(tree.alive, group))
         count(counters, NODES, popcount(alive))
-        found = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
-        while found != 0:
-            node = g * tree.ways + lowest_bit(found)
-            found &= found - 1
+        hit_nodes = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
+        while hit_nodes != 0:
+            node = g * tree.ways + lowest_bit(hit_nodes)
+            hit_nodes &= hit_nodes - 1
             if level > 0:
                 put(waiting, 2 * n, node)
                 put(waiting, 2 * n + 1, level - 1)
@@ -336,11 +321,11 @@ def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counter
     """
     tree, leaves = tree_pointers(arrays), leaves_of(rays)
     soup, picked = Soup(ptr(triangles.corners), ptr(triangles.ids)), ptr(picks)
-    mine, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
+    thread_counters, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
     clusters = Clusters(
         stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH)
     )  # fmt: skip
     for first, last in shares(ticket):
         _write_clusters(soup, picked, first, last, clusters)
-        _descend(tree, leaves, soup, clusters, facing, unit, waiting, mine)
-    add_counters(counters, mine)
+        _descend(tree, leaves, soup, clusters, facing, unit, waiting, thread_counters)
+    add_counters(counters, thread_counters)
