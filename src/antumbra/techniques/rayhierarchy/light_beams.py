@@ -1,10 +1,10 @@
 """Beams: segments of a query that share one ray hierarchy and one traversal of the triangles.
 
-Apexes. All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011,
-Sec. 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone,
-and the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
-amount (`shadow_planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own
-beam.
+Apexes. All segments to a point light end there, so it is the common apex of their cones [Olsson and Assarsson 2011,
+Sec. 4.3]. Other lights have a blurred apex: the samples of a quad lie in a ball, the directions to the sun in a cone,
+and the ends of ambient segments in a ball around each receiver. A triangle's planes are tilted or moved by the same
+amount (`shadow_planes`), so that one traversal serves all samples. Alternatively, each sample is a point light with its
+own beam.
 """
 
 from typing import NamedTuple
@@ -47,21 +47,21 @@ from ...scene.light_list import N_SETS
 from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 
-# --- Beams: segments of a query that share one cone hierarchy and one traversal of the triangles ----------------------
+# --- Beams ------------------------------------------------------------------------------------------------------------
 
 PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 """Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
 
 _BEAM_MARGIN = 1.0 + 2.0**-18  # exceeds the rounding error of float32 samples and of planes
-_NARROW = 1e-3  # least cosine to the middle of a cone of distant lights; others are all around
-_WIDE = 1e5  # tangent of an angle: for a wider disk, rounding of the samples loses its distance
+_NARROW = 1e-3  # minimum cosine to the axis of a cone of distant lights; below it, the beam is AROUND
+_WIDE = 1e5  # tangent of an angle; for wider disks, the distance is lost in the rounding of samples
 
 
 class Beam(NamedTuple):
     """The samples and receivers of a beam, and its apex or direction.
 
-    A beam has its own frame. No receiver is farther than 1 away in it, and most are not much nearer. So its numbers fit
-    into float32 for every unit of the scene.
+    A beam has its own frame, in which receivers are at most 1 away and most are not much nearer. Its numbers therefore
+    fit into float32 for every unit of the scene.
     """
 
     kind: int  # PERSPECTIVE, PARALLEL or AROUND
@@ -114,7 +114,7 @@ def beams_of(query, each_sample: bool = False, threads: int | None = None) -> li
 
 
 def _beam_of_ends(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of these ends."""
+    """The beam of segments to these ends."""
     points = ends.reshape(-1, 3).astype(np.float64)
     if (points == points[0]).all():
         return _beam_of_ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
@@ -125,9 +125,9 @@ def _beam_of_ends(ends: np.ndarray, first: int, count: int, which: int, low: np.
 
 
 def _beam_of_ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
-    """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
+    """The beam of segments from the box from `low` to `high`, (3,) float64 each, to a ball.
 
-    Its apex is a float32 point, so differences to it are rounded once.
+    Its apex is a float32 point, so that differences to it are rounded once.
     """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
     radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
@@ -149,7 +149,7 @@ def _beam_without_apex(kind: int, n: int, axes: np.ndarray, radius: float, low: 
 
 
 def _distant_disk(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of a distant disk. Rounding spreads the directions even of a light without extent."""
+    """The beam of a distant disk. Because of rounding, directions vary even for a light without extent."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
     length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
@@ -175,11 +175,11 @@ def _distant_list(query, low: np.ndarray, high: np.ndarray) -> Beam:
 
 
 def _unit(distance: float) -> float:
-    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents that float32 can hold."""
+    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents of float32."""
     return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)
 
 
-# --- Projection of points by a beam: onto the six faces of a cube around the apex, or parallel for distant lights -----
+# --- Projection of points: onto the six faces of a cube around the apex, or parallel for distant lights ---------------
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
 
@@ -210,7 +210,7 @@ def view_of(beam):
 
 @inlined
 def relative(view, p):
-    """A float64 point in the beam's frame: relative to the apex, or along the axes."""
+    """A float64 point in the beam's frame, relative to the apex or along the axes."""
     s = view.unit
     if view.kind == PERSPECTIVE:
         return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
@@ -219,7 +219,7 @@ def relative(view, p):
 
 @inlined
 def turned(d, face):
-    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear and also applies to normals."""
+    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear, and also valid for normals."""
     if face < 2:
         return d[1], d[2], (d[0] if face == 0 else -d[0])
     if face < 4:
@@ -229,7 +229,7 @@ def turned(d, face):
 
 @inlined
 def relative16(view, o):
-    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so a difference is rounded only once."""
+    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so differences are rounded only once."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
         return times(Vec(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
@@ -257,9 +257,9 @@ def projected16(view, o, face):
     return d.x, d.y, d.z
 
 
-# --- Selection of a beam's active receivers: those with a sample above their own surface ------------------------------
+# --- Active receivers of a beam: those with a sample above their own surface ------------------------------------------
 
-_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane as a whole
+_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane to be on one side
 _SHALLOW = np.float64(2.0**-18)  # relative to the light's distance: receivers near a plane are no farther from it
 _MORE = np.float64(1.000001)
 
@@ -281,13 +281,13 @@ class QueryBits(NamedTuple):
 
 @inlined
 def query_bits_of(query, bits):
-    """The `Asking` of a ShadowQuery and the array of its answer bits."""
+    """The `QueryBits` of a ShadowQuery and the array of its answer bits."""
     return QueryBits(query_pointers(query), ptr(bits))
 
 
 @kernel
 def _light_side(query_bits, view, face):
-    """The side of a triangle's plane that holds all segment ends of the receivers near it; 0: unknown."""
+    """The side of a triangle's plane that all segment ends of the receivers near it are on; 0: unknown."""
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
@@ -297,7 +297,7 @@ def _light_side(query_bits, view, face):
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
         h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
-    elif view.scale > 64.0 * view.unit * _distance(query_bits):  # the rounding of ends matters
+    elif view.scale > 64.0 * view.unit * _distance(query_bits):  # rounding of ends is significant
         return np.int64(0)
     else:
         h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
@@ -308,7 +308,7 @@ def _light_side(query_bits, view, face):
 
 @inlined
 def _cached_light_side(query_bits, view, face, last):
-    """`_light_side`, cached with its triangle in `last`: adjacent pixels mostly see the same triangle."""
+    """`_light_side`, cached with its triangle in `last`, since adjacent pixels mostly see the same triangle."""
     if get(last, 0) != face:
         put(last, 0, face)
         put(last, 1, _light_side(query_bits, view, face))
@@ -324,7 +324,7 @@ def _distance(query_bits):
 
 @kernel
 def _is_near(query_bits, view, i):
-    """Is a receiver near its triangle's plane? If the plane then parts it from the light, all samples are below."""
+    """Whether a receiver is near its triangle's plane, so that all samples beyond the plane are below its surface."""
     if view.kind == PERSPECTIVE:  # all receivers have the same ends
         return True
     z = np.float64(0.0)
@@ -336,7 +336,7 @@ def _is_near(query_bits, view, i):
 
 @kernel
 def _is_active(query_bits, samples, i, counters):
-    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of the samples below it."""
+    """Whether a sample of a beam lies above the receiver's own surface. Sets the bits of the samples below it."""
     patch, horizon, active = patch_of(query_bits.query, i), horizon_of(query_bits.query, i), False
     for s in range(samples.first, samples.first + samples.count):
         l = sample_of(query_bits.query, patch, i, s)
@@ -371,7 +371,7 @@ def _sides_of(query_bits, samples, ids, lanes, sides):
 
 @kernel
 def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
-    """`who_asks` for receivers that their triangle's plane parts from the light, tested one by one."""
+    """`active_receivers` for receivers that their triangle's plane separates from the light, tested one by one."""
     active, below = np.int64(0), np.int64(0)
     while lanes != 0:
         lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
@@ -386,9 +386,7 @@ def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
 
 @kernel
 def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
-    """Bits of the active receivers among 16: a sample of the beam lies above their surface.
-
-    The answer bits of samples below a receiver's surface are set.
+    """Bits of the active ones among 16 receivers; sets the answer bits of samples below a receiver's surface.
 
     ids : pointer to 16 int32, indices of the receivers
     lanes : bits of the lanes that have a receiver
@@ -401,15 +399,14 @@ def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
     count(counters, RAYS, samples.count * popcount(valid))
     faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
-    while valid != 0:  # receivers on one triangle together
+    while valid != 0:  # one triangle at a time
         face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
         if face >= 0:
             known = _cached_light_side(query_bits, view, face, last)
         if known == 0:
             valid ^= lane
-            active |= (
-                lane if _is_active(query_bits, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
-            )
+            i = np.int64(get(ids, lowest_bit(lane)))
+            active |= lane if _is_active(query_bits, samples, i, counters) else np.int64(0)
         else:
             same = valid & bits(faces == np.int32(face))
             valid ^= same

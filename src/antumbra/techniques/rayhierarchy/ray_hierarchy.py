@@ -1,13 +1,14 @@
 """Shadow queries by ray hierarchies [Olsson and Assarsson 2011, Sec. 3.1].
 
-Wide lights. A hierarchy around one apex culls nothing if the light is wide: every triangle would be tested against
-every ray. So a few triangles are traced first, and their tests are counted. If the estimate for all triangles is too
-high, a second set of triangles is traced through shafts, by clusters. Leaves of shafts have one light sample each. The
-remaining triangles take the cheaper way. Only counts decide, and no triangle is traced twice.
+Steps. Receivers and lights form beams (`light_beams`). The receivers of a beam are sorted (`receiver_order`) and packed
+(`leaf_packing`) into leaves (`ray_leaves`) of a hierarchy (`ray_tree`). The triangles traverse the hierarchy
+(`triangle_traversal`), and the bits of blocked segments are set.
 
-Steps. Receivers and lights form beams (`light_beams`). The receivers of a beam are sorted (`receiver_order`), and
-become leaves (`ray_leaves`) of a hierarchy (`ray_tree`). The triangles traverse the hierarchy (`triangle_traversal`),
-and blocked segments are returned as bits.
+Wide lights, as large as the lit surfaces. A hierarchy around one apex then culls nothing: every triangle would be
+tested against every ray. Therefore a few triangles are traced first, and their tests are counted. If the estimate for
+all triangles is too high, a second set of triangles is traced as clusters through shafts (`shaft_hierarchy`), whose
+leaves have one light sample each. The remaining triangles use the cheaper traversal. The choice depends on counts
+only, and no triangle is traced twice.
 """
 
 from collections.abc import Callable
@@ -32,7 +33,7 @@ from .receiver_order import order_of
 from .shaft_hierarchy import ROWS, ShaftNodes
 from .triangle_traversal import BATCH, FINISHED, PAIRS, TraversalOptions, memory_for, occluders_first, trace_triangles
 
-# --- Wide lights, as large as the lit surfaces: choose between one traversal for all samples and shafts ---------------
+# --- Wide lights: the choice between one traversal for all samples and shafts -----------------------------------------
 
 PROBE = 128
 """Number of triangles traced to estimate the cost of the others."""
@@ -44,16 +45,16 @@ TEST, NODE, BOX = 70.0, 5.0, 30.0
 """Cost of a triangle test, node test and box test, in ns of one thread with AVX-512; only the ratios matter."""
 
 ROW, CLUSTERED = 400.0, 150.0
-"""Extra cost of a triangle in ns: its row, or its share of making and sorting clusters."""
+"""Extra cost of a triangle in ns: its row, or its share of building and sorting clusters."""
 
 CHEAP = 2000.0
-"""Cost in ns below which triangles do not use shafts: sorting them into clusters would not pay off."""
+"""Cost per triangle in ns below which shafts are not tried: sorting triangles into clusters would not pay off."""
 
 LEAF, WORTH = 1000.0, 32.0
-"""Cost of making a leaf of 16 rays in ns; shafts are made if all triangles cost WORTH times as much."""
+"""Cost of making a leaf of 16 rays in ns; shafts are tried if tracing all triangles costs WORTH times as much."""
 
 SHARE = 16
-"""One in SHARE triangles, and at least 4 batches, estimate the cost of shafts."""
+"""One in SHARE triangles, but at least 4 batches, are traced to estimate the cost of shafts."""
 
 
 _NONE = np.float32(0.0)
@@ -148,7 +149,7 @@ def _split_runs(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.nda
     return picks[few], picks[~few]
 
 
-# --- Shadow queries by hierarchies of their rays [Olsson and Assarsson 2011, Sec. 3.1] --------------------------------
+# --- Shadow queries [Olsson and Assarsson 2011, Sec. 3.1] -------------------------------------------------------------
 
 SEGMENTS = 1 << 22
 """Maximum number of segments with their own ends in memory at once."""
@@ -159,7 +160,7 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
-    progress : function of (triangles handed out, triangles), or None; only the last part of a query counts
+    progress : function of (triangles started, triangles), or None; restarts with each part of a query
     """
     threads = thread_count(threads)
     counters = new_counters() if counters is None else counters
@@ -188,7 +189,7 @@ def _trace_beam(
     soup, query, beam: Beam, bits, threads, counters, progress, options: RayHierarchyOptions, empty: Empty
 ) -> None:
     """Trace the segments of one beam."""
-    # Boxes have a hierarchy for each face. AROUND receivers keep screen order: screen neighbours are near each other.
+    # Boxes have a hierarchy per face. AROUND receivers keep screen order: adjacent pixels are close to each other.
     coherent = beam.kind != AROUND
     sort = ((options.sorted or options.blocks) and coherent) or (options.nodes is None and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:

@@ -1,11 +1,14 @@
 """Leaves of a ray hierarchy: the rays of a beam, side by side for SIMD, and their tests against a triangle.
 
-Scratch memory. The system clears every new page of a process, which takes longer than most kernels work on the page.
-Memory released between frames would be cleared again in every frame.
+Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the
+other lanes belong to other leaves or are empty. The segment ends are either shared by all receivers, or stored in the
+same layout.
 
-Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The
-other lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
-layout of the receivers.
+Tests. A triangle is tested against the 16 rays of a leaf at once, in float32, or exactly where the error bounds of
+float32 leave the result undecided.
+
+Scratch memory is reused between calls. The operating system clears each new page of a process, which takes longer than
+most kernels spend on the page; memory released between frames would be cleared again in every frame.
 """
 
 import threading
@@ -41,10 +44,10 @@ from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import decide, length1, seen_from
 from .light_beams import Beam, query_bits_of
 
-# --- Scratch memory that is reused from call to call ------------------------------------------------------------------
+# --- Scratch memory ---------------------------------------------------------------------------------------------------
 
 KEPT = 64 << 20
-"""Maximum number of bytes kept for later calls."""
+"""Maximum number of bytes retained for later calls."""
 
 _spare: list[np.ndarray] = []  # most recently used first
 _lock = threading.Lock()
@@ -53,8 +56,8 @@ Empty = Callable[[int, Any], np.ndarray]
 """Function of a number of elements and their dtype, such as ``numpy.empty``."""
 
 
-def _take(size: int) -> np.ndarray:
-    """A buffer of at least the given number of bytes: the smallest spare one that is not far too large."""
+def _spare_buffer(size: int) -> np.ndarray:
+    """A buffer of at least this many bytes: the smallest spare one that fits and is at most twice as large, or new."""
     with _lock:
         fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
         if fit:
@@ -62,7 +65,7 @@ def _take(size: int) -> np.ndarray:
     return np.empty(size, np.uint8)
 
 
-def _give_back(buffers: list[np.ndarray]) -> None:
+def _return_buffers(buffers: list[np.ndarray]) -> None:
     with _lock:
         total = 0
         for i, buffer in enumerate(all_ := buffers + _spare):
@@ -80,17 +83,17 @@ def borrowed() -> Iterator[Empty]:
 
     def empty(n: int, dtype: Any) -> np.ndarray:
         size = n * np.dtype(dtype).itemsize
-        buffer = _take(size)
+        buffer = _spare_buffer(size)
         buffers.append(buffer)
         return buffer[:size].view(dtype)
 
     try:
         yield empty
     finally:
-        _give_back(buffers)
+        _return_buffers(buffers)
 
 
-# --- The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests ------------------------------
+# --- Leaves -----------------------------------------------------------------------------------------------------------
 
 PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
@@ -229,7 +232,7 @@ def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
     others = ~lanes & (np.int64(1) << leaves.ways) - 1
-    if leaves.count == 1:  # a leaf has only receivers that ask, so its only sample is live
+    if leaves.count == 1:  # all receivers of a leaf are active, so their only sample is live
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
@@ -309,12 +312,12 @@ def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:
     run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
 
 
-# --- Test of a triangle against the rays of a leaf, 16 at once: in float32, or exactly within its error bounds --------
+# --- Tests of a triangle against the rays of a leaf -------------------------------------------------------------------
 
 
 @kernel
-def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
-    """Bits of the `unsure` lanes that the triangle blocks. Float32 could not decide these, so the test is exact."""
+def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counters):
+    """Bits of the `unsure` lanes that the triangle blocks: an exact test where float32 was undecided."""
     blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -364,7 +367,7 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
             others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
             hit, unsure = hit & live & others, unsure & live & others
             if unsure != 0:
-                hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
+                hit |= _exactly_blocked(leaves, block, points, corners, slot, facing, unsure, counters)
             if hit != 0:
                 atomic_or(leaves.dead, leaf * leaves.count + s, hit)
                 live &= ~hit

@@ -227,7 +227,7 @@ def _hit_boxes(o, d, low, high, unit):
 
 
 @kernel
-def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
+def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
     """Does an `unsure` triangle block the segment of a lane? Exact test; bit i of `unsure` is triangle `first` + i."""
     ray = segment(
         get(o, lane), get(o, ways + lane), get(o, 2 * ways + lane),
@@ -259,7 +259,9 @@ def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, uni
             if hit & others != 0:
                 return True
             unsure &= others
-            if unsure != 0 and _settled(origins, ends, ways, lane, soup, clusters, LANES * i, facing, unsure, counters):
+            if unsure != 0 and _exactly_blocked(
+                origins, ends, ways, lane, soup, clusters, LANES * i, facing, unsure, counters
+            ):
                 return True
     return False
 
