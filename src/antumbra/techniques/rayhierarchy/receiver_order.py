@@ -1,11 +1,11 @@
 """The order of a beam's active receivers in the leaves of its hierarchy.
 
-Keys. An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
-3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
+Sorted order [Olsson and Assarsson 2011, Sec. 3.5]. Receivers that the light cannot reach are dropped. The others are
+sorted by face of the cube around the apex, then along a discrete Hilbert curve over the face, whose indices have two
+bits per level of subdivision. Float32 is precise enough: a ray that rounding moves across the edge of a face sorts
+equally well there.
 
-Order. *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
-sorted by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a
-mip-map, with four pixels per node and four nodes per parent.
+Screen order. The order of a mip-map, with four pixels per node and four nodes per parent.
 """
 
 from typing import NamedTuple
@@ -49,7 +49,7 @@ from .light_beams import (
 )
 from .ray_leaves import PAD
 
-# --- Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once ----
+# --- Sorting keys: face of the cube and Hilbert index on it, for 16 receivers at once ---------------------------------
 
 BITS = 14  # per coordinate; two coordinates and three bits for the face fill a non-negative int32
 KEY_BITS = 2 * BITS + 3
@@ -60,7 +60,7 @@ _F = np.float32
 
 @inlined
 def hilbert(x, y):
-    """i32x16: indices on the curve of the cells (x, y), i32x16 of BITS bits each."""
+    """i32x16: Hilbert indices of the cells (x, y), i32x16 of BITS bits each."""
     key = splat16(np.int32(0))
     for i in range(BITS - 1, -1, -1):
         a, b = (x >> i) & 1, (y >> i) & 1
@@ -101,7 +101,7 @@ def cells_of(face, u, v):
 
 @inlined
 def keys_of(cells):
-    """The sorting keys of packed cells: the face stays, a Hilbert index replaces the cell."""
+    """The sorting keys of packed cells, with a Hilbert index in place of the cell's coordinates."""
     return (cells >> (2 * BITS) << (2 * BITS)) | hilbert((cells >> BITS) & _LAST, cells & _LAST)
 
 
@@ -111,7 +111,7 @@ def on_plane(d, scale):
     return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor
 
 
-# --- Selection of a beam's active receivers, and their order in the leaves of its hierarchy ---------------------------
+# --- Order of the active receivers ------------------------------------------------------------------------------------
 
 _PART = 8192  # receivers per work item, a multiple of 16
 _TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in Z order
@@ -120,10 +120,10 @@ _TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in 
 class Order(NamedTuple):
     """The receivers of a beam, leaf after leaf."""
 
-    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: an empty place
+    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: empty
     starts: np.ndarray  # (k + 1,) int64: the first receiver of each face, and the end; k is 1 for all faces together
     faces: np.ndarray  # (k,) int64: the faces
-    placed: bool  # receivers have fixed places, and some places are empty
+    placed: bool  # receivers have fixed indices, and some entries are empty
 
 
 class ScreenScale(NamedTuple):
@@ -136,7 +136,7 @@ class ScreenScale(NamedTuple):
 
 @inlined
 def at_apex(view, d):
-    """Bits of the lanes whose receivers lie exactly at the apex. Their segments are points, so nothing blocks them."""
+    """Bits of the lanes whose receivers lie exactly at the apex; their segments are points that nothing can block."""
     zero = np.float32(0.0)
     exact = view.kind == PERSPECTIVE and view.radius == 0.0
     return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
@@ -185,7 +185,7 @@ def _pack(ticket, keys, starts, to_keys, to_ids):
 
 @kernel
 def _on_screen(ticket, keys, w, h, ids):
-    """Worker: write the receivers tile by tile, in Z order within a tile; each tile is a work item."""
+    """Worker: write the receivers tile by tile, in Z order within a tile."""
     columns = (w + _TILE - 1) // _TILE
     for tile in items(ticket):
         y0, x0 = tile // columns * _TILE, tile % columns * _TILE
@@ -201,7 +201,7 @@ def _on_screen(ticket, keys, w, h, ids):
 
 @kernel
 def _to_keys(cells):
-    """Turn cells into keys, in place; their number is a multiple of 16."""
+    """Replace cells by keys, in place; their number is a multiple of 16."""
     p = ptr(cells)
     for i in range(0, len(cells), 16):
         store(p, i, keys_of(load16(p, i)))
@@ -220,7 +220,7 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
     """The `Order` of a beam's active receivers.
 
     bits : answer bits; the bits of samples below the receiver's own surface are set
-    sort : sort the receivers, or keep them in screen order
+    sort : True: sorted order; False: screen order
     tally : counters, or None
     """
     h, w = query.sides.shape
@@ -244,6 +244,6 @@ def _without_faces(ids: np.ndarray, placed: bool) -> Order:
 
 
 def scale_of(beam: Beam) -> ScreenScale:
-    """The `Scale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
+    """The `ScreenScale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
     extent = float((beam.upper - beam.lower)[:2].max())
     return ScreenScale(beam.lower[0], beam.lower[1], 1.0 / extent if extent > 0.0 else 0.0)

@@ -1,16 +1,17 @@
 """Shaft nodes, and their traversal by clusters of triangles, for lights as large as the lit surfaces.
 
-Shafts. If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them
-well: the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
+Shafts [Haines and Wallace 1991]. If a light is as large as the lit surfaces, a cone with one apex bounds the segments
+poorly. A shaft bounds them well: the segments of a few receivers to a small part of the light lie in the hull of two
+small boxes, one around the receivers and one around the ends of their segments.
 
 The hull is the set of all (1 - t) R + t L for t in [0, 1], Eq. (4) of docs/design/rayhierarchy.md. A box meets the hull
-if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. They leave an
-interval of t, and the box misses the hull if it is empty.
+if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. Together they leave
+an interval of t, and the box misses the hull if it is empty.
 
-Clusters. If rays diverge, a leaf's shaft meets many triangles far from all its rays. So 256 triangles descend together,
-represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it is tested
-against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in Morton
-order, so these boxes are small.
+Clusters. If rays diverge, a leaf's shaft meets many triangles far from all its rays. Therefore 256 triangles descend
+together, represented by their bounding box. The 16 rays of a leaf are tested against that box. Each ray that hits it is
+tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it hits. Triangles are in
+Morton order, so these boxes are small.
 """
 
 from typing import NamedTuple
@@ -57,7 +58,7 @@ from .ray_tree import LEVELS, group_at, groups_of, tree_pointers
 from .shadow_planes import LANES
 from .triangle_traversal import finish
 
-# --- Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and a box around the ends of their segments ---
+# --- Nodes ------------------------------------------------------------------------------------------------------------
 
 ROWS = 12  # numbers per node: lowest and highest x, y and z of the receivers, then of the ends
 _ENDS = 6
@@ -66,7 +67,7 @@ _E = _F(2.0**-20)  # exceeds the rounding error of t
 
 
 class ShaftNodes(NamedTuple):
-    """Nodes of a hierarchy; see `nodes`."""
+    """The node class of shafts; see `ray_tree`."""
 
     rows: int = ROWS  # float32 per node
 
@@ -80,7 +81,7 @@ def _put_range(group, k, ways, lane, there, x):
 
 @kernel
 def _shaft_of_leaf(leaves, leaf, group, lane):
-    """Write the shaft around the segments of a leaf; False if it has no ray."""
+    """Write the shaft around the segments of a leaf; False if it has no rays."""
     ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
     if lanes == 0:
         return False
@@ -145,7 +146,7 @@ def meet_shafts(group, box, ways):
     return bits(~(t[0] > t[1]))
 
 
-# --- Traversal of a hierarchy of `shafts` by clusters of triangles, down to single rays -------------------------------
+# --- Traversal by clusters of triangles -------------------------------------------------------------------------------
 
 BATCH = LANES * LANES
 """Triangles that descend together."""
@@ -170,7 +171,7 @@ class Clusters(NamedTuple):
 
 @kernel
 def _write_cluster(soup, slots, clusters, i):
-    """Write cluster i of the triangles in these slots, i32x16."""
+    """Write cluster i: the triangles in these slots, i32x16."""
     store(clusters.slots, LANES * i, slots)
     store(clusters.prims, LANES * i, gather(soup.ids, slots))
     for k in range(3):
@@ -196,7 +197,7 @@ def _write_clusters(soup, picked, first, last, clusters):
 
 @inlined
 def _test_axis(o, d, low, high):
-    """On one axis: (segment middle relative to box middle, half size of the box with margin, mask: they are apart)."""
+    """On one axis: (segment midpoint relative to box centre, half size of the box with margin, mask: disjoint)."""
     low, high, along = low * _HALF, high * _HALF, d * _HALF
     middle = low + high
     at = (o - middle) + along
@@ -206,13 +207,13 @@ def _test_axis(o, d, low, high):
 
 @inlined
 def _is_separated(c, d, h, e, g, k):
-    """mask16 of the rays that miss a box in the plane of two axes, with middles c and e and half sizes h and k."""
+    """mask16 of the rays that miss a box in the plane of two axes, with midpoints c and e and half sizes h and k."""
     return absolute(c * g - e * d) > h * absolute(g) + k * absolute(d) + _TINY
 
 
 @inlined
 def _hit_boxes(o, d, low, high, unit):
-    """Bits of the segments from o to o + d that may meet boxes: a separating axis test in f32x16.
+    """Bits of the segments from o to o + d that may hit boxes: a separating axis test in f32x16.
 
     The axes are the coordinate axes and their cross products with d.
 
@@ -228,7 +229,7 @@ def _hit_boxes(o, d, low, high, unit):
 
 @kernel
 def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
-    """Does an `unsure` triangle block the segment of a lane? Exact test; bit i of `unsure` is triangle `first` + i."""
+    """Exact test: whether an `unsure` triangle blocks a lane's segment. Bit i of `unsure` is triangle `first` + i."""
     ray = segment(
         get(o, lane), get(o, ways + lane), get(o, 2 * ways + lane),
         get(ends, lane), get(ends, ways + lane), get(ends, 2 * ways + lane),
@@ -243,7 +244,7 @@ def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure,
 
 @kernel
 def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, unit, counters):
-    """Does a triangle of the clusters block the segment of a lane? own: the receiver's own triangle."""
+    """Whether a triangle of the clusters blocks the segment of a lane. own_prim: the receiver's own triangle."""
     o, boxes = broadcasts(origins, lane, ways), clusters.boxes
     d = minus(broadcasts(ends, lane, ways), o)
     low, high = rows(boxes, 0, 2 * LANES), rows(boxes, LANES, 2 * LANES)

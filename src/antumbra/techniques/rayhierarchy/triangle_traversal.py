@@ -1,14 +1,13 @@
 """Traversal of a ray hierarchy by triangles: breadth-first while the queues have room, in bounded memory.
 
-Good occluders go first in a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4].
-
-Occluders. The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The
-deciding quantity is the share of the light's directions that a triangle hides.
-
-Queues. Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block
-[Olsson and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in
+Queues. Each level of the hierarchy has a queue of pairs of a triangle and a group of nodes that it may block [Olsson
+and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so that many pairs are tested in
 sequence. If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of
-pairs per level, independent of the triangles.
+pairs per level, independent of the number of triangles.
+
+Occluders. In a two-pass traversal, good occluders go first (Sec. 3.4). The report does not define good occluders.
+Several rules were measured (docs/design/rayhierarchy.md): what matters is the share of the light's directions that a
+triangle hides.
 """
 
 from typing import NamedTuple
@@ -55,16 +54,16 @@ from .ray_tree import (
 )
 from .shadow_planes import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, shape_of, whole
 
-# --- Selection of the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] -------------------
+# --- Good occluders, the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] ----------------
 
 AREA, SOLID_ANGLE, NEAREST = 0, 1, 2
 """Rules: largest area; largest solid angle as seen from the light; smallest distance to the light."""
 
 SHARE = 1.0 / 64.0
-"""Share of the triangles that go first."""
+"""Share of the triangles that are good occluders."""
 
 FINISHED = 1.0 / 16.0
-"""Share of the rays that must be finished for the hierarchy to be rebuilt."""
+"""Minimum share of finished rays for rebuilding the hierarchy before the second pass."""
 
 
 @kernel
@@ -97,7 +96,7 @@ def occluders_first(soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGL
     return np.sort(order[:k]), np.sort(order[k:])
 
 
-# --- Traversal of a ray hierarchy by triangles: breadth first while the queues have room, in bounded memory -----------
+# --- Traversal --------------------------------------------------------------------------------------------------------
 
 BATCH = 128
 """Triangles per batch; a multiple of 16. A batch is traversed together."""
@@ -138,7 +137,7 @@ class TraversalMemory(NamedTuple):
     """A thread's scratch memory for `trace_triangles`."""
 
     rows: np.ndarray  # float32: the triangle rows of a batch for each face
-    marks: np.ndarray  # int32, zeros: pairs in each queue; found bits of each block and face; slots
+    marks: np.ndarray  # int32, zeros: pairs in each queue; bits of triangles per block and face; slots
     pairs: np.ndarray  # int32: the queues
 
 
@@ -159,7 +158,7 @@ def row_at(rows, row):
 
 @inlined
 def _kill_below(tree, part, level, node, leaves):
-    """Mark everything below a node as finished: its rays need no more tests."""
+    """Mark everything below a node as finished: its rays need no further tests."""
     low, high, k = node, node + 1, level
     while k > 0:
         k -= 1
@@ -189,7 +188,7 @@ def _kill(tree, part, level, node, leaves):
 
 @kernel
 def finish(tree, leaf, leaves):
-    """Mark a leaf as finished: its rays need no more tests. The hierarchy must have one part."""
+    """Mark a leaf as finished: its rays need no further tests. The hierarchy must have one part."""
     _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
 
 
@@ -222,9 +221,9 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
 
 @kernel
 def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
-    """Test a level's pairs, the last first, until the queue is empty or the next queue is full.
+    """Test a level's pairs, last first, until the queue is empty or the next queue is full.
 
-    Registers hold the counts of both queues, so a pair does not wait for the pair before it.
+    The counts of both queues stay in registers, so that a pair does not wait for the previous pair.
     """
     n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
     to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
@@ -244,7 +243,7 @@ def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
 
 @kernel
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
-    """Test the rays of the queued leaves; later leaves are prefetched meanwhile."""
+    """Test the rays of the queued leaves, and prefetch later leaves."""
     first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
@@ -279,7 +278,7 @@ def _corner(view, corners, at):
 
 @kernel
 def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
-    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `found`."""
+    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `face_lanes`."""
     corners = ptr_at(soup.corners, 9 * slot)
     shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
     if how.backface and how.facing != 0 and shape.facing == how.facing:
@@ -295,7 +294,7 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
 
 @kernel
 def write_rows(tree, parts, view, soup, slots, n, how, rows, face_lanes):
-    """Write the rows of n <= 16 triangles for each face; `found`: bits of those that may block a ray."""
+    """Write the rows of n <= 16 triangles for each face; `face_lanes`: bits of those that may block a ray."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
         lanes = (np.int64(1) << n) - 1
         step = BATCH * NUMBERS
@@ -310,9 +309,9 @@ def write_rows(tree, parts, view, soup, slots, n, how, rows, face_lanes):
 
 @kernel
 def _start(tree, part, block, lanes, union):
-    """(level, group) where the traversal of a block of triangles starts.
+    """(level, group) where the traversal of a block of triangles starts; group -1 if they meet no node.
 
-    It is the deepest group that holds all nodes that the triangles meet; -1 if they meet no node.
+    It is the deepest group that contains all nodes that the triangles meet.
     """
     level, g = get(tree.heights, part) - 1, np.int64(0)
     if not union_of(tree.nodes, block, lanes, union):
@@ -329,7 +328,7 @@ def _start(tree, part, block, lanes, union):
 
 @inlined
 def _queue_block(tree, part, block, rows, lanes, queues):
-    """Queue the triangles of a block that may block rays of a face. They lie close together and start at one group."""
+    """Queue the triangles of a block that may block rays of a face. They are close together and start at one group."""
     if lanes == 0:
         return
     level, g = _start(tree, part, ptr_at(rows, block * BLOCK), lanes, queues.union)
