@@ -14,6 +14,7 @@ differences takes four additions, regardless of its size.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.fields import F32Ptr, F64Ptr
 from ...kernels.jit import inlined, kernel
@@ -34,6 +35,7 @@ from ...kernels.simd import (
     to_i32,
 )
 from ...query.receivers import NOTHING
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 
 # --- The grid over the part of the scene where rays can be [Selgrad et al. 2015, Sec. 3.1] ----------------------------
@@ -67,7 +69,7 @@ def pointers_of(grid):
     return GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
 
 
-def grid_over(lower, upper, n: int) -> CellGrid:
+def grid_over(lower: NDArray[np.float64], upper: NDArray[np.float64], n: int) -> CellGrid:
     """The `CellGrid` over the box from `lower` to `upper`, (3,) float64 each, rounded outwards."""
     bounds = np.zeros((2, 4), np.float32)
     bounds[0, :3] = np.nextafter(np.asarray(lower, np.float32), np.float32(-np.inf))
@@ -177,7 +179,7 @@ def _bound_cells(ticket, tiles, grid, cells):
                         _grow(boxes, cell_number(grid, cells_at(grid, point)), point, point)
 
 
-def tiles_of(query, threads: int) -> ReceiverTiles:
+def tiles_of(query: ShadowQuery, threads: int) -> ReceiverTiles:
     """The receivers of a ShadowQuery, in tiles."""
     h, w = query.sides.shape
     rows = TILE if h >= TILE else 1
@@ -188,14 +190,14 @@ def tiles_of(query, threads: int) -> ReceiverTiles:
     return tiles
 
 
-def bounds_of(tiles: ReceiverTiles) -> tuple[np.ndarray, np.ndarray] | None:
+def bounds_of(tiles: ReceiverTiles) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Lower and upper corner, (3,) float64, of all receivers; None if there are none."""
     if not (tiles.boxes[:, 0] <= tiles.boxes[:, 4]).any():
         return None
     return tiles.boxes[:, :3].min(0).astype(np.float64), tiles.boxes[:, 4:7].max(0).astype(np.float64)
 
 
-def sources_of(tiles: ReceiverTiles, grid, threads: int) -> np.ndarray:
+def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np.float64]:
     """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
@@ -223,7 +225,7 @@ class Targets(NamedTuple):
     relative: bool  # whether the boxes are relative to the receiver
 
 
-def targets_of(query, cell: np.ndarray) -> Targets:
+def targets_of(query: ShadowQuery, cell: NDArray[np.float64]) -> Targets:
     """The `Targets` of a ShadowQuery; ``cell``: (3,) extent of a cell of about the grid's size.
 
     They enclose the samples of the query, not the whole light. Samples whose box is larger than a cell along every
@@ -238,16 +240,17 @@ def targets_of(query, cell: np.ndarray) -> Targets:
     return Targets(_padded(_boxes(points, cell, 1 if relative else MOST)), relative)
 
 
-def sample_points(query) -> np.ndarray:
+def sample_points(query: ShadowQuery) -> NDArray[np.float64]:
     """(k, 3) float64: all samples of a flat light, a list or a distant light.
 
     Samples of a distant light are relative to the receiver.
     """
     light = query.light
-    return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    points: NDArray[np.float64] = light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    return points
 
 
-def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
+def _boxes(points: NDArray[np.float64], cell: NDArray[np.float64], most: int) -> NDArray[np.float64]:
     """At most `most` boxes, (k, 2, 3), around groups of nearby points."""
     lower, upper = points.min(0), points.max(0)
     if most == 1 or (upper - lower <= cell).any():
@@ -266,10 +269,11 @@ def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
     return boxes
 
 
-def _padded(boxes: np.ndarray) -> np.ndarray:
+def _padded(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """The boxes, padded by more than the rounding error of float32 samples."""
     pad = PAD * np.abs(boxes).max()
-    return boxes + np.array([[-pad], [pad]])
+    padded: NDArray[np.float64] = boxes + np.array([[-pad], [pad]])
+    return padded
 
 
 # --- Hulls: mark the cells between sources and targets [Selgrad et al. 2015, Sec. 3.2] --------------------------------
@@ -290,7 +294,7 @@ class Hulls(NamedTuple):
     start: np.ndarray  # (4,) int64: pairs start[k] to start[k + 1] - 1 have the main axis k
 
 
-def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
+def hulls_between(sources: NDArray[np.float64], targets: Targets, grid: CellGrid) -> Hulls:
     """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets`.
 
     Equations 1 and 5 of docs/design/culling.md.
@@ -411,7 +415,9 @@ def _mark_sums(table, axis, layer, marked):
                     marked[i, j, layer] = 1
 
 
-def mark_hulls(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
+def mark_hulls(
+    sources: NDArray[np.float64], targets: Targets, grid: CellGrid, marked: NDArray[np.uint8], threads: int
+) -> None:
     """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to a target can meet.
 
     Each layer is marked by one thread. Threads can only share a cell of layers along different axes, and all of them

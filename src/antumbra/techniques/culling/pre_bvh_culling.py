@@ -12,10 +12,11 @@ The module also selects the input of builders and of tracers without a tree: the
 cut-outs, clear faces and triangles of zero area.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.bounds import corners_of
 from ...bvh.nodes import Bvh
@@ -24,6 +25,7 @@ from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from ...query.query_bounds import bounds
+from ...query.shadow_query import ShadowQuery
 from ...scene.areas import solid_vertices
 from ...scene.triangles import Triangles
 from .culling_grid import (
@@ -31,6 +33,7 @@ from .culling_grid import (
     CellGrid,
     GridPointers,
     ReceiverTiles,
+    Targets,
     bounds_of,
     cell_number,
     cells_at,
@@ -76,7 +79,7 @@ def _sum_across(ticket, sums):
                 sums[x, y, z] += sums[x - 1, y, z]
 
 
-def marked_cells_of(cells: np.ndarray, threads: int) -> MarkedCells:
+def marked_cells_of(cells: NDArray[np.uint8], threads: int) -> MarkedCells:
     """The `MarkedCells` of cells, (n, n, n) uint8."""
     n = len(cells)
     sums = np.zeros((n + 1, n + 1, n + 1), np.int32)
@@ -159,14 +162,16 @@ class RelevantTriangles(NamedTuple):
     counts: np.ndarray  # (chunks,) int64: number of them in each chunk
 
 
-def find_relevant(corners: np.ndarray, grid, marks: MarkedCells, threads: int) -> RelevantTriangles:
+def find_relevant(corners: NDArray[np.float32], grid: CellGrid, marks: MarkedCells, threads: int) -> RelevantTriangles:
     """Find the triangles, (n, 9) float32, that overlap a marked cell."""
     relevant = RelevantTriangles(np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64))
     run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, *relevant)
     return relevant
 
 
-def pack_relevant(corners: np.ndarray, relevant: RelevantTriangles, threads: int) -> tuple[np.ndarray, np.ndarray]:
+def pack_relevant(
+    corners: NDArray[np.float32], relevant: RelevantTriangles, threads: int
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the relevant triangles."""
     counts, total = relevant.counts, int(relevant.counts.sum())
     ids, packed = np.empty(total, np.int32), np.empty((total, 9), np.float32)
@@ -176,6 +181,9 @@ def pack_relevant(corners: np.ndarray, relevant: RelevantTriangles, threads: int
 
 
 # --- Culling ----------------------------------------------------------------------------------------------------------
+
+Mark: TypeAlias = Callable[[NDArray[np.float64], Targets, CellGrid, NDArray[np.uint8], int], None]
+"""Function of (sources, targets, grid, marked, threads) that marks the cells between sources and targets."""
 
 STEPS = ("sources", "mark", "triangles", "pack")
 """The steps of culling: sort receivers into cells, mark cells, find the relevant triangles, pack them."""
@@ -193,9 +201,15 @@ class CullResult(NamedTuple):
 
 
 def cull(
-    triangles, queries, threads: int | None = None, *, n: int = 32, mark: Callable = mark_hulls, whole: bool = False,
+    triangles: Triangles,
+    queries: Sequence[ShadowQuery],
+    threads: int | None = None,
+    *,
+    n: int = 32,
+    mark: Mark = mark_hulls,
+    whole: bool = False,
     lap: Callable[[str], None] = lambda step: None,
-) -> CullResult:  # fmt: skip
+) -> CullResult:
     """Find a superset of the triangles that the segments of the queries meet.
 
     Answers for the remaining triangles equal those for all triangles, bit for bit.
@@ -239,12 +253,12 @@ def cull(
     return CullResult(ids, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
 
 
-def _groups(queries, threads) -> list[tuple[ReceiverTiles, list]]:
+def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[tuple[ReceiverTiles, list[ShadowQuery]]]:
     """Group the queries that share their receivers, and skip queries without receivers.
 
     The receivers of a group are divided into tiles only once.
     """
-    groups: dict[tuple[int, int], tuple[ReceiverTiles, list]] = {}
+    groups: dict[tuple[int, int], tuple[ReceiverTiles, list[ShadowQuery]]] = {}
     for query in queries:
         key = id(query.origins), id(query.sides)
         if key not in groups:
@@ -253,7 +267,9 @@ def _groups(queries, threads) -> list[tuple[ReceiverTiles, list]]:
     return [group for group in groups.values() if bounds_of(group[0]) is not None]
 
 
-def _box_of(groups, corners, whole_scene: bool, threads) -> tuple[np.ndarray, np.ndarray] | None:
+def _box_of(
+    groups: list[tuple[ReceiverTiles, list[ShadowQuery]]], corners: NDArray[np.float32], whole_scene: bool, threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Lower and upper corner, (3,) float64, of the grid's box; None if it is empty.
 
     It is the intersection of the box of all segments and the box of all triangles. With `whole_scene`, it is the box
@@ -264,7 +280,9 @@ def _box_of(groups, corners, whole_scene: bool, threads) -> tuple[np.ndarray, np
     everywhere = np.full(3, np.inf)
     low, high = everywhere, -everywhere
     for tiles, queries in groups:
-        tiles_lower, tiles_upper = bounds_of(tiles)
+        receivers = bounds_of(tiles)
+        assert receivers is not None  # `_groups` skips them
+        tiles_lower, tiles_upper = receivers
         for query in queries:
             targets = targets_of(query, everywhere)
             if whole_scene and targets.relative:
@@ -300,7 +318,9 @@ def solid_count(triangles: Triangles) -> int:
     return len(triangles.vertices if triangles.solid is None else triangles.solid)
 
 
-def solid_tree(build: Callable, triangles: Triangles, threads: int | None) -> Bvh:
+def solid_tree(
+    build: Callable[[NDArray[np.float32], int | None], Bvh], triangles: Triangles, threads: int | None
+) -> Bvh:
     """Build a tree of the solid triangles."""
     bvh = build(solid_vertices(triangles, threads), threads)
     solid = triangles.solid

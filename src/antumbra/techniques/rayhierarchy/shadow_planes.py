@@ -105,7 +105,7 @@ class Shape(NamedTuple):
 
 @inlined
 def unknown_plane():
-    """The unknown plane: no test rejects or accepts by it."""
+    """The unknown plane, which never decides a test."""
     z = np.float64(0.0)
     return ShadowPlane(z, z, z, z)
 

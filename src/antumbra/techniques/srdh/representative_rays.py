@@ -4,10 +4,11 @@ The rays are those of a sparse image of the scene [Feltman et al. 2012, Sec. 3.4
 animation, or the user's. All their intersections are computed in an existing BVH or in a temporary one.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh import lbvh
 from ...bvh.nodes import Bvh
@@ -16,6 +17,8 @@ from ...bvh.srdh_rays import SrdhRays
 from ...errors import InputError
 from ...query.gbuffer import GBuffer
 from ...query.shadow_query import ShadowQuery, segments, shadow_queries
+from ...scene.lights import Light
+from ...scene.triangles import Triangles
 from ...trace.rays.ray_hits import bounced, intersections
 from ..culling.pre_bvh_culling import solid_tree
 
@@ -28,6 +31,9 @@ Bounce = Callable[[Bvh], list[ShadowQuery]]
 """Function of a `Bvh` of all triangles; returns the queries at the surfaces that diffuse rays hit."""
 
 
+_T = TypeVar("_T", bound=np.generic)
+
+
 class RepresentativeSegments(NamedTuple):
     """Shadow segments in the recentred frame."""
 
@@ -36,7 +42,7 @@ class RepresentativeSegments(NamedTuple):
     skip: np.ndarray  # (m,) int32: triangle under the origin, to be skipped; -1: none
     cull_faces: int  # a value of CULL_FACES
 
-    def in_bvh(self, bvh: Bvh, skip: np.ndarray, threads: int) -> Intersections:
+    def in_bvh(self, bvh: Bvh, skip: NDArray[np.int32], threads: int) -> Intersections:
         """All intersections with a BVH; `skip`: indices into the BVH's triangles.
 
         If rays enter the boxes of many triangles, only some of the rays are traced.
@@ -45,7 +51,7 @@ class RepresentativeSegments(NamedTuple):
         return intersections(bvh, self.origins[some], self.ends[some], skip[some], threads, self.cull_faces)
 
 
-def _affordable(segments: RepresentativeSegments, corners: np.ndarray) -> np.ndarray:
+def _affordable(segments: RepresentativeSegments, corners: NDArray[np.float32]) -> NDArray[np.int64]:
     """Indices of as many segments, evenly spread, as are affordable for a builder of triangles with (n, 9) corners.
 
     The cost of a ray is proportional to the number of boxes that it enters. In ordinary scenes these are few, but if
@@ -59,7 +65,9 @@ def _affordable(segments: RepresentativeSegments, corners: np.ndarray) -> np.nda
     return _spread(m, max(_LEAST_RAYS, int(_LEAST_RAYS / share))) if share > _LARGE_SHARE else np.arange(m)
 
 
-def _share_entered(origins, ends, lower, upper) -> float:
+def _share_entered(
+    origins: NDArray[np.float32], ends: NDArray[np.float32], lower: NDArray[np.float32], upper: NDArray[np.float32]
+) -> float:
     """Estimate of the share of (segment, box) pairs in which the segment enters the box; (r, 3) and (k, 3) arrays."""
     o, direction = origins[:, None].astype(np.float64), ends[:, None].astype(np.float64) - origins[:, None]
     direction = np.where(direction == 0.0, 1e-300, direction)
@@ -67,12 +75,12 @@ def _share_entered(origins, ends, lower, upper) -> float:
     return float((np.minimum(a, b).max(2).clip(0.0) <= np.maximum(a, b).min(2).clip(None, 1.0)).mean())
 
 
-def _spread(n: int, k: int | None) -> np.ndarray:
+def _spread(n: int, k: int | None) -> NDArray[np.int64]:
     """k evenly spread indices from 0 to n - 1; all of them if k is None."""
     return np.arange(n) if k is None or k >= n else ((np.arange(k) + 0.5) * n / k).astype(np.int64)
 
 
-def _pixels(shape: tuple[int, int], size: int | None) -> tuple[np.ndarray, np.ndarray]:
+def _pixels(shape: tuple[int, int], size: int | None) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(rows, columns) of size x size pixels of an image, or of the same number of points in a single row."""
     h, w = shape
     if h == 1:
@@ -80,12 +88,12 @@ def _pixels(shape: tuple[int, int], size: int | None) -> tuple[np.ndarray, np.nd
     return _spread(h, size), _spread(w, size)
 
 
-def _sparse(array: np.ndarray, at: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def _sparse(array: NDArray[_T], at: tuple[NDArray[np.int64], NDArray[np.int64]]) -> NDArray[_T]:
     """The chosen rows and columns of an (H, W, ...) array."""
     return np.ascontiguousarray(array[at[0]][:, at[1]])
 
 
-def fewer_samples(samples: np.ndarray, spp: int) -> np.ndarray:
+def fewer_samples(samples: NDArray[np.float64], spp: int) -> NDArray[np.float64]:
     """At most `spp` samples of each set, (16, n, 3). Sets get different ones, so that neighbours cover the light."""
     n = samples.shape[1]
     if spp >= n:
@@ -107,10 +115,11 @@ def _sparse_query(query: ShadowQuery, settings: SrdhRays) -> ShadowQuery:
 def sparse_gbuffer(gbuffer: GBuffer, settings: SrdhRays) -> GBuffer:
     """The pixels of an image that the settings select."""
     at = _pixels(gbuffer.face.shape, settings.size)
-    return GBuffer(*(_sparse(array, at) for array in gbuffer[:5]), gbuffer.origin)
+    position, normal, face, depth, side = (_sparse(array, at) for array in gbuffer[:5])
+    return GBuffer(position, normal, face, depth, side, gbuffer.origin)
 
 
-def segments_of(queries) -> RepresentativeSegments:
+def segments_of(queries: Sequence[ShadowQuery]) -> RepresentativeSegments:
     """All segments of several queries that lie above their receiver's horizon."""
     parts = []
     for query in queries:
@@ -118,17 +127,18 @@ def segments_of(queries) -> RepresentativeSegments:
         origins = np.broadcast_to(query.origins[:, :, None], ends.shape)
         faces = np.broadcast_to(query.faces[:, :, None], above.shape)
         parts.append((origins[above], ends[above], faces[above]))
-    arrays = (np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(*parts))
-    return RepresentativeSegments(*arrays, queries[0].cull_faces)
+    origins, ends, faces = (np.ascontiguousarray(np.concatenate(arrays)) for arrays in zip(*parts))
+    return RepresentativeSegments(origins, ends, faces, queries[0].cull_faces)
 
 
-def _explicit_segments(settings: SrdhRays, origin: np.ndarray, cull_faces: int) -> RepresentativeSegments:
+def _explicit_segments(settings: SrdhRays, origin: NDArray[np.float64], cull_faces: int) -> RepresentativeSegments:
     """The user's segments, in the recentred frame of a scene with this origin."""
-    local = [(points - origin).astype(np.float32) for points in (settings.origins, settings.ends)]
-    return RepresentativeSegments(*local, np.full(len(local[0]), -1, np.int32), cull_faces)
+    assert settings.origins is not None and settings.ends is not None
+    origins, ends = ((points - origin).astype(np.float32) for points in (settings.origins, settings.ends))
+    return RepresentativeSegments(origins, ends, np.full(len(origins), -1, np.int32), cull_faces)
 
 
-def _indices_among(ids: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
+def _indices_among(ids: NDArray[np.int32] | None, faces: NDArray[np.int32]) -> NDArray[np.int32]:
     """The index of each scene triangle in ascending ids (None: all triangles); -1: not among them."""
     if ids is None:
         return faces
@@ -138,7 +148,7 @@ def _indices_among(ids: np.ndarray | None, faces: np.ndarray) -> np.ndarray:
     return np.where(ids[at] == faces, at, -1).astype(np.int32)
 
 
-def _restricted(ids: np.ndarray | None, hits: Intersections) -> Intersections:
+def _restricted(ids: NDArray[np.int32] | None, hits: Intersections) -> Intersections:
     """Restrict intersections to the triangles in `ids`, with indices into `ids`."""
     prims, m = _indices_among(ids, hits.prims), len(hits.origins)
     owner = np.repeat(np.arange(m), np.diff(hits.first))[prims >= 0]
@@ -154,7 +164,9 @@ class RepresentativeRays:
         self.bvh = bvh  # of all triangles of the scene, if there is one
         self.met: Intersections | None = None
 
-    def among(self, vertices: np.ndarray, ids: np.ndarray | None, threads: int, bvh: Bvh | None = None):
+    def among(
+        self, vertices: NDArray[np.float32], ids: NDArray[np.int32] | None, threads: int, bvh: Bvh | None = None
+    ) -> Intersections:
         """The `Intersections` with the builder's triangles, in the builder's numbering.
 
         vertices : (n, 3, 3) float32, the builder's triangles
@@ -179,7 +191,13 @@ class RepresentativeRaySelector:
         self.last: RepresentativeRays | None = None  # of the previous frame, if `last_frame` is set
         self.n_triangles = 0  # of that frame
 
-    def show(self, queries, triangles, bvh: Bvh | None = None, bounce: Bounce | None = None) -> RepresentativeRays:
+    def show(
+        self,
+        queries: Sequence[ShadowQuery],
+        triangles: Triangles,
+        bvh: Bvh | None = None,
+        bounce: Bounce | None = None,
+    ) -> RepresentativeRays:
         """Select rays for these queries: a sample of their rays, the user's rays, or those of the last frame.
 
         bvh : a BVH of all triangles, if there is one
@@ -207,7 +225,12 @@ class RepresentativeRaySelector:
 
 
 def bounced_queries(
-    selector: RepresentativeRaySelector | None, triangles, gbuffer: GBuffer, lights, samples, facing=0
+    selector: RepresentativeRaySelector | None,
+    triangles: Triangles,
+    gbuffer: GBuffer,
+    lights: Sequence[Light],
+    samples: Sequence[NDArray[np.float64]],
+    facing: int = 0,
 ) -> Bounce | None:
     """A function that makes the queries where diffuse rays end, one ray per selected pixel; None if not requested."""
     if selector is None or not selector.asked.bounce:
