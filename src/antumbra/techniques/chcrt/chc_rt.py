@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from threading import Lock
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.blocks import block_tree
 from ...bvh.nodes import Bvh
@@ -12,13 +13,14 @@ from ...query.query_bounds import bounds
 from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
 from ...scene.camera import CameraRays
+from ...scene.triangles import Triangles
 from ...trace.rays.ray_hits import Show, surfaces_met
 from ...trace.tree_list import Hits, no_hits
 from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import CameraRaySet, CombinedRaySets, PassRaySet, RaySets, SegmentRaySets, segments_of
 from .ray_bundles import NO_TARGETS, PassRays, pass_rays
 from .tree_parts import TreeParts, parts_of
-from .visibility_fronts import Fronts, trace_frame
+from .visibility_fronts import Fronts, Progress, trace_frame
 
 # --- State between frames, shadow queries and ray passes --------------------------------------------------------------
 
@@ -43,7 +45,9 @@ class ChcRtState:
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions):
         self.parts, self.options, self.room = parts, options, 0
-        self._fronts: dict[tuple, tuple[int, Fronts]] = {}  # with the last frame that used them
+        self._fronts: dict[
+            tuple[int, tuple[int, ...], int], tuple[int, Fronts]
+        ] = {}  # with the last frame that used them
         self._frame, self._lock = 0, Lock()
         self.begin()
 
@@ -51,9 +55,9 @@ class ChcRtState:
         """Start a new frame."""
         self._frame += 1
         self._fronts = {key: entry for key, entry in self._fronts.items() if entry[0] >= self._frame - _UNUSED_FRAMES}
-        self._calls, self.statistics = 0, list[dict]()
+        self._calls, self.statistics = 0, list[dict[str, float]]()
 
-    def run(self, rays: RaySets | CombinedRaySets, shape: tuple, progress=None) -> None:
+    def run(self, rays: RaySets | CombinedRaySets, shape: tuple[int, ...], progress: Progress | None = None) -> None:
         """Trace ray sets in one call, starting from the fronts of the same call of the last frame."""
         with self._lock:
             key = self._calls, shape, rays.sets
@@ -72,12 +76,19 @@ class ChcRtState:
         yield from sorted(numbered, key=lambda state: state[0])
 
 
-def prepare(bvh: Bvh, options: ChcRtOptions, threads=None) -> ChcRtState:
+def prepare(bvh: Bvh, options: ChcRtOptions, threads: int | None = None) -> ChcRtState:
     """Prepare a builder's tree for CHC+RT."""
     return ChcRtState(parts_of(block_tree(bvh, threads), options), options)
 
 
-def trace_shadow(scheduled: ChcRtState, query: ShadowQuery, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    scheduled: ChcRtState,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -87,19 +98,23 @@ def trace_shadow(scheduled: ChcRtState, query: ShadowQuery, bits, threads=None, 
 
 
 def trace_shadows(
-    scheduled: ChcRtState, queries: Sequence[ShadowQuery], bits: Sequence[np.ndarray], threads=None, counters=None,
-    progress=None,
-) -> None:  # fmt: skip
+    scheduled: ChcRtState,
+    queries: Sequence[ShadowQuery],
+    bits: Sequence[NDArray[np.uint64]],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer several queries with the same receiver shape, as `trace_shadow` does.
 
     As many queries as `ChcRtState.room` allows are traced in one call, which reads each part only once.
     """
     parts, options, used, members = scheduled.parts, scheduled.options, 0, list[SegmentRaySets]()
     inside = None if parts.memory else progress  # out of core, reading parts dominates: report that instead
-    how = {"threads": thread_count(threads), "counters": counters, "progress": inside}
+    n_threads = thread_count(threads)
     steps = [(q, b, *step) for q, b in zip(queries, bits, strict=True) for step in segments_of(parts, q)]
     for i, step in enumerate(steps):
-        members.append(SegmentRaySets(parts, options, *step, **how))
+        members.append(SegmentRaySets(parts, options, *step, threads=n_threads, counters=counters, progress=inside))
         used += members[-1].rays.cells.nbytes
         if used >= scheduled.room or i == len(steps) - 1:
             scheduled.run(combine_ray_sets(members), queries[0].sides.shape, progress)
@@ -111,14 +126,18 @@ def combine_ray_sets(members: Sequence[RaySets]) -> RaySets | CombinedRaySets:
     return members[0] if len(members) == 1 else CombinedRaySets(members)
 
 
-def _reach(scheduled: ChcRtState, low, high) -> float:
+def _reach(scheduled: ChcRtState, low: NDArray[np.floating], high: NDArray[np.floating]) -> float:
     """Upper bound of the length inside the scene of rays that start in the box from `low` to `high`."""
     boxes = scheduled.parts.boxes[0].astype(np.float64)
     return float(np.linalg.norm(np.maximum(boxes[1], high) - np.minimum(boxes[0], low))) + 1e-30
 
 
 def nearest_hits(
-    scheduled: ChcRtState, passes: Sequence[RayPass], shape: tuple[int, int], threads=None, progress=None
+    scheduled: ChcRtState,
+    passes: Sequence[RayPass],
+    shape: tuple[int, int],
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> list[Hits]:
     """Nearest hits of several ray passes over images of this shape, traced in one call.
 
@@ -133,9 +152,14 @@ def nearest_hits(
 
 
 def ray_hits(
-    scheduled: ChcRtState, rays: RayPass, spans: np.ndarray, cull_faces: int, any_hit: bool, threads=None,
-    targets: np.ndarray | None = None,
-) -> Hits:  # fmt: skip
+    scheduled: ChcRtState,
+    rays: RayPass,
+    spans: NDArray[np.float64],
+    cull_faces: int,
+    any_hit: bool,
+    threads: int | None = None,
+    targets: NDArray[np.float32] | None = None,
+) -> Hits:
     """Nearest hit, or any hit, of m rays: `Hits` of shape (1, m).
 
     Consecutive rays should be coherent.
@@ -145,17 +169,21 @@ def ray_hits(
     targets : (m, 3) float32, ends of segments, for any-hit only; directions are their rounded differences
     """
     threads, m = thread_count(threads), len(rays.origins)
-    arrays = (a.reshape(1, m, *a.shape[1:]) for a in rays)
+    origins, directions, skip = (a.reshape(1, m, *a.shape[1:]) for a in rays)
     reach = _reach(scheduled, *bounds(rays.origins, threads))
     ends = NO_TARGETS if targets is None else targets.reshape(1, m, 3)
     segments = targets is not None
-    pass_ = PassRays(*arrays, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit, ends, segments)
+    pass_ = PassRays(origins, directions, skip, no_hits((1, m)), reach, spans, 1, cull_faces, any_hit, ends, segments)
     scheduled.run(PassRaySet(scheduled.parts, scheduled.options, pass_, threads), (1, m))
     return pass_.hits
 
 
 def camera_hits(
-    scheduled: ChcRtState, rays: CameraRays, threads=None, progress=None, rows: slice | None = None
+    scheduled: ChcRtState,
+    rays: CameraRays,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    rows: slice | None = None,
 ) -> Hits:
     """Nearest hits of camera rays.
 
@@ -177,14 +205,21 @@ def camera_hits(
 # --- Surfaces that camera rays and passes of diffuse rays hit ---------------------------------------------------------
 
 
-def primary_hits(scheduled: ChcRtState, rays: CameraRays, threads=None) -> tuple[np.ndarray, np.ndarray]:
+def primary_hits(
+    scheduled: ChcRtState, rays: CameraRays, threads: int | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """(face, t) of camera rays, in the format of `trace.primary.primary_rays.trace_primary`."""
     hits = camera_hits(scheduled, rays, threads)
     return hits.face, hits.t
 
 
 def nearest_scheduled(
-    passes: Sequence[RayPass], shape, scheduled: ChcRtState, triangles, threads=None, show: Show | None = None
+    passes: Sequence[RayPass],
+    shape: tuple[int, int],
+    scheduled: ChcRtState,
+    triangles: Triangles,
+    threads: int | None = None,
+    show: Show | None = None,
 ) -> Iterator[Surfaces]:
     """Yield the nearest surfaces of each ray pass over an image of this shape; `triangles`: all triangles of the scene.
 

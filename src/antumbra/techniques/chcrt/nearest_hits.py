@@ -10,6 +10,7 @@ Other functions mark the triangles of hits in the slots of their parts, and numb
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.links import block_leaf, box_at, rows_at, slot_at
 from ...kernels.fields import F32Ptr, F64Ptr, I32Ptr
@@ -22,7 +23,7 @@ from ...kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, red
 from ...kernels.vec import broadcasts
 from ...trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
 from ...trace.frusta.bundle import shafts_of
-from ...trace.tree_list import Hits, item, list_of, root_in, tree_in, tree_list_pointers
+from ...trace.tree_list import Hits, TreeList, item, list_of, root_in, tree_in, tree_list_pointers
 from ...trace.triangle_tests import ray_meets
 from .occlusion_queries import (
     BUNDLE_FLOATS,
@@ -50,7 +51,7 @@ def _mark(ticket, part, slot, first, marks):
                 marks[first[k] + slot[y, x]] = 1
 
 
-def mark_hits(hits: Hits, first: np.ndarray, marks: np.ndarray, threads: int) -> None:
+def mark_hits(hits: Hits, first: NDArray[np.int64], marks: NDArray[np.uint8], threads: int) -> None:
     """Set ``marks[first[part] + slot]`` of each hit in a part with first[part] >= 0. `marks`: (n,) uint8."""
     run(_mark, threads, new_ticket(len(hits.part), 8), hits.part, hits.slot, first, marks)
 
@@ -65,7 +66,9 @@ def _number(ticket, part, slot, first, numbers, out):
                 out[y, x] = numbers[first[k] + slot[y, x]]
 
 
-def number_hits(hits: Hits, first: np.ndarray, numbers: np.ndarray, out: np.ndarray, threads: int) -> None:
+def number_hits(
+    hits: Hits, first: NDArray[np.int64], numbers: NDArray[np.int32], out: NDArray[np.int32], threads: int
+) -> None:
     """Write ``numbers[first[part] + slot]`` of each hit in a part with first[part] >= 0 to `out`, (h, w) int32."""
     run(_number, threads, new_ticket(len(hits.part), 8), hits.part, hits.slot, first, numbers, out)
 
@@ -260,6 +263,8 @@ def _trace(ticket, arrays, picture, rays, cells):
         _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), cell, waiting)
 
 
-def trace_nearest(forest, picture: PictureCells, rays: PassRays, cells, threads) -> None:
+def trace_nearest(
+    forest: TreeList, picture: PictureCells, rays: PassRays, cells: NDArray[np.float32], threads: int
+) -> None:
     """Trace the rays of a picture through the lists of its tiles, and update their hits and cells."""
     run(_trace, threads, new_ticket(len(cells), 8), forest, picture, rays, cells)

@@ -26,6 +26,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.links import box_at
 from ...kernels.fields import F32Ptr, I32Ptr
@@ -124,7 +125,7 @@ def pixels_of(h: int, w: int, spread: bool = False) -> PictureCells:
     return PictureCells(shape, layout_of(shape), h, w, spread)
 
 
-def new_cells(picture: PictureCells, sets: int) -> np.ndarray:
+def new_cells(picture: PictureCells, sets: int) -> NDArray[np.float32]:
     """(sets, regions, ROWS, 16) float32: uninitialized memory for the cells of some ray sets."""
     return np.empty((sets, picture.layout.rows * picture.layout.columns, ROWS, 16), np.float32)
 
@@ -391,7 +392,9 @@ def _ask(
                 break
 
 
-def ask(rays: ScreenRays, lines, pairs: Pairs, threshold: int, with_blocked: bool, threads: int) -> Answers:
+def ask(
+    rays: ScreenRays, lines: NDArray[np.float32], pairs: Pairs, threshold: int, with_blocked: bool, threads: int
+) -> Answers:
     """Answer the queries of n pairs of a tile and a row of `lines`.
 
     threshold : counting stops beyond it

@@ -37,15 +37,11 @@ from .ray_bundles import (
     shorten,
     shorten_camera,
 )
-from .tree_parts import Lists, TreeParts, lists_of
+from .tree_parts import Lists, Mark, TreeParts, lists_of
+from .visibility_fronts import Progress
 
 TreeListTracer: TypeAlias = Callable[..., None]
 """Tracer of a `TreeList`, with the arguments of `trace.frusta.multi_frusta.trace_tree_list`."""
-
-Mark: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.uint8]], None]
-"""Marks hits: see `store.chunk_residency.Mark`."""
-
-Progress: TypeAlias = Callable[[int, int], None]
 
 
 class RaySets:
@@ -241,10 +237,10 @@ class CombinedRaySets:
             member.trace(member_pairs, keys[indices])
 
     def marker(self) -> Mark | None:
-        markers = [mark for member in self.members if (mark := member.marker()) is not None]
+        markers = [marker for member in self.members if (marker := member.marker()) is not None]
 
         def mark(first: NDArray[np.int64], marks: NDArray[np.uint8]) -> None:
-            for mark_member in markers:
-                mark_member(first, marks)
+            for marker in markers:
+                marker(first, marks)
 
         return mark if markers else None

@@ -11,6 +11,7 @@ Camera rays. As for passes, but all rays share one length.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run
@@ -181,7 +182,7 @@ def _bound_segments(ticket, query, picture, ends, pad, samples, spp, cells):
 
 def bound_cells(
     query: ShadowQuery, picture: PictureCells, first: int, count: int, sets: int, threads: int
-) -> np.ndarray:
+) -> NDArray[np.float32]:
     """The cells of a query's segments to `count` samples, starting at `first`.
 
     sets : 1, or one for each sample: then at most 16 samples, all of them hemisphere directions
@@ -281,7 +282,14 @@ def _shorten_segments(ticket, spans, tiles, columns, segments, picture, cells):
                     _put_active_count(ptr_at(ptr(cells), region * WORDS), g, n)
 
 
-def shorten(cells, spans, tiles, segments: SegmentBundles, picture: PictureCells, threads: int) -> None:
+def shorten(
+    cells: NDArray[np.float32],
+    spans: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    segments: SegmentBundles,
+    picture: PictureCells,
+    threads: int,
+) -> None:
     """Update the cells of some tiles. Blocked segments are no longer active."""
     ticket = new_ticket(len(tiles), 1)
     run(_shorten_segments, threads, ticket, spans, tiles, picture.layout.columns, segments, picture, cells)
@@ -318,8 +326,8 @@ NO_TARGETS = np.zeros((1, 1, 3), np.float32)
 
 def pass_rays(rays: RayPass, h: int, w: int, reach: float) -> PassRays:
     """`PassRays` of a pass over an (h, w) image."""
-    arrays = (a.reshape(h, w, *a.shape[1:]) for a in rays)
-    return PassRays(*arrays, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False, NO_TARGETS, False)
+    origins, directions, skip = (a.reshape(h, w, *a.shape[1:]) for a in rays)
+    return PassRays(origins, directions, skip, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False, NO_TARGETS, False)
 
 
 def is_spread(rays: PassRays) -> bool:
@@ -417,7 +425,7 @@ def _bound_pass(ticket, picture, rays, cells):
                 put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(popcount(live)))
 
 
-def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> np.ndarray:
+def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> NDArray[np.float32]:
     """The cells of a pass, (1, regions, ROWS, 16)."""
     cells = new_cells(picture, 1)
     run(_bound_pass, threads, new_ticket(cells.shape[1], 1), picture, rays, cells)
@@ -503,7 +511,9 @@ def _bound_camera(ticket, picture, rays, error, length, cells):
             put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0), _F(n))
 
 
-def bound_camera(picture: PictureCells, rays: CameraRays, rows: slice, length: float, threads: int) -> np.ndarray:
+def bound_camera(
+    picture: PictureCells, rays: CameraRays, rows: slice, length: float, threads: int
+) -> NDArray[np.float32]:
     """The cells of camera rays through some rows of pixels, (1, regions, ROWS, 16); other cells have no rays."""
     cells, columns = new_cells(picture, 1), picture.layout.columns
     run(_bound_camera, threads, new_ticket(cells.shape[1], 1), picture, rays, direction_error(rays), length, cells)
@@ -529,7 +539,15 @@ def _shorten_camera(ticket, spans, tiles, columns, picture, t, length, cells):
                 put(out, FAR * 16 + g, min(far / length * BEYOND, 1.0))
 
 
-def shorten_camera(cells, spans, tiles, picture: PictureCells, hits: Hits, length: float, threads: int) -> None:
+def shorten_camera(
+    cells: NDArray[np.float32],
+    spans: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    picture: PictureCells,
+    hits: Hits,
+    length: float,
+    threads: int,
+) -> None:
     """Update the cells of some tiles: the limit of a cell is the farthest of its rays' nearest hits."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_shorten_camera, threads, ticket, spans, tiles, columns, picture, hits.t, length, cells)

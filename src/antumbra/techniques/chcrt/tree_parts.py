@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.blocks import BlockTree
 from ...bvh.links import CHILDREN, LINK, block_leaf, bvh_leaf
@@ -27,6 +28,10 @@ Owner: TypeAlias = object
 """A `BlockTree` or a store: the owner of the memory behind addresses, which must outlive them."""
 
 
+Mark: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.uint8]], None]
+"""Marks hits: see `store.chunk_residency.Mark`."""
+
+
 class PartMemory(Protocol):
     """Memory for the trees of some parts at a time."""
 
@@ -35,8 +40,8 @@ class PartMemory(Protocol):
         ...
 
     def groups(
-        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Callable | None
-    ) -> Generator[np.ndarray, None, None]:
+        self, parts: NDArray[np.int32], still: Callable[[NDArray[np.int64]], NDArray[np.bool_]], mark: Mark | None
+    ) -> Generator[NDArray[np.int64], None, None]:
         """Yield these parts in groups, parts in memory first. A group stays in memory until the next one is requested.
 
         still : called before parts are read; returns which of them are still needed, and the others are skipped
@@ -62,17 +67,18 @@ class TreeParts(NamedTuple):
     keeps: Owner  # of the memory behind the addresses
 
     @property
-    def boxes(self) -> np.ndarray:
+    def boxes(self) -> NDArray[np.float32]:
         """(r, 2, 3) float32: lower and upper corner of each row."""
         return boxes_of(self.lines)
 
 
-def shares(lines: np.ndarray) -> np.ndarray:
+def shares(lines: NDArray[np.float32]) -> NDArray[np.float64]:
     """(r,) float64: the surface area of each row's box, relative to the first row's."""
     boxes = boxes_of(lines).astype(np.float64)
     x, y, z = np.maximum(boxes[:, 1] - boxes[:, 0], 0.0).T
-    area = x * y + y * z + z * x
-    return area / max(area[0], 1e-300)
+    area: NDArray[np.float64] = x * y + y * z + z * x
+    share: NDArray[np.float64] = area / max(area[0], 1e-300)
+    return share
 
 
 @kernel
@@ -116,7 +122,7 @@ def _cut(links, triangles, heights, most, highest, top, roots):
     return m, k
 
 
-def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int]]) -> np.ndarray:
+def _lines(tree: BlockTree, links: NDArray[np.int64], parents: dict[int, tuple[int, int]]) -> NDArray[np.float32]:
     """The lines of links. A block's line has its box as the box of both children."""
     lines = np.empty((len(links), 16), np.float32)
     inner = links >= 0
@@ -128,7 +134,7 @@ def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int
     return lines
 
 
-def _order(children: np.ndarray, m: int) -> np.ndarray:
+def _order(children: NDArray[np.int32], m: int) -> NDArray[np.int32]:
     """See `TreeParts.order`."""
     order, waiting, n = np.empty(len(children) - m, np.int32), [0], 0
     while waiting:
@@ -165,7 +171,9 @@ def parts_of(tree: BlockTree, options: ChcRtOptions) -> TreeParts:
     )  # fmt: skip
 
 
-def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: PartMemory, keeps) -> TreeParts:
+def parts_of_chunks(
+    top: NDArray[np.float32], roots: NDArray[np.float32], trees: NDArray[np.int64], memory: PartMemory, keeps: Owner
+) -> TreeParts:
     """`TreeParts` of the chunks of a store.
 
     top : (m, 16) float32: nodes over the chunks as in `Bvh`; a link < 0 is ``bvh_link(chunk, 1)``, or EMPTY
@@ -198,13 +206,17 @@ class Lists(NamedTuple):
     tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
 
 
-def in_lists(pairs: Pairs, keys: np.ndarray, sets: int) -> tuple[np.ndarray, np.ndarray]:
+def in_lists(
+    pairs: Pairs, keys: NDArray[np.float32] | NDArray[np.int32], sets: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(the list of each final pair, the pairs sorted by list, then by key)."""
     number = pairs.tile.astype(np.int64) * sets + pairs.set
     return number, np.lexsort((keys, number))
 
 
-def lists_of(pairs: Pairs, keys: np.ndarray, parts: TreeParts, smallest: int, sets: int, front_to_back: bool) -> Lists:
+def lists_of(
+    pairs: Pairs, keys: NDArray[np.float32], parts: TreeParts, smallest: int, sets: int, front_to_back: bool
+) -> Lists:
     """The lists of final pairs: front to back by `keys`, or in tree order.
 
     Any-hit rays are fastest in tree order. A tile may start inside the boxes of many parts, which then all have the

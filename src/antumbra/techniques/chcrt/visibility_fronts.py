@@ -15,10 +15,11 @@ from time import perf_counter
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Answers, Pairs, Tiles
-from .tree_parts import TreeParts, in_lists
+from .tree_parts import Mark, TreeParts, in_lists
 
 # --- The query-pair hierarchy -----------------------------------------------------------------------------------------
 
@@ -66,19 +67,20 @@ class Fronts:
         if not self.options.keep:
             self._restart()
 
-    def pairs(self, chosen: np.ndarray) -> Pairs:
+    def pairs(self, chosen: NDArray[np.int64]) -> Pairs:
         """The pairs with these indices."""
         return Pairs(self.tile[chosen], self.set[chosen], self.row[chosen])
 
-    def of(self, state: int) -> np.ndarray:
+    def of(self, state: int) -> NDArray[np.int64]:
         """(k,) int64: the pairs in a state."""
         return np.flatnonzero(self.state == state)
 
-    def is_final(self, pairs: np.ndarray) -> np.ndarray:
+    def is_final(self, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(k,) bool: whether pairs are final, a smallest tile and a part. Final pairs are never split."""
-        return (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+        final: NDArray[np.bool_] = (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+        return final
 
-    def split(self, pairs: np.ndarray) -> np.ndarray:
+    def split(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
         """Split pairs that are not final. Return their children.
 
         A pair is split in object space if the node's share of the scene is larger than t_q times the tile's share of
@@ -95,7 +97,7 @@ class Fronts:
         self.state[pairs] = INNER
         return self._add(tile2[exists], row2[exists], np.repeat(pairs, exists.sum(1)))
 
-    def _add(self, tile, row, parent) -> np.ndarray:
+    def _add(self, tile: NDArray[np.int32], row: NDArray[np.int32], parent: NDArray[np.int64]) -> NDArray[np.int64]:
         first, n = len(self), len(tile)
         self.tile, self.row = np.append(self.tile, tile), np.append(self.row, row)
         self.set = np.append(self.set, self.set[parent])
@@ -105,7 +107,7 @@ class Fronts:
         self.key = np.append(self.key, np.ones(n, np.float32))
         return np.arange(first, first + n)
 
-    def show(self, pairs: np.ndarray) -> None:
+    def show(self, pairs: NDArray[np.int64]) -> None:
         """Make pairs visible, and distribute their first queries at random over the next frames (Sec. 5.1)."""
         self.state[pairs] = VISIBLE
         self.due[pairs] = self.frame + self._random.integers(1, self.options.every + 1, len(pairs))
@@ -148,11 +150,11 @@ class FrameRaySet(Protocol):
         """
         ...
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         """Trace the rays of final pairs, and update the limits that queries use; `keys`: see `Answers`."""
         ...
 
-    def marker(self) -> Callable | None:
+    def marker(self) -> Mark | None:
         """The function that marks hits, a `store.chunk_residency.Mark`; None: their triangles are not needed."""
         ...
 
@@ -178,7 +180,7 @@ class Statistics:
         self.seconds[phase] += now - self._last
         self._last = now
 
-    def as_dict(self, fronts: Fronts) -> dict:
+    def as_dict(self, fronts: Fronts) -> dict[str, float]:
         """The statistics as a dict, for reports and benchmarks."""
         visible = int(np.count_nonzero(fronts.state == VISIBLE))
         hidden = int(np.count_nonzero(fronts.state == INVISIBLE))
@@ -207,8 +209,8 @@ def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: Progress | None = N
 
 
 def _query(
-    fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics, again: bool = False
-) -> np.ndarray:
+    fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics, again: bool = False
+) -> NDArray[np.bool_]:
     """Query pairs. Return (k,) bool: whether each has more rays than the threshold."""
     answers = rays.answer(fronts.pairs(pairs), fronts.options.threshold, again)
     fronts.key[pairs] = answers.keys
@@ -217,7 +219,7 @@ def _query(
     return answers.counts > fronts.options.threshold
 
 
-def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics) -> np.ndarray:
+def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics) -> NDArray[np.int64]:
     """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
 
     The other parts follow front to back, each once for all its pairs. A pair is skipped if all its rays have hits
@@ -230,7 +232,7 @@ def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Sta
         return pairs
     parts = fronts.row[pairs] - fronts.parts.inner
 
-    def still(candidates: np.ndarray) -> np.ndarray:
+    def still(candidates: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether active rays still enter each of these parts. Called before the parts are read."""
         queried = pairs[np.isin(parts, candidates)]
         threshold = fronts.options.threshold
@@ -249,14 +251,14 @@ def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Sta
     return np.concatenate(traced)
 
 
-def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
+def _nearest_first(parts: NDArray[np.int32], keys: NDArray[np.float32]) -> NDArray[np.int32]:
     """The distinct parts, sorted by their smallest keys."""
     order = np.argsort(keys, kind="stable")
     _, first = np.unique(parts[order], return_index=True)
     return parts[order][np.sort(first)]
 
 
-def _traverse(fronts: Fronts, rays: FrameRaySet, visible: np.ndarray, statistics: Statistics) -> None:
+def _traverse(fronts: Fronts, rays: FrameRaySet, visible: NDArray[np.int64], statistics: Statistics) -> None:
     """Phase 3: split newly visible pairs down to final pairs, and trace the final pairs.
 
     In core, each batch has the nearest parts of each tile, and the parts behind them are queried again before they are
@@ -280,7 +282,7 @@ def _traverse(fronts: Fronts, rays: FrameRaySet, visible: np.ndarray, statistics
         pairs, batch = pairs[_query(fronts, rays, pairs, statistics)], min(2 * batch, fronts.options.batch)
 
 
-def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
+def _rank(fronts: Fronts, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
     """(k,) int64: the number of nearer pairs of the same tile and set."""
     number, order = in_lists(fronts.pairs(pairs), fronts.key[pairs], fronts.sets)
     ordered = number[order]
