@@ -72,7 +72,7 @@ def _orders(query, beam, bits, threads):
 
 def _asking(query, beam):
     """(h, w) bool: whether each receiver has a segment of the beam with a length, above the receiver's surface."""
-    above, some = segments(query)[1], slice(beam.first, beam.first + beam.count)
+    above, some = segments(query)[1], slice(beam.first, beam.first + beam.n_samples)
     asks = above[:, :, some].any(2)
     if beam.set >= 0:
         y, x = np.indices(asks.shape)

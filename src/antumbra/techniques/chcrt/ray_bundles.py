@@ -93,7 +93,7 @@ class SegmentBundles(NamedTuple):
     query: ShadowQuery
     bits: np.ndarray  # (h, w, words) uint64: blocked segments
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     sets: int  # 1, or one for each sample
 
 
@@ -206,7 +206,7 @@ def _is_blocked(bits, at, words, sample):
 @overload(bundles_in)
 def _segment_bundles_in(source):
     if source.instance_class is SegmentBundles:
-        return lambda source: 1 if source.sets > 1 else (source.count if source.count <= _MOST_BUNDLES else 0)
+        return lambda source: 1 if source.sets > 1 else (source.n_samples if source.n_samples <= _MOST_BUNDLES else 0)
 
 
 @overload(load_bundle)
@@ -272,9 +272,9 @@ def _shorten_segments(ticket, spans, tiles, columns, segments, picture, cells):
             region = region_in(span, k, columns)
             for g in range(16):
                 (y, x), n = first_receiver(picture, region, g), _F(0.0)
-                for first in range(segments.first, segments.first + segments.count, 16):
+                for first in range(segments.first, segments.first + segments.n_samples, 16):
                     _count_unblocked(query, picture, y, x, bits, words, first, unblocked)
-                    for s in range(min(16, segments.first + segments.count - first)):
+                    for s in range(min(16, segments.first + segments.n_samples - first)):
                         if segments.sets > 1:
                             _put_active_count(ptr_at(ptr(cells), (s * regions + region) * WORDS), g, get(unblocked, s))
                         n += get(unblocked, s)

@@ -13,6 +13,7 @@ receivers and samples, which makes a node's shaft equally narrow at both ends.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares
@@ -38,6 +39,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
+from ...query.shadow_query import ShadowQuery
 from ...trace.counters import N_COUNTERS, add_counters, cleared
 from .light_beams import (
     PARALLEL,
@@ -103,7 +105,13 @@ def _fill(ticket, query, order, starts, bits, arrays, lanes_of):
 
 
 def rays_of(
-    query, beam: Beam, order: Order, ways: int, bits: np.ndarray, threads: int, empty: Empty = np.empty
+    query: ShadowQuery,
+    beam: Beam,
+    order: Order,
+    ways: int,
+    bits: NDArray[np.uint64],
+    threads: int,
+    empty: Empty = np.empty,
 ) -> LeafRays:
     """Make the `LeafRays` of the receivers in an order; no leaf has receivers of two faces."""
     starts = np.append(0, np.cumsum(-(-np.diff(order.starts) // ways)))
@@ -116,7 +124,7 @@ def rays_of(
 
 
 def unfinished_rays(
-    query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty = np.empty
+    query: ShadowQuery, beam: Beam, rays: LeafRays, bits: NDArray[np.uint64], threads: int, empty: Empty = np.empty
 ) -> LeafRays:
     """Make the `LeafRays` of the unfinished receivers after a traversal [Olsson and Assarsson 2011, Sec. 3.4].
 
@@ -230,7 +238,11 @@ def _keep(query_bits, blocks, block, ids, o, active):
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, counts, tally):
     """Worker: write each block's receivers and its groups (`FoundBlocks`)."""
-    query_bits, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
+    query_bits, view, samples = (
+        query_bits_of(query, bits),
+        view_of(beam),
+        ConeSamples(beam.first, beam.n_samples, beam.set),
+    )
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
@@ -263,7 +275,14 @@ def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, counts
     add_counters(tally, thread_counters)
 
 
-def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None, empty: Empty = np.empty) -> LeafRays:
+def rays_by_blocks(
+    query: ShadowQuery,
+    beam: Beam,
+    bits: NDArray[np.uint64],
+    threads: int,
+    tally: NDArray[np.int64] | None = None,
+    empty: Empty = np.empty,
+) -> LeafRays:
     """Make the `LeafRays` of an image's active receivers, selected as in `order_of`."""
     h, w = query.sides.shape
     n = -(-h // 4) * -(-w // 4)
@@ -283,7 +302,9 @@ def rays_by_blocks(query, beam: Beam, bits: np.ndarray, threads: int, tally=None
 _BITS = 10  # per coordinate of the receivers' Morton codes
 
 
-def receivers_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+def receivers_of(
+    query: ShadowQuery, beam: Beam, rays: LeafRays, bits: NDArray[np.uint64], threads: int, empty: Empty
+) -> LeafRays:
     """Make the `LeafRays` of the unfinished receivers: each leaf has sixteen nearby receivers of one sample set."""
     w = query.sides.shape[1]
     unfinished = (rays.lanes & ~np.bitwise_and.reduce(rays.dead, 1))[:, None] >> np.arange(rays.ways) & 1
@@ -298,12 +319,12 @@ def receivers_of(query, beam: Beam, rays: LeafRays, bits: np.ndarray, threads: i
     return rays_of(query, beam, Order(ids[order], starts, some, False), 16, bits, threads, empty)
 
 
-def shafts_of(query, beam: Beam, rays: LeafRays) -> tuple[LeafRays, np.ndarray]:
+def shafts_of(query: ShadowQuery, beam: Beam, rays: LeafRays) -> tuple[LeafRays, NDArray[np.int64]]:
     """(leaves of one sample each, their indices in the flat `dead` of the rays from `receivers_of`)."""
     live = rays.lanes[:, None] & ~rays.dead  # leaf, sample
     leaf, sample = np.nonzero(live)
     sets = np.repeat(rays.faces, np.diff(rays.starts))
-    spread = query.samples[:, beam.first : beam.first + beam.count, :2]
+    spread = query.samples[:, beam.first : beam.first + beam.n_samples, :2]
     at = _rank(_morton(spread.reshape(-1, 2), 16)).reshape(spread.shape[:2])[sets[leaf], sample]
     points = rays.origins[: 48 * len(rays.blocks)].reshape(-1, 3, 16)[rays.blocks, :, _first_lane(rays.lanes)]
     size = float(np.ptp(points.astype(np.float64), axis=0).max()) if len(points) else 0.0
@@ -314,14 +335,15 @@ def shafts_of(query, beam: Beam, rays: LeafRays) -> tuple[LeafRays, np.ndarray]:
     leaf, sample = leaf[order].astype(np.int32), sample[order].astype(np.int32)
     dead = rays.dead[leaf, sample][:, None]
     shafts = rays._replace(
-        blocks=rays.blocks[leaf], lanes=rays.lanes[leaf] & ~dead[:, 0], dead=dead, count=1, samples=sample,
+        blocks=rays.blocks[leaf], lanes=rays.lanes[leaf] & ~dead[:, 0], dead=dead, n_samples=1, samples=sample,
         starts=np.array([0, len(leaf)]), faces=np.zeros(1, np.int64),
     )  # fmt: skip
-    return shafts, leaf.astype(np.int64) * rays.count + sample
+    return shafts, leaf.astype(np.int64) * rays.n_samples + sample
 
 
-def _first_lane(lanes: np.ndarray) -> np.ndarray:
-    return np.bitwise_count((lanes & -lanes) - 1) & 15
+def _first_lane(lanes: NDArray[np.int32]) -> NDArray[np.uint8]:
+    lane: NDArray[np.uint8] = np.bitwise_count((lanes & -lanes) - 1) & 15
+    return lane
 
 
 def _width(beam: Beam, size: float) -> float:
@@ -333,7 +355,7 @@ def _width(beam: Beam, size: float) -> float:
     return 2.0 * min(beam.radius / beam.unit, size)
 
 
-def _morton(points: np.ndarray, bits: int) -> np.ndarray:
+def _morton(points: NDArray[np.float32] | NDArray[np.float64], bits: int) -> NDArray[np.int64]:
     """(n,) int64: Morton codes of (n, d) points, with cubic cells and `bits` bits per coordinate."""
     points = points.astype(np.float64)
     low = points.min(0, initial=np.inf)
@@ -346,14 +368,16 @@ def _morton(points: np.ndarray, bits: int) -> np.ndarray:
     return code
 
 
-def _rank(codes: np.ndarray) -> np.ndarray:
+def _rank(codes: NDArray[np.int64]) -> NDArray[np.int64]:
     """The rank of each code."""
     rank = np.empty(len(codes), np.int64)
     rank[np.argsort(codes, kind="stable")] = np.arange(len(codes))
     return rank
 
 
-def _interleaved_keys(a: np.ndarray, b: np.ndarray, n: int, m: int, size: float, width: float) -> np.ndarray:
+def _interleaved_keys(
+    a: NDArray[np.int64], b: NDArray[np.int64], n: int, m: int, size: float, width: float
+) -> NDArray[np.int64]:
     """Sorting keys that interleave the bits of receivers a < n and samples b < m, highest first.
 
     Each bit is taken from the wider of the receivers, of extent `size`, and the light, of extent `width`. A bit halves

@@ -10,6 +10,7 @@ own beam.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.fields import U64Ptr
 from ...kernels.jit import inlined, kernel
@@ -34,6 +35,7 @@ from ...query.query_bounds import bounds
 from ...query.receivers import NOTHING
 from ...query.shadow_query import (
     QueryPointers,
+    ShadowQuery,
     horizon_of,
     is_above,
     patch_of,
@@ -44,7 +46,7 @@ from ...query.shadow_query import (
     three_at,
 )
 from ...scene.light_list import N_SETS
-from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
+from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, LightPatch, is_list, tangents
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 
 # --- Beams ------------------------------------------------------------------------------------------------------------
@@ -66,7 +68,7 @@ class Beam(NamedTuple):
 
     kind: int  # PERSPECTIVE, PARALLEL or AROUND
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     set: int  # the sample set of the beam's receivers; -1: all sets
     common: bool  # all these receivers have the same ends
     apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
@@ -80,14 +82,14 @@ class Beam(NamedTuple):
     scale: float  # largest absolute coordinate of the receivers; unused by PERSPECTIVE
 
 
-def fixed_points(query) -> np.ndarray:
+def fixed_points(query: ShadowQuery) -> NDArray[np.float32]:
     """(16, n, 3) float32: the ends of a light that does not move with the receiver, computed as in `sample_point`."""
     light, a = query.light, query.samples
-    ends = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
+    ends: NDArray[np.float64] = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
     return ends.astype(np.float32)
 
 
-def beams_of(query, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
+def beams_of(query: ShadowQuery, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
     """The beams of a ShadowQuery; ``each_sample``: one beam for each sample of a light that does not move.
 
     The lights of a list always have one beam each, because they may be far apart.
@@ -113,7 +115,9 @@ def beams_of(query, each_sample: bool = False, threads: int | None = None) -> li
     ]
 
 
-def _beam_of_ends(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
+def _beam_of_ends(
+    ends: NDArray[np.float32], first: int, count: int, which: int, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> Beam:
     """The beam of segments to these ends."""
     points = ends.reshape(-1, 3).astype(np.float64)
     if (points == points[0]).all():
@@ -124,7 +128,15 @@ def _beam_of_ends(ends: np.ndarray, first: int, count: int, which: int, low: np.
     return beam._replace(common=common)
 
 
-def _beam_of_ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
+def _beam_of_ball(
+    first: int,
+    count: int,
+    which: int,
+    centre: NDArray[np.float64],
+    radius: float,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> Beam:
     """The beam of segments from the box from `low` to `high`, (3,) float64 each, to a ball.
 
     Its apex is a float32 point, so that differences to it are rounded once.
@@ -133,11 +145,13 @@ def _beam_of_ball(first: int, count: int, which: int, centre: np.ndarray, radius
     radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
         np.abs(apex).max() + radius
     )
-    unit = _unit(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex))))
+    unit = _unit(float(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex)))))
     return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
-def _beam_without_apex(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
+def _beam_without_apex(
+    kind: int, n: int, axes: NDArray[np.float64], radius: float, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> Beam:
     """The beam without an apex for receivers in the box from `low` to `high`."""
     corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
     unit = _unit(np.abs(corners).max() * _BEAM_MARGIN)
@@ -148,7 +162,7 @@ def _beam_without_apex(kind: int, n: int, axes: np.ndarray, radius: float, low: 
     return Beam(kind, 0, n, -1, False, np.zeros(3), axes, unit, radius, corners.min(0), corners.max(0), scale)
 
 
-def _distant_disk(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
+def _distant_disk(light: LightPatch, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> Beam:
     """The beam of a distant disk. Because of rounding, directions vary even for a light without extent."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
@@ -159,7 +173,7 @@ def _distant_disk(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
     return _beam_without_apex(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
 
 
-def _distant_list(query, low: np.ndarray, high: np.ndarray) -> Beam:
+def _distant_list(query: ShadowQuery, low: NDArray[np.float64], high: NDArray[np.float64]) -> Beam:
     """The beam of a list of distant lights: of the cone around their mean direction, if it is narrow."""
     distance, towards = float(np.linalg.norm(query.light.u)), query.samples.reshape(-1, 3)
     middle = towards.mean(0)
@@ -192,9 +206,9 @@ class BeamView(NamedTuple):
     x: float  # the apex
     y: float
     z: float
-    u: tuple  # three axes of the beam's frame; unused by PERSPECTIVE
-    v: tuple
-    w: tuple
+    u: tuple[float, float, float]  # three axes of the beam's frame; unused by PERSPECTIVE
+    v: tuple[float, float, float]
+    w: tuple[float, float, float]
     radius: float  # as in `Beam`
     scale: float  # largest absolute coordinate of a receiver in the beam's frame; unused by PERSPECTIVE
     lowest: float  # lowest last coordinate of a receiver
@@ -268,7 +282,7 @@ class ConeSamples(NamedTuple):
     """The samples of a `Beam`."""
 
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     set: int  # sample set; -1: all sets
 
 
@@ -338,7 +352,7 @@ def _is_near(query_bits, view, i):
 def _is_active(query_bits, samples, i, counters):
     """Whether a sample of a beam lies above the receiver's own surface. Sets the bits of the samples below it."""
     patch, horizon, active = patch_of(query_bits.query, i), horizon_of(query_bits.query, i), False
-    for s in range(samples.first, samples.first + samples.count):
+    for s in range(samples.first, samples.first + samples.n_samples):
         l = sample_of(query_bits.query, patch, i, s)
         if is_above(horizon, l[0], l[1], l[2], query_bits.query.corners):
             active = True
@@ -351,11 +365,11 @@ def _is_active(query_bits, samples, i, counters):
 @kernel
 def _set_below_horizon(query_bits, samples, ids, lanes, counters):
     """Set the bits of all samples of a beam for some lanes."""
-    count(counters, BELOW_HORIZON, samples.count * popcount(lanes))
+    count(counters, BELOW_HORIZON, samples.n_samples * popcount(lanes))
     while lanes != 0:
         i = np.int64(get(ids, lowest_bit(lanes)))
         lanes &= lanes - 1
-        for s in range(samples.first, samples.first + samples.count):
+        for s in range(samples.first, samples.first + samples.n_samples):
             set_bit(query_bits.query, query_bits.bits, i, s)
 
 
@@ -396,7 +410,7 @@ def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
     _sides_of(query_bits, samples, ids, lanes, scratch)
     sides = load16(scratch, 0)
     valid, active = bits(sides != np.int32(NOTHING)), np.int64(0)
-    count(counters, RAYS, samples.count * popcount(valid))
+    count(counters, RAYS, samples.n_samples * popcount(valid))
     faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
     while valid != 0:  # one triangle at a time

@@ -12,9 +12,11 @@ only, and no triangle is traced twice.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from operator import itemgetter
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.lbvh import by_codes
 from ...kernels.parallel import new_ticket, run, thread_count
@@ -60,6 +62,9 @@ SHARE = 16
 _NONE = np.float32(0.0)
 
 
+Progress: TypeAlias = Callable[[int, int], None]
+
+
 class TraversalInputs(NamedTuple):
     """The inputs of a traversal, and its options."""
 
@@ -69,11 +74,11 @@ class TraversalInputs(NamedTuple):
     how: TraversalOptions
     threads: int
     counters: np.ndarray
-    progress: Callable | None
+    progress: Progress | None
 
 
 def traverse(
-    traced: TraversalInputs, tree: RayTree, rays: LeafRays, picks: np.ndarray, unit: np.float32 = _NONE
+    traced: TraversalInputs, tree: RayTree, rays: LeafRays, picks: NDArray[np.int32], unit: np.float32 = _NONE
 ) -> float:
     """Trace the picked triangles through a hierarchy, of shafts if `unit` is not 0; return the cost per triangle."""
     counts, soup, progress = np.zeros(N_COUNTERS, np.int64), traced.soup, traced.progress
@@ -87,7 +92,8 @@ def traverse(
         new_memory = lambda: (memory_for(len(tree.faces), traced.how),)
         run(trace_triangles, traced.threads, ticket, *nodes, own=new_memory, progress=progress)
     np.add(traced.counters, counts, out=traced.counters)
-    return (TEST * counts[TRIANGLE_TESTS] + NODE * counts[NODES] + BOX * counts[BOX_TESTS]) / max(len(picks), 1)
+    cost = TEST * counts[TRIANGLE_TESTS] + NODE * counts[NODES] + BOX * counts[BOX_TESTS]
+    return float(cost) / max(len(picks), 1)
 
 
 def _unit(tree: RayTree) -> np.float32:
@@ -106,8 +112,13 @@ def may_be_wide(traced: TraversalInputs, triangles: int) -> bool:
 
 
 def trace_wide(
-    traced: TraversalInputs, rays: LeafRays, tree: RayTree, picks: np.ndarray, bits: np.ndarray, empty: Empty
-) -> np.ndarray:
+    traced: TraversalInputs,
+    rays: LeafRays,
+    tree: RayTree,
+    picks: NDArray[np.int32],
+    bits: NDArray[np.uint64],
+    empty: Empty,
+) -> NDArray[np.int32]:
     """Trace a few triangles, or all triangles if shafts are cheaper; return the remaining triangles."""
     quiet, (few, picks) = traced._replace(progress=None), _split_runs(picks, 16, PROBE // 16)
     cost = traverse(quiet, tree, rays, few) + ROW
@@ -130,9 +141,9 @@ def trace_wide(
     return np.sort(others)
 
 
-def _in_morton_order(traced: TraversalInputs, picks: np.ndarray) -> np.ndarray:
+def _in_morton_order(traced: TraversalInputs, picks: NDArray[np.int32]) -> NDArray[np.int32]:
     """The picked triangles in Morton order."""
-    order = by_codes(traced.soup.corners, 10, traced.threads)[1]
+    order: NDArray[np.int32] = by_codes(traced.soup.corners, 10, traced.threads)[1]
     if len(picks) == len(order):
         return order
     picked = np.zeros(len(order), bool)
@@ -140,7 +151,7 @@ def _in_morton_order(traced: TraversalInputs, picks: np.ndarray) -> np.ndarray:
     return order[picked[order]]
 
 
-def _split_runs(picks: np.ndarray, run: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+def _split_runs(picks: NDArray[np.int32], run: int, n: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """(n evenly spread runs of `run` triangles, all others)."""
     runs = -(-len(picks) // run)
     few = np.zeros(runs, bool)
@@ -155,7 +166,15 @@ SEGMENTS = 1 << 22
 """Maximum number of segments with their own ends in memory at once."""
 
 
-def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: RayHierarchyOptions) -> None:
+def trace_shadow(
+    soup: Soup,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None,
+    counters: NDArray[np.int64] | None,
+    progress: Progress | None,
+    options: RayHierarchyOptions,
+) -> None:
     """Answer a ShadowQuery by the triangles of a soup: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -164,13 +183,15 @@ def trace_shadow(soup: Soup, query, bits, threads, counters, progress, options: 
     """
     threads = thread_count(threads)
     counters = new_counters() if counters is None else counters
-    for part, of_part in _parts(query, bits):
+    how = TraversalOptions(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
+    for part, part_bits in _parts(query, bits):
         for beam in beams_of(part, not options.shared, threads):
+            traced = TraversalInputs(soup, part, beam, how, threads, counters, progress)
             with borrowed() as empty:
-                _trace_beam(soup, part, beam, of_part, threads, counters, progress, options, empty)
+                _trace_beam(traced, part_bits, options, empty)
 
 
-def _parts(query, bits):
+def _parts(query: ShadowQuery, bits: NDArray[np.uint64]) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
     """Cut a query into parts whose segments fit in memory: bands of rows, or pieces of a single row."""
     (h, w), spp = query.sides.shape, query.samples.shape[1]
     most = max(SEGMENTS // spp, 1)
@@ -182,14 +203,13 @@ def _parts(query, bits):
     else:
         step = max(most // (4 * w), 1) * 4
         cuts = [(slice(i, i + step), slice(None)) for i in range(0, h, step)]
-    return [(with_receivers(query, lambda array, cut=cut: array[cut]), bits[cut]) for cut in cuts]
+    return [(with_receivers(query, itemgetter(cut)), bits[cut]) for cut in cuts]
 
 
-def _trace_beam(
-    soup, query, beam: Beam, bits, threads, counters, progress, options: RayHierarchyOptions, empty: Empty
-) -> None:
+def _trace_beam(traced: TraversalInputs, bits: NDArray[np.uint64], options: RayHierarchyOptions, empty: Empty) -> None:
     """Trace the segments of one beam."""
     # Boxes have a hierarchy per face. AROUND receivers keep screen order: adjacent pixels are close to each other.
+    soup, query, beam, threads, counters = traced.soup, traced.query, traced.beam, traced.threads, traced.counters
     coherent = beam.kind != AROUND
     sort = ((options.sorted or options.blocks) and coherent) or (options.nodes is None and beam.kind == PERSPECTIVE)
     if options.blocks and coherent and query.sides.shape[0] > 1:
@@ -200,14 +220,12 @@ def _trace_beam(
     if not len(rays.blocks):
         return
     kind = (beam.kind == PERSPECTIVE and options.nodes) or Boxes
-    how = TraversalOptions(options.spheres, options.early_accept, query.cull_faces, options.backface, PAIRS)
     passes = occluders_first(soup, beam, threads) if options.two_pass else [_picks(soup, threads, options)]
     tree = tree_of(kind, beam, rays, threads, empty)
     for k, picks in enumerate(passes):
         if k > 0 and finished_share(rays) >= FINISHED:
             rays = unfinished_rays(query, beam, rays, bits, threads, empty)
             tree = tree_of(kind, beam, rays, threads, empty)
-        traced = TraversalInputs(soup, query, beam, how, threads, counters, progress)
         if options.shafts and may_be_wide(traced, len(picks)):
             picks = trace_wide(traced, rays, tree, picks, bits, empty)
         if len(picks):
@@ -215,7 +233,7 @@ def _trace_beam(
         write_bits(rays, bits, threads)
 
 
-def _picks(soup: Soup, threads: int, options: RayHierarchyOptions) -> np.ndarray:
+def _picks(soup: Soup, threads: int, options: RayHierarchyOptions) -> NDArray[np.int32]:
     """All triangles, in traversal order."""
     if options.clustered and len(soup.corners):
         return by_codes(soup.corners, 10, threads)[1]

@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
@@ -38,7 +39,7 @@ from ...kernels.simd import (
 )
 from ...kernels.simd import bits as bits_of
 from ...kernels.vec import minus, rows
-from ...query.shadow_query import patch_of, sample_of
+from ...query.shadow_query import ShadowQuery, patch_of, sample_of
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import decide, length1, seen_from
@@ -49,14 +50,14 @@ from .light_beams import Beam, query_bits_of
 KEPT = 64 << 20
 """Maximum number of bytes retained for later calls."""
 
-_spare: list[np.ndarray] = []  # most recently used first
+_spare: list[NDArray[np.uint8]] = []  # most recently used first
 _lock = threading.Lock()
 
 Empty = Callable[[int, Any], np.ndarray]
 """Function of a number of elements and their dtype, such as ``numpy.empty``."""
 
 
-def _spare_buffer(size: int) -> np.ndarray:
+def _spare_buffer(size: int) -> NDArray[np.uint8]:
     """A buffer of at least this many bytes: the smallest spare one that fits and is at most twice as large, or new."""
     with _lock:
         fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
@@ -65,7 +66,7 @@ def _spare_buffer(size: int) -> np.ndarray:
     return np.empty(size, np.uint8)
 
 
-def _return_buffers(buffers: list[np.ndarray]) -> None:
+def _return_buffers(buffers: list[NDArray[np.uint8]]) -> None:
     with _lock:
         total = 0
         for i, buffer in enumerate(all_ := buffers + _spare):
@@ -79,7 +80,7 @@ def _return_buffers(buffers: list[np.ndarray]) -> None:
 @contextmanager
 def borrowed() -> Iterator[Empty]:
     """Yield a function like ``numpy.empty``; its arrays must not be used after the ``with`` block."""
-    buffers: list[np.ndarray] = []
+    buffers: list[NDArray[np.uint8]] = []
 
     def empty(n: int, dtype: Any) -> np.ndarray:
         size = n * np.dtype(dtype).itemsize
@@ -109,13 +110,13 @@ class LeafRays(NamedTuple):
     origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
     ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none
     own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
-    ends: np.ndarray  # (3 count ways [blocks] + PAD,) float32: [block,] sample, axis, lane
+    ends: np.ndarray  # (3 n_samples ways [blocks] + PAD,) float32: [block,] sample, axis, lane
     end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
     lanes: np.ndarray  # (leaves,) int32: bits of the block's lanes that the leaf owns
-    dead: np.ndarray  # (leaves, count) int32: bits of the lanes whose segment is dead
+    dead: np.ndarray  # (leaves, n_samples) int32: bits of the lanes whose segment is dead
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     starts: np.ndarray  # (k + 1,) int64: the first leaf of each face, and the end
     faces: np.ndarray  # (k,) int64: the faces
     placed: bool  # leaves keep their places even if all their segments are dead
@@ -154,7 +155,7 @@ class Leaves(NamedTuple):
     lanes: I32Ptr
     dead: I32Ptr
     first: int
-    count: int
+    n_samples: int
     samples: I32Ptr
 
 
@@ -163,7 +164,7 @@ def leaves_of(rays):
     """The `Leaves` of `LeafRays`."""
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
-        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count, ptr(rays.samples),
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.n_samples, ptr(rays.samples),
     )  # fmt: skip
 
 
@@ -211,7 +212,7 @@ def _fill_ends(ticket, query, bits, rays):
 def _fill_lane(query_bits, i, leaves, block, lane):
     """Write the ends of the segments of receiver i to a lane."""
     patch, ends = patch_of(query_bits.query, i), ptr_at(leaves.ends, block * leaves.end_step)
-    for s in range(leaves.count):
+    for s in range(leaves.n_samples):
         l = sample_of(query_bits.query, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
@@ -232,16 +233,16 @@ def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
     others = ~lanes & (np.int64(1) << leaves.ways) - 1
-    if leaves.count == 1:  # all receivers of a leaf are active, so their only sample is live
+    if leaves.n_samples == 1:  # all receivers of a leaf are active, so their only sample is live
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
     there = ids * np.int32(2 * query_bits.query.words)
-    for n in range(leaves.count):
+    for n in range(leaves.n_samples):
         s = leaves.first + n
         word = gather(as_i32(query_bits.bits), there + np.int32(s >> 5))
         known = bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) & lanes
-        put(leaves.dead, leaf * leaves.count + n, known | others)
+        put(leaves.dead, leaf * leaves.n_samples + n, known | others)
 
 
 @kernel
@@ -267,9 +268,11 @@ def block_pointers(blocks):
     return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
 
 
-def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+def rays_in(
+    query: ShadowQuery, beam: Beam, blocks: Blocks, cut: LeafCut, bits: NDArray[np.uint64], threads: int, empty: Empty
+) -> LeafRays:
     """Make the `LeafRays` of the receivers in blocks; `cut` assigns their lanes to leaves."""
-    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
+    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.n_samples
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
     ends[-PAD:] = 0
@@ -288,7 +291,7 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, t
 
 def finished_share(rays: LeafRays) -> float:
     """The share of dead segments."""
-    segments = int(np.bitwise_count(rays.lanes).sum()) * rays.count
+    segments = int(np.bitwise_count(rays.lanes).sum()) * rays.n_samples
     return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(segments, 1)
 
 
@@ -297,8 +300,8 @@ def _write_bits(ticket, rays, bits):
     """Worker: set the bits of the blocked segments."""
     leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
     for leaf in items(ticket):
-        for s in range(leaves.count):
-            blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
+        for s in range(leaves.n_samples):
+            blocked = np.int64(get(leaves.dead, leaf * leaves.n_samples + s)) & np.int64(get(leaves.lanes, leaf))
             block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
             while blocked != 0:
                 i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
@@ -307,7 +310,7 @@ def _write_bits(ticket, rays, bits):
                 put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
 
 
-def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:
+def write_bits(rays: LeafRays, bits: NDArray[np.uint64], threads: int) -> None:
     """Set the bits of blocked segments in (h, w, words) uint64."""
     run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
 
@@ -336,7 +339,7 @@ def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counter
 def _span(leaves, ends, origins):
     """Upper bound of the 1-norm of each lane's segments."""
     span = length1(minus(rows(ends, 0, leaves.ways), origins))
-    for s in range(1, leaves.count):
+    for s in range(1, leaves.n_samples):
         span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
     return span
 
@@ -349,14 +352,14 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     prim : the triangle's id; it does not block receivers that lie on it
     """
     ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
-    marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)
-    while first < leaves.count and np.int64(get(marks, first)) == all_lanes:
+    marks, first = ptr_at(leaves.dead, leaf * leaves.n_samples), np.int64(0)
+    while first < leaves.n_samples and np.int64(get(marks, first)) == all_lanes:
         first += 1
-    if first == leaves.count:
+    if first == leaves.n_samples:
         return True
     origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
     lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
-    for s in range(first, leaves.count):
+    for s in range(first, leaves.n_samples):
         live = all_lanes & ~np.int64(get(marks, s))
         if live == 0:
             continue
@@ -369,7 +372,7 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
             if unsure != 0:
                 hit |= _exactly_blocked(leaves, block, points, corners, slot, facing, unsure, counters)
             if hit != 0:
-                atomic_or(leaves.dead, leaf * leaves.count + s, hit)
+                atomic_or(leaves.dead, leaf * leaves.n_samples + s, hit)
                 live &= ~hit
         finished = finished and live == 0
     return finished

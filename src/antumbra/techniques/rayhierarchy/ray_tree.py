@@ -16,7 +16,7 @@ import numpy as np
 from ...kernels.jit import inlined, kernel, overloaded
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr, ptr_at, put
-from .light_beams import view_of
+from .light_beams import Beam, view_of
 from .ray_leaves import PAD, Empty, LeafRays, leaves_of
 
 # --- Interface of node classes ----------------------------------------------------------------------------------------
@@ -134,7 +134,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
         put(tree.alive, start + g, alive)
 
 
-def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
+def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
     """Build the `RayTree` over a beam's rays; ``kind``: `Boxes`, `ShaftNodes` or `Cones`."""
     nodes, ways, k = kind(), rays.ways, len(rays.faces)
     step = nodes.rows * ways
@@ -152,19 +152,8 @@ def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.emp
                 break
     numbers = empty(total * step + PAD, np.float32)
     numbers[:] = 0
-    tree = RayTree(
-        ways,
-        shift,
-        nodes,
-        step,
-        numbers,
-        np.zeros(total + PAD, np.int32),
-        heights,
-        sizes,
-        groups,
-        rays.starts,
-        rays.faces,
-    )
+    alive = np.zeros(total + PAD, np.int32)
+    tree = RayTree(ways, shift, nodes, step, numbers, alive, heights, sizes, groups, rays.starts, rays.faces)
     for part in range(k):
         for level in range(int(heights[part])):
             ticket = new_ticket(-(-int(sizes[part, level]) // ways), 64)

@@ -11,6 +11,7 @@ Screen order. The order of a mip-map, with four pixels per node and four nodes p
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.radix_sort import radix_sort
 from ...kernels.jit import inlined, kernel
@@ -35,6 +36,7 @@ from ...kernels.simd import (
     to_i32,
 )
 from ...kernels.simd import bits as bits_of
+from ...query.shadow_query import ShadowQuery
 from ...trace.counters import N_COUNTERS, add_counters, cleared
 from .light_beams import (
     FACES,
@@ -153,7 +155,11 @@ def places_on(view, scale, d):
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
-    query_bits, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
+    query_bits, view, samples = (
+        query_bits_of(query, bits),
+        view_of(beam),
+        ConeSamples(beam.first, beam.n_samples, beam.set),
+    )
     ids, last, out, thread_counters = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
     for first, end in shares(ticket):
@@ -207,7 +213,7 @@ def _to_keys(cells):
         store(p, i, keys_of(load16(p, i)))
 
 
-def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
+def sort_cells(cells: NDArray[np.int32], ids: NDArray[np.int32], threads: int) -> Order:
     """Sort ids by the keys of their cells into an `Order`. Both arrays are overwritten; `cells` is padded by PAD."""
     _to_keys(cells[: -(-len(ids) // 16) * 16])
     packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
@@ -216,7 +222,14 @@ def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
     return Order(ids, np.append(starts[faces], len(ids)), faces, False)
 
 
-def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
+def order_of(
+    query: ShadowQuery,
+    beam: Beam,
+    bits: NDArray[np.uint64],
+    sort: bool,
+    threads: int,
+    tally: NDArray[np.int64] | None = None,
+) -> Order:
     """The `Order` of a beam's active receivers.
 
     bits : answer bits; the bits of samples below the receiver's own surface are set
@@ -239,7 +252,7 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
     return sort_cells(packed, ids, threads) if sort and len(ids) else _without_faces(ids, False)
 
 
-def _without_faces(ids: np.ndarray, placed: bool) -> Order:
+def _without_faces(ids: NDArray[np.int32], placed: bool) -> Order:
     return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), placed)
 
 

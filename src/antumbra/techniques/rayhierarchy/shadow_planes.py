@@ -18,7 +18,7 @@ from the apex, p the unit vector to its nearest point and r the ball's radius.
 Rows. The numbers of a triangle are 16 apart, so that 16 triangles can be written at once and each one read separately.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -91,14 +91,18 @@ class ShadowPlane(NamedTuple):
     m: float
 
 
+Point: TypeAlias = tuple[float, float, float]
+Planes: TypeAlias = tuple[ShadowPlane, ShadowPlane, ShadowPlane, ShadowPlane]
+
+
 class Shape(NamedTuple):
     """A triangle in the frame of a beam, with its shadow planes."""
 
-    a: tuple  # corners in the beam's frame, float64
-    b: tuple
-    c: tuple
-    outer: tuple  # four planes: of the edges ab, bc, ca and of the triangle
-    inner: tuple  # four planes, in the same order
+    a: Point  # corners in the beam's frame, float64
+    b: Point
+    c: Point
+    outer: Planes  # four planes: of the edges ab, bc, ca and of the triangle
+    inner: Planes  # four planes, in the same order
     covers: bool  # whether all inner planes are known
     facing: int  # 1 or -1: sign of d . n of the segments that hit it; 0: unknown
 

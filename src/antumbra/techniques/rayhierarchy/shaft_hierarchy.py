@@ -92,7 +92,7 @@ def _shaft_of_leaf(leaves, leaf, group, lane):
     _put_range(group, 4, ways, lane, there, o.z)
     for k in range(3):
         low, high = _F(np.inf), _F(-np.inf)
-        for s in range(leaves.count):
+        for s in range(leaves.n_samples):
             x = load16(ends, (3 * s + k) * ways)
             low = min(low, reduce_min(select(there, x, _F(np.inf))))
             high = max(high, reduce_max(select(there, x, _F(-np.inf))))

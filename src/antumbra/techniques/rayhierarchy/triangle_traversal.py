@@ -13,6 +13,7 @@ triangle hides.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.fields import F32Ptr, I32Ptr
 from ...kernels.jit import inlined, kernel
@@ -87,7 +88,9 @@ def _write_scores(ticket, soup, beam, rule, scores):
         put(ptr(scores), i, score)
 
 
-def occluders_first(soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGLE) -> tuple[np.ndarray, np.ndarray]:
+def occluders_first(
+    soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGLE
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """(good occluders, all others): int32 indices into the soup."""
     n = len(soup.corners)
     scores, k = np.empty(n), int(n * SHARE)
@@ -169,7 +172,7 @@ def _kill_below(tree, part, level, node, leaves):
             put(tree.alive, start + g, 0)
     all_lanes = (np.int64(1) << tree.ways) - 1
     first = get(tree.leaves, part)
-    for i in range((first + low) * leaves.count, (first + high) * leaves.count):
+    for i in range((first + low) * leaves.n_samples, (first + high) * leaves.n_samples):
         put(leaves.dead, i, all_lanes)
 
 
