@@ -266,5 +266,5 @@ def _trace(ticket, arrays, picture, rays, cells):
 def trace_nearest(
     forest: TreeList, picture: PictureCells, rays: PassRays, cells: NDArray[np.float32], threads: int
 ) -> None:
-    """Trace the rays of a picture through the lists of its tiles, and update their hits and cells."""
+    """Trace the rays of an image through the lists of its tiles, and update their hits and cells."""
     run(_trace, threads, new_ticket(len(cells), 8), forest, picture, rays, cells)

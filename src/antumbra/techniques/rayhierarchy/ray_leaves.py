@@ -1,4 +1,4 @@
-"""Leaves of a ray hierarchy: the rays of a beam, side by side for SIMD, and their tests against a triangle.
+"""Leaves of a ray hierarchy: the rays of a beam in SIMD lanes, and their tests against a triangle.
 
 Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the
 other lanes belong to other leaves or are empty. The segment ends are either shared by all receivers, or stored in the
@@ -124,7 +124,7 @@ class LeafRays(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Receivers, `ways` side by side, as in `LeafRays`."""
+    """Receivers in blocks of `ways` lanes, as in `LeafRays`."""
 
     ways: int
     origins: np.ndarray  # (3 blocks ways + PAD,) float32

@@ -325,9 +325,7 @@ def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counter
     tree, leaves = tree_pointers(arrays), leaves_of(rays)
     soup, picked = Soup(ptr(triangles.corners), ptr(triangles.ids)), ptr(picks)
     thread_counters, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
-    clusters = Clusters(
-        stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH)
-    )  # fmt: skip
+    clusters = Clusters(stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH))
     for first, last in shares(ticket):
         _write_clusters(soup, picked, first, last, clusters)
         _descend(tree, leaves, soup, clusters, facing, unit, waiting, thread_counters)

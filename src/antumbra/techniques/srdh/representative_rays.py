@@ -208,7 +208,7 @@ class RepresentativeRaySelector:
         queries = [_sparse_query(query, self.asked) for query in queries]
         if self.asked.bounce:
             if bounce is None:
-                raise InputError("srdh_rays asks for a bounce; only the rays of pictures can have one")
+                raise InputError("srdh_rays requests bounced rays, which only images have")
             queries += bounce(solid_tree(lbvh.build, triangles, self.threads) if bvh is None else bvh)
         rays = RepresentativeRays(segments_of(queries), bvh)
         if not self.asked.last_frame:
