@@ -322,10 +322,8 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
         if how.backface:
             lanes &= ~bits(known & (facing == _F(how.facing)))
     n, ab, bc, ca = times(n, sign), times(cross(a, e), sign), times(cross(b, f), sign), times(cross(c, g), sign)
-    outer_offset, inner_offset = (
-        (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign),
-        (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0),
-    )
+    outer_offset = (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign)
+    inner_offset = (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0)
     none, wide = splat16(_F(0.0)), reach * _MARGIN
     slants = _far(a), _far(b), _far(c)
     for part in range(parts):

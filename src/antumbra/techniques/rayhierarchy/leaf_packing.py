@@ -238,18 +238,13 @@ def _keep(query_bits, blocks, block, ids, o, active):
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, counts, tally):
     """Worker: write each block's receivers and its groups (`FoundBlocks`)."""
-    query_bits, view, samples = (
-        query_bits_of(query, bits),
-        view_of(beam),
-        ConeSamples(beam.first, beam.n_samples, beam.set),
-    )
+    query_bits, view = query_bits_of(query, bits), view_of(beam)
+    samples = ConeSamples(beam.first, beam.n_samples, beam.set)
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
-    out, thread_counters = (
-        FoundBlocks(ptr(block_groups.cells), ptr(block_groups.lanes), ptr(block_groups.blocks)),
-        cleared(stack_i64(N_COUNTERS)),
-    )
+    out = FoundBlocks(ptr(block_groups.cells), ptr(block_groups.lanes), ptr(block_groups.blocks))
+    thread_counters = cleared(stack_i64(N_COUNTERS))
     for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
         store(centres, k, splat16(_HALF))
     put(last, 0, -1)

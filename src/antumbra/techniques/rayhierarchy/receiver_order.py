@@ -155,11 +155,8 @@ def places_on(view, scale, d):
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
-    query_bits, view, samples = (
-        query_bits_of(query, bits),
-        view_of(beam),
-        ConeSamples(beam.first, beam.n_samples, beam.set),
-    )
+    query_bits, view = query_bits_of(query, bits), view_of(beam)
+    samples = ConeSamples(beam.first, beam.n_samples, beam.set)
     ids, last, out, thread_counters = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
     for first, end in shares(ticket):
