@@ -288,10 +288,8 @@ def _box_of(
             if whole_scene and targets.relative:
                 continue
             ends = targets.boxes[0] + ([tiles_lower, tiles_upper] if targets.relative else 0.0)
-            low, high = (
-                np.minimum(low, np.minimum(tiles_lower, ends[0])),
-                np.maximum(high, np.maximum(tiles_upper, ends[1])),
-            )
+            low = np.minimum(low, np.minimum(tiles_lower, ends[0]))
+            high = np.maximum(high, np.maximum(tiles_upper, ends[1]))
     lower, upper = bounds(corners.reshape(-1, 3), threads)
     if whole_scene:
         return np.minimum(low, lower), np.maximum(high, upper)
