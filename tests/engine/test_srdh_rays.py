@@ -195,7 +195,7 @@ def test_rays_after_a_bounce_are_shown_too(scene, camera, plain, given):
 
 def test_a_bounce_of_points_is_refused(scene):
     points = np.random.default_rng(0).uniform(*scene.bounds, (50, 3))
-    with pytest.raises(at.InputError, match="srdh_rays asks for a bounce; only the rays of pictures"):
+    with pytest.raises(at.InputError, match="srdh_rays requests bounced rays, which only images have"):
         at.visibility(scene, points, scene.lights[0], plan=sampled("srdh+single", at.SrdhRays(bounce=True)))
 
 
