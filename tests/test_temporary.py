@@ -18,9 +18,9 @@ fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
 LIVING = """
 import sys
-from antumbra.files import replacing
+from antumbra.files import atomic_output
 
-with replacing(sys.argv[1]) as temporary:
+with atomic_output(sys.argv[1]) as temporary:
     temporary.write_bytes(b"half")
     print("ready", flush=True)
     sys.stdin.readline()
@@ -224,7 +224,7 @@ from pathlib import Path
 os.kill(os.getpid(), signal.SIGKILL)
 """
 MAKERS = {
-    "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
+    "a context": "from antumbra import files\nmade = files.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
     "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._own",
 }

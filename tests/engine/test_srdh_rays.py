@@ -48,8 +48,8 @@ def given(monkeypatch):
 
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
     for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
+    for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
-    monkeypatch.setattr(engine, "warm_up", lambda *arguments: None)
     return builds
 
 

@@ -42,7 +42,7 @@ EDITS = {
     "comment": ("sample/parts.py", "# one", "# one more", {}),
     "docstring": ("sample/parts.py", '"""One more."""', '"""One more than before."""', {}),
     "comment of an intrinsic": (LANES, "# --- make ----", "# --- made ----", {}),
-    "docstring of a module of intrinsics": (OPERATORS, "The vector types", "All vector types", {}),
+    "docstring of a module of intrinsics": (OPERATORS, "The vector types, the", "All vector types, the", {}),
     "line numbers": ("sample/parts.py", "SCALE = 3\n", "SCALE = 3\n\n\n", {}),
 }  # fmt: skip
 
