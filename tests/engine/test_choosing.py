@@ -130,7 +130,7 @@ def test_few_rays_count_towards_a_better_tree(monkeypatch):
 
 
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
-    monkeypatch.setattr(rates, "machine_file", lambda: tmp_path / "kernels" / "rates.json")
+    monkeypatch.setattr(rates, "machine_rates_file", lambda: tmp_path / "kernels" / "rates.json")
     monkeypatch.setattr(calibration, "_TRIANGLES", 2000)
     monkeypatch.setattr(calibration, "_SIZE", (16, 16))
     rates.machine_rates.cache_clear()

@@ -171,7 +171,7 @@ def _added_methods(plan: Plan) -> list[dict[str, Any]]:
     """The methods that a plan adds to the default one, as plan fields, grouped as their kernels are recorded."""
     fields = "cull", "build", "optimise", "update"
     added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
-    parts = [{field: method} for field, method in added.items()]
+    parts: list[dict[str, Any]] = [{field: method} for field, method in added.items()]
     if plan.cull and plan.update:
         parts.append({"cull": "grid32", "update": plan.update})
     return parts

@@ -1,8 +1,8 @@
 """Compile kernels on all cores before anything is timed, and report it.
 
-A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.toolchain.kernel_manifest` records which kernels a job
-calls. Several processes compile those that are missing on disk. Then the job runs on a small scene, which compiles any
-unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
+A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.toolchain.kernel_manifest` records
+which kernels a job calls. Several processes compile those that are missing on disk. Then the job runs on a small scene,
+which compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
 
 Each module defines its own jobs; `jobs.job_kernels` lists all of them.
 """
