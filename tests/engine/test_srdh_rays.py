@@ -47,7 +47,6 @@ def given(monkeypatch):
         return real.build(vertices, threads, rays=rays, **options)
 
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
-    for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
     for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
     return builds
