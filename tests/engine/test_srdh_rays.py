@@ -49,6 +49,7 @@ def given(monkeypatch):
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
     for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
+    monkeypatch.setattr(engine, "precompile_plan", lambda *arguments: None)
     return builds
 
 
