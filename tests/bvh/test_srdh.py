@@ -13,8 +13,8 @@ from antumbra.bvh.tree_quality import statistics, validate
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.errors import InputError
 from antumbra.techniques.srdh import srdh_builder as srdh
-from antumbra.techniques.srdh.ray_split import Intersections
 from antumbra.techniques.srdh.srdh_builder import KERNELS
+from antumbra.trace.rays.ray_hits import Intersections
 from antumbra.trace.rays.ray_traversal import BUILT, RANDOM, SRDH
 from antumbra.trace.rays.single_rays import leaf_depths
 from bvh_scenes import HAZARDS, nested_clusters, scattered, terrain

@@ -36,11 +36,11 @@ def done(monkeypatch):
     """The jobs whose kernels `antumbra warmup` prepares. None is compiled."""
     names: list[str] = []
 
-    def make_ready_all(jobs):
-        names.extend(job.name for job in all_jobs)
+    def precompile_all(jobs):
+        names.extend(job.name for job in jobs)
         return 3
 
-    monkeypatch.setattr(ready, "make_ready_all", make_ready_all)
+    monkeypatch.setattr(ready, "precompile_all", precompile_all)
     return names
 
 

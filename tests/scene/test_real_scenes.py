@@ -14,8 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 from antumbra.engine.scene_loading import load
+from formats.test_animation import hermite, linear, step
 from gltf_files import assert_at, moved, trs, world
-from scene.test_animation import hermite, linear, step
 from scenes import scene_folder, scene_path
 
 WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}

@@ -8,7 +8,7 @@ from pathlib import Path
 _SCRIPT = """
 import os, signal, sys
 from antumbra.cli import main
-from antumbra.image import save
+from antumbra.picture import image_files as save
 
 write, seen = save.{writer}, 0
 
@@ -31,7 +31,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess:
 
 
 def run_killed(folder: Path, writer: str, *arguments: str) -> None:
-    """As `run`, but killed when `writer`, a function of `picture.image_files`, has written its second temporary file."""
+    """As `run`, but killed when `writer` of `picture.image_files` has written its second temporary file."""
     assert _python(folder, "-c", _SCRIPT.format(writer=writer), *arguments).returncode == -signal.SIGKILL
 
 

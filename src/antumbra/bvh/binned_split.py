@@ -59,7 +59,7 @@ def must_halve(n, depth):
     return (n >> (MAX_DEPTH - 1 - depth)) > 0
 
 
-@overloaded("bins", "sweep")
+@overloaded("binned_split", "sweep_sah")
 def source_of(method, depth, scratch):
     """In kernels: pointers to the records of ranges at this depth. The field `records` has them in some order.
 
@@ -67,12 +67,12 @@ def source_of(method, depth, scratch):
     """
 
 
-@overloaded("bins", "sweep")
+@overloaded("binned_split", "sweep_sah")
 def find_split(source, first, last, centroids, depth, scale):
     """In kernels: the `Split` of the records from `first` to `last` - 1, whose centroid box is `centroids`."""
 
 
-@overloaded("bins", "sweep")
+@overloaded("binned_split", "sweep_sah")
 def divide(source, first, last, centroids, split):
     """In kernels: move the left records of a range before its right ones, and return the first right record."""
 

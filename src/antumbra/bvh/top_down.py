@@ -227,7 +227,7 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
     return next_node
 
 
-@overloaded("srdh")
+@overloaded("top_down")
 def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
     """In kernels: build the tree over range s of the ranges that one thread builds, and return its number of nodes.
 

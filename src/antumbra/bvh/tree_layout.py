@@ -49,7 +49,7 @@ class TreeFrontier(NamedTuple):
 @kernel
 def _cut_tree(bvh, sizes, largest, cut):
     """Fill `cut`, and return (number of nodes of the top, number of parts)."""
-    nodes, lines, links = ptr(bvh.nodes), ptr(cut_tree.top), cut_tree.top.view(np.int32)
+    nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
     waiting = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
     waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
     height, n_top, n_parts = 1, 0, 0
@@ -60,10 +60,10 @@ def _cut_tree(bvh, sizes, largest, cut):
         if place >= 0:
             links[place >> 1, LINK + (place & 1)] = n_top if large else bvh_link(n_parts, 1)
         if not large:
-            cut_tree.parts[n_parts, 0], cut_tree.parts[n_parts, 1], cut_tree.parts[n_parts, 2] = node, end, depth
+            cut.parts[n_parts, 0], cut.parts[n_parts, 1], cut.parts[n_parts, 2] = node, end, depth
             n_parts += 1
             continue
-        cut_tree.numbers[n_top] = node
+        cut.numbers[n_top] = node
         store(lines, line_at(n_top), load16(nodes, line_at(node)))
         right = np.int64(bvh.links[node, LINK + 1])
         for side in (1, 0):
@@ -85,14 +85,14 @@ def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
     n = len(bvh.nodes)
     room = min(n, MAX_DEPTH * (n // PART))  # for the top: the large subtrees of one depth have at most n nodes together
     top = aligned_empty((room, 16), "f4")
-    cut_tree = TreeFrontier(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
-    n_top, n_parts = _cut_tree(bvh, sizes, PART, cut_tree)
-    return TreeFrontier(cut_tree.numbers[:n_top], top[:n_top], cut_tree.parts[:n_parts])
+    frontier = TreeFrontier(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
+    n_top, n_parts = _cut_tree(bvh, sizes, PART, frontier)
+    return TreeFrontier(frontier.numbers[:n_top], top[:n_top], frontier.parts[:n_parts])
 
 
 def children_of_top(cut: TreeFrontier) -> np.ndarray:
     """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
-    links = cut_tree.top.view(np.int32)[:, CHILDREN].astype(np.int64)
+    links = cut.top.view(np.int32)[:, CHILDREN].astype(np.int64)
     return np.where(links >= 0, links, ~bvh_leaf(links).first)
 
 

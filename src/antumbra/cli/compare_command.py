@@ -1,4 +1,4 @@
-"""``antumbra compare``: measures plans on the same picture, and reports them as text, JSON, heat maps and an HTML page."""
+"""``antumbra compare``: measures plans on one picture; reports text, JSON, heat maps and an HTML page."""
 
 import shlex
 from collections.abc import Iterator

@@ -71,8 +71,9 @@ def writes_folder() -> Callable:
 
 def pictures() -> list[str]:
     """Suffixes of pictures."""
+    from ..picture.image_files import IMAGE_SUFFIXES
 
-    return list(FILM_SUFFIXES)
+    return list(IMAGE_SUFFIXES)
 
 
 def films() -> list[str]:

@@ -538,7 +538,7 @@ def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
 # Processes start by module name. Unlike fork or spawn, this does not disturb this process's threads or main module.
 
 
-_PACKAGE = Path(__file__).parents[3]
+_PACKAGE = Path(__file__).parents[2]
 
 
 def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[PaletteMesh]:

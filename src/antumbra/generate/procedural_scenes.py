@@ -113,8 +113,8 @@ def _plain(value):
 
 
 __all__ = [
-    "MIN_TRIANGLES",
     "MAX_TRIANGLES",
+    "MIN_TRIANGLES",
     "PALETTE",
     "PROCEDURAL",
     "ProceduralScene",

@@ -22,5 +22,7 @@ def _late(module: str, name: str):
 
 
 jit.above = jit.Above(
-    _late("loading", "find"), _late("compiling", "type_of_function"), _late("compiling", "type_of_global")
+    _late("toolchain.kernel_cache", "find"),
+    _late("toolchain.compiling", "type_of_function"),
+    _late("toolchain.compiling", "type_of_global"),
 )

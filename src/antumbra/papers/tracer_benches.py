@@ -22,6 +22,7 @@ from .benchmark_views import open_view
 
 if TYPE_CHECKING:
     from .multi_frusta.frusta_measurements import Case, SoftShadowQuality
+    from .ray_hierarchy.ray_hierarchy_measurements import RelativeCost
 
 
 @benchmark(size="160x160", rounds=1)
@@ -360,7 +361,7 @@ def _ms_beside(cost: "Cost", theirs: float) -> str:
     return f"{took} ({theirs:.1f})"
 
 
-def _print_figure7(rows: "list[Beside]") -> None:
+def _print_figure7(rows: "list[RelativeCost]") -> None:
     """Print Figure 7 as a table: early accept and two passes."""
     from .ray_hierarchy.ray_hierarchy_measurements import BEST
 
@@ -533,7 +534,7 @@ def _print_rates(rows: list[dict]) -> None:
     report.print_table(head, table, right=(0, 2, 3, 4, 5), width=_PEERS_WIDTH)
 
 
-def _print_builds(builds: "list[Built]") -> None:
+def _print_builds(builds: "list[PeerBuild]") -> None:
     scenes, methods = (list(dict.fromkeys(getattr(b, name) for b in builds)) for name in ("scene", "method"))
     seconds = {(b.scene, b.method): b.seconds for b in builds}
     table = [(scene, *(f"{1e3 * seconds[scene, method]:.0f}" for method in methods)) for scene in scenes]

@@ -70,9 +70,7 @@ class Frame(NamedTuple):
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
     refined: np.ndarray | None = None  # (H, W) bool: refined pixels in penumbrae and at edges; None unless requested
     indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
-    scheduled: list[dict] | None = (
-        None  # CHC+RT only: cost of each query, see `techniques.chcrt.visibility_fronts.Statistics`
-    )
+    scheduled: list[dict] | None = None  # CHC+RT only: the statistics of each query, as from `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
     choices: list[StrategyChoice] | None = None  # the plan "auto" only: how each query was answered, and why

@@ -107,7 +107,8 @@ def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=No
     """(H, W, 3) float32: linear radiance of diffuse surfaces; 0 where no surface is seen.
 
     colour : (n, 3) float32, the colour of each face
-    lights : list of lights; arrived : the result of `arriving` for each; shares : (H, W) float32 of `picture.light_visibility`
+    lights : list of lights; arrived : the result of `arriving` for each
+    shares : for each light (H, W) float32, from `picture.light_visibility`
     ambient : (3,) float32, from `ambient_light` of the whole picture
     up : "y" or "z", the axis from which most of the ambient light comes
     indirect : (H, W, 3) float32, additional irradiance; None: none

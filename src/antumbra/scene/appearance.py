@@ -128,8 +128,8 @@ def normals_in_frames(corners: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
     A normal n of a triangle with edges e1, e2 and unit normal g is kept as (n . e1, n . e2, n . g |e1 x e2|^(1/2)). A
     rotation, a translation or a scale of the triangle does not change these numbers. In its own plane, any affine
-    map transforms them as the inverse transpose transforms normals. So `picture.pixel_appearance` finds n again in the moved
-    triangle, and animations, skins and morph targets move normals with their triangles.
+    map transforms them as the inverse transpose transforms normals. So `picture.pixel_appearance` finds n again in the
+    moved triangle, and animations, skins and morph targets move normals with their triangles.
     """
     length = np.linalg.norm(normals, axis=-1, keepdims=True)
     normals = normals / np.where(length > 0.0, length, 1.0)

@@ -186,7 +186,7 @@ class Camera:
         right, zenith = self.axes[0], self.up / np.linalg.norm(self.up)
         return np.stack([right, -zenith, np.cross(zenith, right)])
 
-    def view(self, origin) -> "CameraRays | ListedRays":
+    def view(self, origin) -> "CameraRays | ExplicitRays":
         """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)

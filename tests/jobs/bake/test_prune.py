@@ -9,8 +9,8 @@ import pytest
 import antumbra as at
 from antumbra.jobs.bake.gltf_asset import prune, used_in
 from baked_files import KIND, WIDTH, Glb, box, grid, primitive
+from formats.test_draco import EXTENSION, textured
 from gltf_files import Gltf, everything, png
-from scene.test_draco import EXTENSION, textured
 
 BAKES = [{}, {"texture": 32}, {"what": "light", "texture": 32}, {"texture": 32, "uv": 0}]
 

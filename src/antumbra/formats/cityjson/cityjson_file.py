@@ -229,4 +229,4 @@ def _parts(part: CityPart, name: str) -> list[str]:
     """Ids of the children of an object that are parts of it, such as BuildingParts."""
     children = part.objects[name].get("children")
     known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
-    return [c for c in known if str(part.objects[c].get("type")).endswith("CityPart")]
+    return [c for c in known if str(part.objects[c].get("type")).endswith("Part")]

@@ -100,15 +100,12 @@ _HOMES = {
     "lanes": """
         absolute all_lanes any_lane bits extract flip_sign fma iota4 iota8 iota16 join mask_from_bits4
         mask_from_bits8 mask_from_bits16 maximum minimum reduce_and reduce_max reduce_min select shuffle splat4
-        splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32
+        splat8 splat16 square_root swap_halves to_f32 to_f64 to_i32 highest_bit lowest_bit popcount product_error
     """,
-    "memory": """
+    "load_store": """
         as_f32 as_i32 atomic_add atomic_and atomic_or broadcast4 broadcast8 broadcast16 f32_at f64_at gather get
         i32_at load4 load8 load16 load16x3 prefetch ptr ptr_at put stack_array stack_f32 stack_f64 stack_i32 stack_i64
         store store_compressed
-    """,
-    "scalars": """
-        highest_bit lowest_bit popcount product_error
     """,
 }
 """Module: names that it defines. These modules import Numba. A kernel that is already compiled needs none of them."""

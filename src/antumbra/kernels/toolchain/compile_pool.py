@@ -74,8 +74,8 @@ _POLL_SECONDS = 0.1
 _START = """
 import json, sys
 sys.path[:] = json.loads(sys.stdin.readline())
-from antumbra.kernels.toolchain.compile_pool import main
-main()
+from antumbra.kernels.toolchain.compile_pool import serve
+serve()
 """
 
 

@@ -44,8 +44,8 @@ _DAY = 86400.0
 UNUSED_DAYS = 60
 """Code is removed when nobody has loaded it for this many days."""
 
-_COMPILER = "code", "compiling", "entry", "library", "machine", "numba_speed", "parts", "processor"
-PACKS = Path(__file__).parent / "packs"
+_COMPILER = "machine_code", "toolchain.compiling", "toolchain.numba_frontend"
+PACKS = Path(__file__).parents[1] / "packs"
 
 
 def _user_cache() -> Path:

@@ -38,8 +38,8 @@ from ..marshalling import class_of
 
 
 SIMD = "antumbra.kernels.simd"
-_IMPLIED = f"{SIMD}.operators", f"{SIMD}.vectors"
-"""Numba learns from these modules the meaning of ``a + b`` for vectors. No kernel names them."""
+_IMPLIED = (f"{SIMD}.vectors",)
+"""Numba learns from this module the meaning of ``a + b`` for vectors. No kernel names them."""
 
 
 class _Module:

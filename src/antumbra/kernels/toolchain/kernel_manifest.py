@@ -25,7 +25,7 @@ from .kernel_digest import kernel_digest
 # recorded is compiled at its first call.
 
 
-MANIFEST = Path(__file__).with_name("needs.json")
+MANIFEST = Path(__file__).parents[1] / "needs.json"
 
 
 class KernelManifest(NamedTuple):
@@ -77,7 +77,7 @@ def kernels_of_job(name: str) -> set[KernelRequest] | None:
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None
 
 
-# --- Packs of machine code for common processors, which a wheel brings along: ``python -m antumbra.kernels.toolchain.kernel_manifest`` -----
+# --- Packs of machine code for common processors, which a wheel includes ----------------------------------------------
 #
 # Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
 # cannot run. The command says so, because nobody has run these packs where they were made.
@@ -106,7 +106,8 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
-        prog="python -m antumbra.kernels.toolchain.kernel_manifest", description=__doc__.splitlines()[0]
+        prog="python -m antumbra.kernels.toolchain.kernel_manifest",
+        description="Compile packs of all recorded kernels.",
     )
     parser.add_argument("--level", action="append", choices=LEVELS, help="may be repeated; default: all")
     parser.add_argument("--out", type=Path, default=PACKS, help="folder; default: the package's own")

@@ -54,6 +54,7 @@ from ...kernels.simd import (
     store,
     to_i32,
 )
+from ...trace.rays.ray_hits import Intersections
 
 # --- Sets of shadow rays with all their hits, as the builder `srdh` passes them down the tree -------------------------
 #
@@ -66,15 +67,6 @@ RAY = 8  # words: origin, reciprocal direction, first hit, number of hits
 HIT = 4  # words: twice the centroid, as in `bounds.double_centroid`, and one unused
 _TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as this share
 GROW = np.float32(1.0 + 2.0**-20)  # margin of the slab test: a ray that meets a triangle enters its box
-
-
-class Intersections(NamedTuple):
-    """Segments, and all triangles that each segment meets."""
-
-    origins: np.ndarray  # (m, 3) float32
-    ends: np.ndarray  # (m, 3) float32
-    first: np.ndarray  # (m + 1,) int64: segment i has `prims` from first[i] to first[i + 1]
-    prims: np.ndarray  # (h,) int32, triangle indices
 
 
 class RayHitSet(NamedTuple):

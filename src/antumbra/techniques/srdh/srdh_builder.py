@@ -112,6 +112,7 @@ from ...kernels.simd import (
     store,
     swap_halves,
 )
+from ...trace.rays.ray_hits import Intersections
 from .ray_split import (
     CONSTANT,
     DISTANCE,
@@ -119,7 +120,6 @@ from .ray_split import (
     HIT,
     RAY,
     HeuristicSettings,
-    Intersections,
     RayHitSet,
     RayHitSetPointers,
     RaySplit,

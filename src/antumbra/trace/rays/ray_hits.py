@@ -5,6 +5,7 @@ the alpha test need all intersections of their rays.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,17 @@ from ...query.ray_passes import RayPass, diffuse_rays
 from ...query.receivers import NOTHING, surface_receivers
 from ...query.shadow_query import Surfaces, surfaces_of
 from ...scene.triangles import Triangles
-from ...techniques.srdh.ray_split import Intersections
 from .ray_traversal import CLOSEST, HitList, walk
+
+
+class Intersections(NamedTuple):
+    """Segments, and all triangles that each segment meets."""
+
+    origins: np.ndarray  # (m, 3) float32
+    ends: np.ndarray  # (m, 3) float32
+    first: np.ndarray  # (m + 1,) int64: segment i has `prims` from first[i] to first[i + 1]
+    prims: np.ndarray  # (h,) int32, triangle indices
+
 
 # --- All triangles that segments meet ---------------------------------------------------------------------------------
 

@@ -18,9 +18,9 @@ import city_files
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.formats.gltf.gltf_file import split_glb
+from formats.test_frames import FRAMES
+from formats.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from gltf_files import TETRAHEDRON_FACES, Gltf, everything
-from scene.test_frames import FRAMES
-from scene.test_mesh_files import obj_text, ply_binary, ply_text, stl_binary, stl_text
 from scenes import scene_path
 
 SECONDS = 20  # for a file of a few kilobytes; only a hang takes so long
@@ -331,7 +331,7 @@ def draco_change(base: bytes, rng) -> bytes:
 @pytest.mark.parametrize("seeds", [range(60), pytest.param(range(1000, 8000), marks=pytest.mark.slow)], ids=len)
 def test_damaged_draco(tmp_path, seeds):
     pytest.importorskip("DracoPy", reason="no DracoPy: damaged Draco files are NOT tested")
-    from scene.test_draco import textured
+    from formats.test_draco import textured
 
     counts = run(tmp_path / "a.glb", textured(True).glb(), seeds, draco_change)
     assert counts["error"] > 10 and counts["scene"] > 10

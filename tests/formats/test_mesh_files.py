@@ -8,8 +8,8 @@ import pytest
 
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
+from formats.test_gltf_colours import linear
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, assert_at, png
-from scene.test_gltf_colours import linear
 
 SOLID = TETRAHEDRON[TETRAHEDRON_FACES]
 
