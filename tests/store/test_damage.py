@@ -91,7 +91,7 @@ def with_header(data, **changes) -> bytes:
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda d: with_header(d, version=2), "version 2, and only 1 is read"),
+        (lambda d: with_header(d, version=2), "version 2; only version 1 is supported"),
         (lambda d: with_header(d, complete=0), "not finished; build it again"),
         (lambda d: bytes(PAGE) + d[PAGE:], "not finished; build it again"),
         (lambda d: bytes(100), "not finished; build it again"),

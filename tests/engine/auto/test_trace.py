@@ -55,7 +55,7 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
     monkeypatch.setattr(choose, "_SORT", -1.0)
     seen = at.visibility(scene, points, LAMP, spp=spp, plan="auto")
     np.testing.assert_array_equal(seen.bits, plain.bits)
-    chosen = scene.engine._trees._made[parse_plan("auto")].chosen
+    chosen = scene.engine._trees._accelerated[parse_plan("auto")].chosen
     assert [c.sorted for c in chosen.choices] == [True] and 0.1 < plain.fraction.mean() < 0.99
 
 
