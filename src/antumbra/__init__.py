@@ -150,7 +150,7 @@ _HOME = {
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
     "Place": "jobs.sun.place",
-    "Plan": "plan",
+    "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",

@@ -12,7 +12,7 @@ from types import ModuleType
 
 from .errors import InputError
 
-# --- Optional packages: each is imported when it is needed, and a missing one gets an error that names its extra ------
+# --- Optional packages ------------------------------------------------------------------------------------------------
 
 
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
@@ -39,7 +39,7 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
         raise InputError(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
 
 
-# --- Packages that add to a registry: each announces a function under an entry point, as pyproject.toml does ----------
+# --- Plugins ----------------------------------------------------------------------------------------------------------
 
 
 _lock = RLock()

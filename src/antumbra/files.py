@@ -36,7 +36,7 @@ from urllib.parse import unquote
 from .checks import path_of
 from .errors import InputError
 
-# --- Path checks: files that may be read, and references from one file to another -------------------------------------
+# --- Input paths ------------------------------------------------------------------------------------------------------
 
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
@@ -99,7 +99,7 @@ def sibling(folder: Path, uri: str, where: str) -> Path:
     return path
 
 
-# --- Locks between processes: files that one process holds until it releases them or ends -----------------------------
+# --- Locks between processes ------------------------------------------------------------------------------------------
 
 
 _POLL_SECONDS = 0.05
@@ -155,8 +155,7 @@ def file_lock(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Folders and files that nobody but this user, or the system, can change: machine code is loaded from no others.
+# --- Trusted files and folders ----------------------------------------------------------------------------------------
 
 
 FOLDER_LOCK = ".lock"
@@ -247,13 +246,7 @@ def _is_own_group(group: int) -> bool:
     return user.pw_gid == group and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
 
 
-# --- Names of temporary files, and the removal of those that a killed process left behind -----------------------------
-#
-# Before a process creates ``.antumbra-0123456789ab.tmp``, it creates the empty ``.antumbra-0123456789ab.lock`` and
-# locks it. The system releases the lock when the process ends, however it ends. So a file whose lock is free is
-# abandoned. This also holds if its owner ran in another container, or on another machine that shares the folder.
-#
-# The lock is a separate file because SMB and Windows forbid writing to a locked file.
+# --- Temporary files --------------------------------------------------------------------------------------------------
 
 
 _OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
@@ -384,7 +377,7 @@ def _claimed(file: str) -> int | None:
     return descriptor
 
 
-# --- Files that are written whole or not at all -----------------------------------------------------------------------
+# --- Atomic output ----------------------------------------------------------------------------------------------------
 
 
 LEAST_BYTES = 1 << 16

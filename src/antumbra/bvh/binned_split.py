@@ -30,10 +30,7 @@ from ..kernels.simd import (
 from .nodes import MAX_DEPTH, aligned_empty
 from .triangle_bounds import INF, half_area
 
-# --- The split of a range of records, in which top-down builders differ. They share all else (`top_down`) -------------
-#
-# A *method* holds a builder's arrays of records: `bins.Binned` or `sweep.Swept`. In kernels, the type of the method
-# chooses the implementation of the functions here at compile time.
+# --- The interface of splits ------------------------------------------------------------------------------------------
 
 
 class Split(NamedTuple):
@@ -77,7 +74,7 @@ def divide(source, first, last, centroids, split):
     """In kernels: move the left records of a range before its right ones, and return the first right record."""
 
 
-# --- The binned SAH split of a range of records [Wald 2007] -----------------------------------------------------------
+# --- Binned SAH splits [Wald 2007] ------------------------------------------------------------------------------------
 
 
 BINS = 32  # on each axis, at most

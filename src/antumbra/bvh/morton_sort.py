@@ -18,10 +18,7 @@ from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
 from ..kernels.simd import extract, get, load4, maximum, minimum, ptr, ptr_at, put, to_i32
 from .triangle_bounds import double_centroid_of
 
-# --- Morton codes of triangles: the interleaved bits of a centroid's cell on x, y and z [Lauterbach et al. 2009] ------
-#
-# A code has 10 bits for each axis in an int32, or 21 in an int64. Cells are cubes, so a flat scene is not cut across
-# its short side before its long sides.
+# --- Morton codes -----------------------------------------------------------------------------------------------------
 
 
 _TEN = np.int32(1023)
@@ -74,10 +71,7 @@ def write_codes(ticket, vertices, grid, codes, ids):
         put(out_ids, i, i)
 
 
-# --- Parallel radix sort of keys with values, least significant digit first -------------------------------------------
-#
-# Each pass counts the digits in every part of the keys. Prefix sums give the first position of each (digit, part).
-# Then keys move there in order. The sort is stable, so its result does not depend on parts or threads.
+# --- Radix sort -------------------------------------------------------------------------------------------------------
 
 
 DIGIT_BITS = 8  # 256 write positions fit in a first-level cache; with 10 bits, `lbvh63` took half as long again

@@ -21,16 +21,7 @@ import numpy as np
 from ..kernels.jit import F32Ptr, I32Ptr, formula, inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Links to children, and the words of trees' arrays: no other module knows how links are packed or lines laid out.
-#
-# A link >= 0 is the index of an inner node, in every tree. A link < 0 is a leaf. What it holds depends on the tree:
-#
-# - `bvh_leaf` of a `nodes.Bvh`: first slot and number of triangles, 1 to 8 (not of `nodes.EMPTY`)
-# - `block_leaf` of a `blocks.BlockTree`: a block and its number of triangles, 0 to 16
-# - `wide_leaf` of a `wide.WideBvh`: a group and its number of triangles, 0 to 8
-#
-# All functions are formulas: kernels inline them, and Python calls them on numbers and on arrays.
+# --- Links and words --------------------------------------------------------------------------------------------------
 
 
 LINK = 12  # word of the link to the left child in a node's line; the right child's is the next
@@ -169,7 +160,7 @@ def bounds_at(block):
     return block * 8
 
 
-# --- The binary BVH that every builder makes and every tracer walks ---------------------------------------------------
+# --- The binary BVH ---------------------------------------------------------------------------------------------------
 
 
 MAX_LEAF = 8  # triangles in a leaf, at most
@@ -299,10 +290,7 @@ def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:
     return raw[skip : skip + size].view(dt).reshape(shape)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The wide BVH: nodes of eight children, leaves of up to eight triangles. One ray tests eight of either at once.
-#
-# `widen` makes it from a binary `Bvh` of any builder.
+# --- The wide BVH -----------------------------------------------------------------------------------------------------
 
 
 WIDTH = 8

@@ -39,12 +39,7 @@ from .tree_layout import children_of_top, cut_tree
 from .tree_quality import sah_cost
 from .triangle_bounds import checked, scene_bounds, tiny, triangle_box, write_boxes
 
-# --- Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much --------------------
-#
-# The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from
-# the last node to the first. Nodes are in depth-first order, so the boxes of a node's children are the last two that
-# were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a
-# similar measure.
+# --- Refitting and rebuilding -----------------------------------------------------------------------------------------
 
 
 LIMIT = 1.1  # a tree is rebuilt if its cost exceeds this factor of its cost when built
@@ -200,12 +195,7 @@ class DeformingTree:
         return bvh
 
 
-# --- The part of a tree that holds some of its triangles: the tree without all others ---------------------------------
-#
-# A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame. A
-# rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
-#
-# Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
+# --- Filtering --------------------------------------------------------------------------------------------------------
 
 
 _NODES_PER_SHARE = 4096  # nodes that a thread writes at a time

@@ -22,10 +22,7 @@ from .top_down import Settings, build_below, largest_subtree
 from .top_levels import assemble, build_top
 from .triangle_bounds import INF, checked, half_area, make_records, power_of_two_for, range_bounds, tiny, width
 
-# --- The full sweep: the split of least SAH cost among all splits of a range by centroid, on three axes ---------------
-#
-# Records are sorted by their centroids once for each axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Equal
-# centroids are ordered by index. A split divides all three orders, and keeps them.
+# --- The full sweep ---------------------------------------------------------------------------------------------------
 
 
 SWEEP_WORDS = 8  # words of scratch memory for a record
@@ -135,10 +132,7 @@ def _divide(source, first, last, centroids, split):
         return cut
 
 
-# --- `sweep-sah`: a top-down builder by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3] ------
-#
-# It builds as `bsah` does, but splits a range at the best of all places between two centroids (`sweep`). In the first
-# levels, one thread splits a range.
+# --- The builder ------------------------------------------------------------------------------------------------------
 
 
 def _in_order(records, axis: int, threads: int):

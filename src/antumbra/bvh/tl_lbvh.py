@@ -56,15 +56,7 @@ from .nodes import MAX_DEPTH, Bvh, box_at, line_at, link_at, sides
 from .tree_layout import PART, LeafChoice, cut_tree, relayout
 from .triangle_bounds import checked, scale_of
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Treelet restructuring [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume
-# hierarchies"] of sixteen treelets at once, one a lane.
-#
-# A treelet starts with one node. Its largest box is opened until seven boxes are left, the treelet's leaves. Dynamic
-# programming over their 127 subsets finds the cheapest of all trees over them, which takes the treelet's place.
-#
-# Departure from the paper: it gives a treelet to a warp of threads. Here the dynamic programming goes through the
-# subsets in the same order for all treelets, so each treelet takes one lane of a vector.
+# --- Treelets, sixteen at once ----------------------------------------------------------------------------------------
 
 
 LEAVES = 7
@@ -334,17 +326,7 @@ def replace_treelets(part, lane, batch):
         put(part.is_leaf, node, get(facts, at * 4 + KEPT) == 0)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# `tl-lbvh`: an LBVH optimised by treelet restructuring [Karras and Aila 2013, "Fast parallel construction of high-
-# quality bounding volume hierarchies"].
-#
-# The input is an LBVH of one triangle a leaf. Several rounds restructure its nodes, each node after all nodes below
-# it. Each round doubles the least number of triangles below a treated node. In the end, subtrees of few triangles
-# become leaves where this is cheaper.
-#
-# The tree is cut into parts, which threads treat alone, and a top, which follows when all parts are done. In each,
-# nodes wait in a queue until the nodes below them are done. Nodes in the queue at the same time share no triangle, so
-# sixteen are treated at once.
+# --- The builder ------------------------------------------------------------------------------------------------------
 
 
 _LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: a margin above rounding

@@ -36,11 +36,7 @@ from .nodes import LINK, MAX_DEPTH, Bvh, Tree, aligned_empty, bvh_link, line_at,
 from .top_levels import Subtrees, UpperLevels
 from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxes
 
-# --- The tree of least SAH cost over up to four records, out of all trees ---------------------------------------------
-#
-# Most of a tree's nodes have at most four triangles below them. There binning is slow and finds little. With n <= 4
-# there are at most 11 subsets of two or more records. The best tree over each subset follows from the best trees over
-# smaller ones [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
+# --- Optimal subtrees -------------------------------------------------------------------------------------------------
 
 
 OPTIMAL_SIZE = 4  # records, at most
@@ -133,7 +129,7 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
     return next_node
 
 
-# --- One thread's share of a build: the subtree of a range of records, depth first and in place -----------------------
+# --- The subtree of a range, depth first and in place -----------------------------------------------------------------
 
 
 _WAITING = MAX_DEPTH + 1  # waiting ranges: the right child at each level, and a left one
@@ -250,10 +246,7 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
         return build
 
 
-# --- The common frame of top-down builders ----------------------------------------------------------------------------
-#
-# All threads split the first levels together (`top`). Then each thread builds ranges alone, largest first (`subtree`).
-# `assemble` puts the nodes in one array. The method splits ranges (`splits`).
+# --- All subtrees -----------------------------------------------------------------------------------------------------
 
 
 _SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together

@@ -46,11 +46,7 @@ from .binned_split import (
 from .nodes import CHILDREN, LINK, ORDER, Bvh, aligned_empty, line_at
 from .triangle_bounds import INF, double_centroid
 
-# --- The first levels of a build, by all threads together [Wald 2007] -------------------------------------------------
-#
-# The ranges of one level are cut into blocks of a fixed size. Threads bin the blocks. The bins of a range's blocks are
-# joined, and its split is chosen. Then threads move each block's records, in order, to another array, at positions
-# counted beforehand. The tree does not depend on which thread takes which block.
+# --- Splitting level by level -----------------------------------------------------------------------------------------
 
 
 BLOCK = 4096  # records
@@ -263,7 +259,7 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     )
 
 
-# --- Join the nodes of the top and of the subtrees in one array, in depth-first order ---------------------------------
+# --- Assembly ---------------------------------------------------------------------------------------------------------
 
 
 class Subtrees(NamedTuple):

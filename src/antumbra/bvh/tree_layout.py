@@ -31,7 +31,7 @@ from .nodes import (
 )
 from .top_levels import place
 
-# --- Cut a tree into a top and many parts below it, on which threads can work apart -----------------------------------
+# --- Frontiers --------------------------------------------------------------------------------------------------------
 
 
 PART = 4096  # nodes in a part, at most; they fit in a second-level cache
@@ -96,11 +96,7 @@ def children_of_top(cut: TreeFrontier) -> np.ndarray:
     return np.where(links >= 0, links, ~bvh_leaf(links).first)
 
 
-# --- Turn a changed tree into a `Bvh` in its final form: cheaper leaves, depth-first order, by all threads ------------
-#
-# Optimisers of finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best
-# trees of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their
-# positions.
+# --- Relayout ---------------------------------------------------------------------------------------------------------
 
 
 _ZERO = np.float32(0.0)

@@ -34,11 +34,7 @@ from ..kernels.simd import (
 )
 from .nodes import CHILDREN, EMPTY, LINK, MAX_LEAF, Bvh, aligned_empty, bvh_link, line_at
 
-# --- Boxes for builders: one 8-wide register a box, so one instruction joins two boxes --------------------------------
-#
-# The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``. The upper corner is negated, so both
-# corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth lane. A
-# *centroid box* has the same form, and bounds twice the centroids (lower + upper) of some records.
+# --- Boxes and records in registers -----------------------------------------------------------------------------------
 
 
 INF = np.float32(np.inf)
@@ -165,8 +161,7 @@ def write_records(ticket, vertices, records, parts):
         store(rows, row + 16, faults)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The first steps of every builder: input checks, bounds of all triangles, and scenes of less than two triangles.
+# --- Input checks, scene bounds, scenes of fewer than two triangles ---------------------------------------------------
 
 
 TRIANGLES_PER_SHARE = 4096  # triangles that a thread bounds at a time

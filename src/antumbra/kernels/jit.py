@@ -23,11 +23,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from .marshalling import Key, flatten, struct_of, text_of
 
-# --- Types of the fields of NamedTuples that kernels take, for readers. At run time each is `Any` ---------------------
-#
-# A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`. Numbers
-# are
-# ``int`` (int64), ``np.float32`` and so on.
+# --- Types of the fields of kernel arguments --------------------------------------------------------------------------
 
 
 BoolPtr: TypeAlias = Any
@@ -44,16 +40,7 @@ F32x16: TypeAlias = Any
 F32Lanes: TypeAlias = Any  # F32x8 or F32x16: the same functions take both
 F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take both
 
-# --- The decorators of compiled functions. Numba is imported only if something must be compiled -----------------------
-#
-# - `kernel` marks a function that Python or other kernels call.
-# - `inlined` marks a function that LLVM must inline into its callers.
-# - `formula` marks an inlined function that Python may call too.
-# - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
-#
-# A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that
-# this process has loaded, then in packs and in the user's cache (`loading.py`). If there is none, Numba compiles the
-# kernel (`compiling.py`).
+# --- Decorators -------------------------------------------------------------------------------------------------------
 
 
 _lock = threading.RLock()

@@ -28,11 +28,7 @@ import llvmlite.binding as llvm
 from ..errors import InputError
 from .marshalling import Spec
 
-# --- Levels of processors: the instructions that machine code may use. One pack serves all machines of a level --------
-#
-# `x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The
-# default
-# is the best level of this processor. ``ANTUMBRA_LEVEL`` chooses another one.
+# --- Processor levels -------------------------------------------------------------------------------------------------
 
 
 _V2 = ["cx16", "sahf", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2"]
@@ -75,10 +71,7 @@ def _best() -> str:
     return next((name for name, needs in reversed(X86.items()) if all(has.get(f) for f in needs)), OTHER)
 
 
-# --- Machine code of one kernel for arguments of one kind, and its file format ----------------------------------------
-#
-# A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. The checksum
-# shows that a record is truncated, changed or foreign. Such a record counts as missing.
+# --- Records ----------------------------------------------------------------------------------------------------------
 
 
 _MAGIC = b"antumbra kernel 1\n"
@@ -116,13 +109,7 @@ def from_record(data: bytes) -> KernelCode | None:
     return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
 
 
-# --- Operations that LLVM lowers badly at some level, written in its IR for each level. `machine` links them ----------
-#
-# LLVM knows how to move lanes to the front only with AVX-512. Without it, it stores them one by one. AVX2 can permute
-# eight lanes by an order from a table.
-#
-# The rounding error of a product is one fused instruction. Without the instruction, LLVM calls a library, so Dekker's
-# split [1971] takes its place. Both are exact.
+# --- Operations by level ----------------------------------------------------------------------------------------------
 
 
 _STORE_COMPRESSED = "antumbra.store_compressed."  # (pointer, mask, lanes of int32)
@@ -254,7 +241,7 @@ def is_missing(name: str) -> bool:
     return name.startswith((_STORE_COMPRESSED, _PRODUCT_ERROR))
 
 
-# --- LLVM: optimise the IR of a kernel and emit machine code for a level of processors --------------------------------
+# --- Optimisation and emission by LLVM --------------------------------------------------------------------------------
 
 
 _TRIPLES = {"x86_64": ("x86-64", "x86_64-unknown-linux-gnu"), "aarch64": ("aarch64", "aarch64-unknown-linux-gnu")}

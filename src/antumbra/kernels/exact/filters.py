@@ -63,26 +63,7 @@ from ..jit import F32Lanes, inlined, kernel
 from ..simd import absolute, any_lane, bits, flip_sign, fma, get, maximum, minimum, product_error, select
 from .predicate import exact_has_area, exact_meets, exact_plane_side, exact_t, exact_weights
 
-# --- Filters of the exact predicate: a float32 test, then a float64 test, each with a proven error bound --------------
-#
-# One body serves both precisions. Let u be the unit roundoff (2**-24 or 2**-53), a = v0 - o, p = v1 - v0, q = v2 - v0:
-#
-#     r = d x a    e2 = p . r    e1 = -q . r    n = p x q    D = d . n    e0 = D - e1 - e2    T = a . n
-#
-# Every component of d, a, p, q is one rounded difference (relative error u). A product of three of them inside a sum
-# of
-# six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u). The six products sum to at most
-# 2 |d|_1 |a|_inf |p|_inf. Let m = |a|_inf, and s the largest component of p and q. To first order:
-#
-#     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
-#
-# e0 adds three such errors and two roundings (at most 10 u |d|_1 s max(m, s)). So 60 u |d|_1 s max(m, s) bounds the
-# error of each e. ``_FACTOR`` = 20 leaves room for the second order and for the rounding of the bounds themselves. An
-# absolute term covers underflow. Where a product could overflow, the bound is infinite, so the answer is UNSURE. No
-# NaN ever decides.
-#
-# The comparisons with tmin and tmax allow twice D's error. The other half covers the rounding of tmin D, of tmin to
-# float32, and of the t that is compared to float64: at most 2 u |d|_1 s s each.
+# --- Scalar filters ---------------------------------------------------------------------------------------------------
 
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
@@ -303,34 +284,7 @@ def plane_side(x, y, z, corners, i):
     return side_of(v0, n, error, x, y, z, corners, i)
 
 
-# --- The float32 filter of `filters` in lanes: one ray and eight triangles, or sixteen rays and one triangle ----------
-#
-# The quantities are as in `filters`: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every
-# component of a, d, p, q is one rounded difference. Each of e1, e2, D, T is a sum of six products of three components.
-# So a product collects at most 8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product
-# and
-# 2 in its sums. Where the processor fuses products and sums, there are fewer factors. Two bounds follow.
-#
-# *Coarse bound*, for all lanes. Let m = |a|_inf, and s the largest component of p and q. The six products sum to at
-# most
-# 2 |d|_1 m s. So |error e1|, |error e2| <= 16 u |d|_1 m s. As in `filters`, |error e0| <= (3 * 16 + 10) u |d|_1 s
-# max(m,
-# s). e1, e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s). Since 58 < 3 * 20, room is left for the second order
-# and
-# for the rounding of e0 / 3 and of the bound. If one e is surely negative and another surely positive, the line
-# misses.
-#
-# *Fine bound*, where a lane remains. The error of a sum is at most 8 u P. P is the sum of the same six products as
-# magnitudes (the permanent), computed within 6 u. The fine bound is much smaller where components are zero: for
-# triangles
-# in axis-aligned planes, and rays along axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
-# times the same sum. So 12 u P bounds each quantity, with the same room as above. tmin and tmax are rounded to
-# float32,
-# and their products with D are rounded. As in `filters`, these comparisons allow twice D's error, and a floor covers
-# underflow of tmin and tmax.
-#
-# An absolute term covers underflow. Where a product could overflow, `unit` is infinite and the test decides nothing. A
-# decision needs a comparison with a bound that comes out *true*, and comparisons with infinity and NaN never do.
+# --- The float32 filter in lanes --------------------------------------------------------------------------------------
 
 
 _COARSE = np.float32(20.0 * 2.0**-24)
@@ -439,22 +393,7 @@ def meet(r, t):
     return bits(hits), bits(positive), bits(maybe & ~hits & ~miss & ~(line & outside))
 
 
-# --- Where a ray meets a triangle: t, rounded to the nearest float64, and the weights of the triangle's corners -------
-#
-# t = T / D is a quotient of two determinants (see `filters`). Its rounding is unique, whatever computed it, so all
-# methods report the same t. Intervals are compared with this number, and it orders hits.
-#
-# Twice float64 decides nearly all roundings. A number is an unevaluated sum hi + lo here. Let u = 2**-53, m the
-# largest component of a, s that of p and q, and l that of d. a, p and q must be exact differences. Then, to second
-# order,
-#
-#     n = p x q:  |hi| <= 2 s s,  |lo| <= 4 u s s,  error 6 u u s s
-#     T = a . n:  error 3 (6 + 4 + 6) u u m s s + 28 u u m s s = 76 u u m s s        D = d . n:  76 u u l s s
-#
-# A component of T carries n's error, and the rounding of m lo and of its sum with the product's second part. Their
-# sums add the rest. q = T / D is then corrected by (T - q D) / D, with an error of 12 u u q. ``_ROOM`` = 256 leaves
-# room. If the corrected t rounds to the same number at both ends of this error, the number is right. Else `exact_t`
-# decides.
+# --- Hit coordinates: t and the corners' weights ----------------------------------------------------------------------
 
 
 _ROOM = np.float64(256 * 2.0**-106)

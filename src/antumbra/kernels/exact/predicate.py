@@ -36,16 +36,7 @@ import numpy as np
 from ..jit import F64Ptr, inlined, kernel
 from ..simd import get, put, stack_f64
 
-# --- Exact signs by expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"] --------------
-#
-# An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
-# coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
-#
-# This code runs only for the few triangles that the filters of `filters.py` cannot decide, but it is part of every
-# kernel that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code
-# would take two thirds of the time to compile kernels.
-#
-# Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
+# --- Expansion arithmetic [Shewchuk 1997] -----------------------------------------------------------------------------
 
 
 PRODUCT = 64  # float64 numbers in a product of a scale and 3 two-part factors
@@ -145,26 +136,7 @@ def value_of(sum_, n):
     return total
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
-#
-# A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two
-# float64: a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under
-# two conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly
-# inside the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A
-# line in the triangle's own plane does not meet it, so a triangle without area never blocks.
-#
-# With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
-#
-#     e0 = det(d, b, c)   e1 = det(d, c, a)   e2 = det(d, a, b)        e0 + e1 + e2 = d . n
-#
-#     t = det(a, b, c) / (d . n)
-#
-# The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So triangles that
-# share an edge or a vertex see a line on the same side of it: closed meshes cannot leak.
-#
-# Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot
-# kernels prefer the pointer, since passing an array costs a reference count.
+# --- The predicate ----------------------------------------------------------------------------------------------------
 
 
 class Ray(NamedTuple):

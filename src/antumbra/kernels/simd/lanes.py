@@ -11,7 +11,7 @@ from numba.extending import intrinsic
 from ..machine_code import name_of_product_error
 from .vectors import I32, I64, Vector, as_vectors, call_llvm, common_vector, llvm_type, reject
 
-# --- Operations on the lanes of vectors: make, choose, combine, convert, permute, reduce ------------------------------
+# --- Operations on lanes ----------------------------------------------------------------------------------------------
 
 
 _SIGN_BIT = -(2**31)
@@ -333,7 +333,7 @@ reduce_min = _make_reduction("reduce_min", "fmin", "smin")
 reduce_max = _make_reduction("reduce_max", "fmax", "smax")
 reduce_and = _make_reduction("reduce_and", None, "and")
 
-# --- Bit operations on an int64, for loops over the set lanes of a mask; and the error of a float64 product -----------
+# --- Operations on scalars --------------------------------------------------------------------------------------------
 
 
 def _make_bit_count(name, llvm_name, *flags):

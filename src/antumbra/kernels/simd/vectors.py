@@ -16,10 +16,7 @@ from numba.core.datamodel import models
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, register_model
 
-# --- The vector types, and the conversion of arguments to vectors: a scalar is repeated in all lanes ------------------
-#
-# A vector is a *value* to Numba, as a float is. It has no address, is never boxed for Python, and lives in a register.
-# LLVM splits a vector that is wider than the target's registers.
+# --- Types and conversion ---------------------------------------------------------------------------------------------
 
 
 _PREFIX = {types.float32: "f32x", types.float64: "f64x", types.int32: "i32x", types.boolean: "mask"}
@@ -124,10 +121,7 @@ def call_llvm(builder, name, result, args, fastmath=()):
     return builder.call(function, args, fastmath=fastmath)
 
 
-# --- Python's operators on vectors, each lowered to one LLVM instruction. A scalar is repeated in all lanes -----------
-#
-# The operators use templates and `lower_builtin`. `numba.extending.overload` would compile a separate function for
-# every operator and pair of types.
+# --- Operators --------------------------------------------------------------------------------------------------------
 
 
 def _binary(op, emit, *elements, inplace=None, compares=False):

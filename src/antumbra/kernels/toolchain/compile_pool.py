@@ -19,7 +19,7 @@ from ..marshalling import import_object
 from ..parallel import thread_count
 from .kernel_cache import KernelFolder, cache_folder
 
-# --- Import Numba without scipy's linear algebra ----------------------------------------------------------------------
+# --- Faster import of Numba -------------------------------------------------------------------------------------------
 
 
 def import_numba() -> None:
@@ -36,9 +36,7 @@ def import_numba() -> None:
         del sys.modules["scipy.linalg"]
 
 
-# --- A compiling process: it reads one request a line, and answers each with null or with an error message ------------
-#
-# A request is JSON: the kernel's name, the kinds of its arguments, and the levels of processors.
+# --- The compiling process --------------------------------------------------------------------------------------------
 
 
 def serve() -> None:
@@ -62,11 +60,7 @@ def serve() -> None:
         answers.flush()
 
 
-# --- Several processes that compile kernels at once, as many as there are cores ---------------------------------------
-#
-# Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process
-# takes the next kernel when its last one is done. The longest kernels go first, so that all processes end together.
-# Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+# --- The pool ---------------------------------------------------------------------------------------------------------
 
 
 PoolProgress = Callable[[int, int], None]

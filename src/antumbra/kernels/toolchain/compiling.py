@@ -22,10 +22,7 @@ from ..machine_code import KernelCode, symbol_of
 from ..marshalling import END, NONE, Spec, array_parts, class_of, is_array
 from .numba_frontend import Library, Lowered, generic_part, kept_as_ir, numba_patches, part_of
 
-# --- The one function of a kernel that Python calls: ``int64 f(words*, words*)`` --------------------------------------
-#
-# It reads the arguments from 8-byte words (`arguments.flatten`), calls the kernel, and writes the result as words. The
-# result is 0, or Numba's status if the kernel raised.
+# --- The entry function: ``int64 f(words*, words*)`` ------------------------------------------------------------------
 
 
 WORD = ir.IntType(64)
@@ -124,8 +121,7 @@ def entry_library(context, lowered: Lowered, symbol: str) -> Library:
     return library
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Compile a kernel to machine code by Numba and LLVM. This module is imported only when something must be compiled.
+# --- Compilation ------------------------------------------------------------------------------------------------------
 
 
 _TYPES = {

@@ -34,10 +34,7 @@ from ..marshalling import NONE, ResultReader
 from . import kernel_digest as definitions
 from .kernel_digest import kernel_digest
 
-# --- Files of machine code: packs that came with the package, and the user's own folder -------------------------------
-#
-# Both find code by the kernel's digest (`closure.py`). The user's folder is divided by compiler version and by
-# processor level. A pack's name says its level. The maker of a pack has tested it.
+# --- Packs and the user's folder --------------------------------------------------------------------------------------
 
 
 _DAY = 86400.0
@@ -207,7 +204,7 @@ def packs(level: str) -> list[KernelPack]:
         return []
 
 
-# --- Load machine code from files into this process. llvmlite links it, and Numba is not needed -----------------------
+# --- Loading ----------------------------------------------------------------------------------------------------------
 
 
 _UNUSED = ctypes.create_string_buffer(8)  # for the results of kernels that have none

@@ -30,11 +30,7 @@ import numpy as np
 from ..jit import Intrinsic, guest_overloads, inlined, overloads
 from ..marshalling import class_of
 
-# --- Digests of definitions, read from the source of a module. The module is not imported, as it may import Numba -----
-#
-# The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all names
-# in these statements, in other modules of the package too. What a decorator registers for a class, such as the code of
-# an iterator, is part of the class. Comments and docstrings do not count.
+# --- Definitions read from source -------------------------------------------------------------------------------------
 
 
 SIMD = "antumbra.kernels.simd"
@@ -123,15 +119,7 @@ def module_digest(module: str) -> str:
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
 
-# --- The digest of a kernel: of its code, and of all functions and constants that it reaches --------------------------
-#
-# A *part* is a function that Numba compiles or calls: a kernel, an inlined function, or an overload and its callees.
-# The digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it
-# names. It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches,
-# and the fields of its arguments' classes.
-#
-# Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
-# version, and on no path or time. A value of an unknown kind is an error, because its changes would go unnoticed.
+# --- Digests of kernels -----------------------------------------------------------------------------------------------
 
 
 _FOREIGN = "numba", "numpy", "math", "builtins", "operator", "functools", "llvmlite", "typing", "itertools"

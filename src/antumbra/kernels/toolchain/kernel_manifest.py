@@ -17,12 +17,7 @@ from .compile_pool import KernelRequest, compile_kernels
 from .kernel_cache import PACKS, KernelFolder, cache_folder, write_pack
 from .kernel_digest import kernel_digest
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The kernels that each job calls, recorded in ``needs.json``. Several processes compile them before the job runs.
-#
-# The file holds the kernels, with their size, and for each job the indices of its kernels. A script writes the file
-# (``scripts/record_kernels.py``), and a test compares it with the kernels that jobs call. A kernel that is not
-# recorded is compiled at its first call.
+# --- The manifest -----------------------------------------------------------------------------------------------------
 
 
 MANIFEST = Path(__file__).parents[1] / "needs.json"
@@ -77,10 +72,7 @@ def kernels_of_job(name: str) -> set[KernelRequest] | None:
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None
 
 
-# --- Packs of machine code for common processors, which a wheel includes ----------------------------------------------
-#
-# Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
-# cannot run. The command says so, because nobody has run these packs where they were made.
+# --- Packs ------------------------------------------------------------------------------------------------------------
 
 
 def make_packs(out: Path, levels: list[str]) -> list[Path]:

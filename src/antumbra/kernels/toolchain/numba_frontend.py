@@ -29,11 +29,7 @@ from numba.core.utils import pysignature
 
 from ..jit import guest_overloads, inlined, overloads
 
-# --- Numba's front end, faster while kernels are compiled -------------------------------------------------------------
-#
-# Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated questions.
-# The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not change. A
-# change that does not fit the installed version is left out.
+# --- Patches ----------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
@@ -117,10 +113,7 @@ _CHANGES = (
     (ir.Expr, "list_vars", _list_vars),
 )
 
-# --- LLVM IR of functions that Numba has lowered, linked only for kernels that Python calls ---------------------------
-#
-# Numba's own library optimises every function, links it with its callees and makes machine code of it. Only kernels
-# that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+# --- Libraries --------------------------------------------------------------------------------------------------------
 
 
 _NO_ERROR = "i32 0"
@@ -235,10 +228,7 @@ def kept_as_ir(context) -> Iterator[None]:
         del codegen._library_class, context.get_executable  # the class attributes are visible again
 
 
-# --- Parts: kernels, inlined functions and overloads as Numba sees them, compiled for argument types to LLVM IR -------
-#
-# A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and
-# C, parallel loops, object mode, and memory managed by reference counts.
+# --- Parts ------------------------------------------------------------------------------------------------------------
 
 
 _PASSES = (
