@@ -22,8 +22,8 @@ _ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]
 def spelling_hint(name, known: Iterable[str]) -> str:
     """``"did you mean 'x'? "`` if a known name is like `name`, else nothing: for errors about unknown names."""
     text, names = str(name), list(known)
-    found = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
-    return f"did you mean {found[0]!r}? " if found else ""
+    matches = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
+    return f"did you mean {matches[0]!r}? " if matches else ""
 
 
 def quoted(value) -> str:
@@ -47,9 +47,9 @@ def whole_number(value, what: str, low: int, high: int) -> int:
     """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
     if is_number(value):
         with suppress(TypeError, ValueError, ArithmeticError):
-            whole = int(value)
-            if whole == value and low <= whole <= high:
-                return whole
+            integer = int(value)
+            if integer == value and low <= integer <= high:
+                return integer
     raise InputError(f"{what} is {quoted(value)}; it must be a whole number from {low} to {high}")
 
 
@@ -65,19 +65,21 @@ def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: s
     if low < x < high or (x == low and ends[0] == "[") or (x == high and ends[1] == "]"):
         return x
     if np.isinf(high):
-        wanted = "be a number" if ends[1] == "]" else "be a finite number"
-        wanted += "" if np.isinf(low) else f" {'above' if ends[0] == '(' else 'of at least'} {low:g}"
+        requirement = "be a number" if ends[1] == "]" else "be a finite number"
+        requirement += "" if np.isinf(low) else f" {'above' if ends[0] == '(' else 'of at least'} {low:g}"
     else:
-        wanted = _ENDS[ends].format(f"{low:g}", f"{high:g}")
-    raise InputError(f"{what} is {quoted(value)}; it must {wanted}")
+        requirement = _ENDS[ends].format(f"{low:g}", f"{high:g}")
+    raise InputError(f"{what} is {quoted(value)}; it must {requirement}")
 
 
 def byte_count(value, what: str, low: int, high: int = 1 << 60) -> int:
     """As `whole_number`, of a number of bytes: the message writes ``100M``, as the command line does."""
     with suppress(InputError):
         return whole_number(value, what, low, high)
-    given = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
-    raise InputError(f"{what} is {given}; it must be a number of bytes from {_in_words(low)} to {_in_words(high)}")
+    shown_value = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
+    raise InputError(
+        f"{what} is {shown_value}; it must be a number of bytes from {_in_words(low)} to {_in_words(high)}"
+    )
 
 
 def _in_words(n: int) -> str:
@@ -127,10 +129,10 @@ def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
     """A list of objects of a kind, from several or from one; otherwise an InputError as from `instance`."""
     if isinstance(value, kind):
         return [value]
-    found = parts_of(value)
-    if found is None:
+    parts = parts_of(value)
+    if parts is None:
         return [instance(value, kind, what, cure)]
-    return [instance(each, kind, what, cure) for each in found]
+    return [instance(each, kind, what, cure) for each in parts]
 
 
 def parts_of(value) -> list | None:
@@ -203,13 +205,13 @@ def vector(value, what: str) -> np.ndarray:
 
 def points(value, what: str) -> np.ndarray:
     """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
-    found = as_array(value, what).astype(np.float64)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise InputError(f"{what} must have shape (m, 3), not {found.shape}")
-    finite = np.isfinite(found).all(1)
+    array = as_array(value, what).astype(np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{what} must have shape (m, 3), not {array.shape}")
+    finite = np.isfinite(array).all(1)
     if not finite.all():
         raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite)})")
-    return found
+    return array
 
 
 def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:

@@ -57,19 +57,19 @@ def checked_file(path: Path, where: str) -> Path:
 def without_output() -> Iterator[None]:
     """Drop what libraries write to standard output and error: OpenEXR reports a damaged file there, too, from C++."""
     _flush()
-    kept = {}
+    copies = {}
     for number in (1, 2):
         with suppress(OSError):  # a stream that is closed
-            kept[number] = os.dup(number)
+            copies[number] = os.dup(number)
     null = os.open(os.devnull, os.O_WRONLY)
     try:
-        for number in kept:
+        for number in copies:
             os.dup2(null, number)
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             yield
     finally:
         _flush()
-        for number, old in kept.items():
+        for number, old in copies.items():
             os.dup2(old, number)
             os.close(old)
         os.close(null)
@@ -87,15 +87,15 @@ def _flush() -> None:
 def sibling(folder: Path, uri: str, where: str) -> Path:
     """The file of a relative `uri` in a scene. Raises InputError unless it is in the scene's `folder`."""
     name = unquote(uri)
-    shown = uri if len(uri) <= 80 else uri[:77] + "..."
+    short_uri = uri if len(uri) <= 80 else uri[:77] + "..."
     if _SCHEME.match(uri) or uri.startswith(("//", "\\\\")):
-        raise InputError(f"{where} is {shown!r}; only files in the scene's folder are read, put it there")
+        raise InputError(f"{where} is {short_uri!r}; only files in the scene's folder are read, put it there")
     if not name or not name.isprintable() or name.startswith(("/", "\\")) or _SCHEME.match(name):
-        raise InputError(f"{where} is {shown!r}; it must be a relative path in the scene's folder")
+        raise InputError(f"{where} is {short_uri!r}; it must be a relative path in the scene's folder")
     base = folder.resolve()
     path = (base / name).resolve()
     if not path.is_relative_to(base):
-        raise InputError(f"{where} is {shown!r}, outside the scene's folder; put the file beside the scene")
+        raise InputError(f"{where} is {short_uri!r}, outside the scene's folder; put the file beside the scene")
     return path
 
 
@@ -228,10 +228,10 @@ def private_folder(name: str) -> Path:
 
 def claim_folder(folder: str | Path) -> int:
     """Mark a temporary folder as this process's own while it lives; return the descriptor that holds the lock."""
-    held = os.open(os.path.join(folder, FOLDER_LOCK), os.O_RDWR | os.O_CREAT, 0o600)
+    descriptor = os.open(os.path.join(folder, FOLDER_LOCK), os.O_RDWR | os.O_CREAT, 0o600)
     with suppress(OSError):  # without locks, no process ever removes it
-        lock(held)
-    return held
+        lock(descriptor)
+    return descriptor
 
 
 def _is_own_group(group: int) -> bool:
@@ -240,10 +240,10 @@ def _is_own_group(group: int) -> bool:
         import grp
         import pwd
 
-        user, found = pwd.getpwuid(os.getuid()), grp.getgrgid(group)
+        user, entry = pwd.getpwuid(os.getuid()), grp.getgrgid(group)
     except (ImportError, KeyError):
         return False
-    return user.pw_gid == group and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+    return user.pw_gid == group and entry.gr_name == user.pw_name and set(entry.gr_mem) <= {user.pw_name}
 
 
 # --- Temporary files --------------------------------------------------------------------------------------------------
@@ -267,14 +267,14 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
         If no file can be created in `folder`.
     """
     remove_abandoned(os.path.realpath(folder))
-    path, held = _reserved(Path(folder))
+    path, descriptor = _reserved(Path(folder))
     try:
         yield path
     finally:
         with suppress(OSError):
             path.unlink()
-        if held is not None:
-            os.close(held)  # first, for Windows
+        if descriptor is not None:
+            os.close(descriptor)  # first, for Windows
             with suppress(OSError):
                 path.with_suffix(".lock").unlink()
 
@@ -288,11 +288,11 @@ def temporary_folder() -> Iterator[Path]:
     parent = tempfile.gettempdir()
     _remove_abandoned_folders(parent)
     folder = tempfile.mkdtemp(prefix="antumbra-", dir=parent)
-    held = claim_folder(folder)
+    descriptor = claim_folder(folder)
     try:
         yield Path(folder)
     finally:
-        os.close(held)  # first, for Windows
+        os.close(descriptor)  # first, for Windows
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -311,15 +311,15 @@ def _is_own(entry: os.DirEntry) -> bool:
 
 def _remove_folder_if_abandoned(folder: str) -> None:
     """Remove a folder whose owner has ended; OSError if it is alive or cannot be determined."""
-    held = os.open(
+    descriptor = os.open(
         os.path.join(folder, FOLDER_LOCK), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     )
     try:
-        if time.time() - os.fstat(held).st_mtime > _YOUNG:  # its owner may be about to lock it
-            lock(held)
+        if time.time() - os.fstat(descriptor).st_mtime > _YOUNG:  # its owner may be about to lock it
+            lock(descriptor)
             shutil.rmtree(folder, ignore_errors=True)
     finally:
-        os.close(held)
+        os.close(descriptor)
 
 
 @cache  # listing a folder with many thousand frames is slow
@@ -327,7 +327,7 @@ def remove_abandoned(folder: str) -> None:
     """Remove Antumbra's temporary files in `folder` whose owner has ended; files without a known owner stay."""
     with suppress(OSError), os.scandir(folder) as entries:
         files = [entry.name for entry in entries if entry.is_file(follow_symlinks=False)]
-        for stem in {found[1] for name in files if (found := _OURS.fullmatch(name))}:
+        for stem in {match[1] for name in files if (match := _OURS.fullmatch(name))}:
             with suppress(OSError):  # another user's, write-protected, or already gone
                 _remove_if_abandoned(os.path.join(folder, stem))
 

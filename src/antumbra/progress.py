@@ -39,9 +39,9 @@ _WIDTH = 24  # characters of a bar
 
 
 @contextmanager
-def progress_listener(say: ProgressListener) -> Iterator[None]:
+def progress_listener(listener: ProgressListener) -> Iterator[None]:
     """Within the context, progress goes to `say`, and no bar appears."""
-    token = _listener.set(say)
+    token = _listener.set(listener)
     try:
         yield
     finally:
@@ -100,8 +100,8 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
     start = perf_counter()
     LOG.info("%s ...", what)
     with _busy(what):
-        if say := _listener.get():
-            yield lambda done, total: say(what, done, total)
+        if listener := _listener.get():
+            yield lambda done, total: listener(what, done, total)
         elif _watched():
             bar = ProgressBar(what, _DELAY)
             with bar.appearing():
@@ -137,19 +137,19 @@ def _short(what: str) -> Iterator[ProgressCallback]:
             bar.clear()
 
 
-def split_progress(heard: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
+def split_progress(report: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
     """A function of (done, total) for `count` runs, one after the other. `done` restarts in each run.
 
     All runs together are piece `index` of `of` pieces.
     """
-    if heard is None:
+    if report is None:
         return None
     run, last = 0, -1
 
     def progress(done: int, total: int) -> None:
         nonlocal run, last
         run, last = (run + 1 if done < last else run), done
-        heard((index * count + min(run, count - 1)) * total + done, of * count * total)
+        report((index * count + min(run, count - 1)) * total + done, of * count * total)
 
     return progress
 
@@ -191,13 +191,13 @@ class ProgressBar:
                 print("\r", end="", file=sys.stderr, flush=True)
 
     def _draw(self) -> None:
-        passed, share = perf_counter() - self._start, self._share
-        self._next = passed + _EVERY
+        elapsed, share = perf_counter() - self._start, self._share
+        self._next = elapsed + _EVERY
         full = round(share * _WIDTH)
-        left = f", {passed / share - passed:.0f} s left" if share > 0.0 else ""
+        remaining = f", {elapsed / share - elapsed:.0f} s left" if share > 0.0 else ""
         bar = "#" * full + "-" * (_WIDTH - full)
         with self._lock:
-            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {passed:.0f} s{left}")
+            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {elapsed:.0f} s{remaining}")
 
     def _write(self, line: str) -> None:
         print("\r" + line.ljust(self._length), end="", file=sys.stderr, flush=True)

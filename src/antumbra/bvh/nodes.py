@@ -167,7 +167,7 @@ MAX_LEAF = 8  # triangles in a leaf, at most
 MAX_DEPTH = 64  # inner nodes on any path from the root, at most: the size of a traversal stack
 UNORDERED, LEFT_FIRST, FRONT_TO_BACK, BACK_TO_FRONT = range(4)  # orders of children for any-hit rays
 EMPTY = np.int32(-2147483648)  # link of a missing child (only at the root of a scene of 0 or 1 triangles)
-_WAITING = MAX_DEPTH + 2
+_STACK_SIZE = MAX_DEPTH + 2
 
 
 class Bvh(NamedTuple):
@@ -213,17 +213,17 @@ def tree_of(bvh):
 @kernel
 def _write_parents_first(links, order):
     """Fill the order of `parents_first`, and return the number of nodes."""
-    waiting = stack_array(np.int32, _WAITING)
-    waiting[0] = 0
+    stack = stack_array(np.int32, _STACK_SIZE)
+    stack[0] = 0
     height, n = 1, 0
     while height > 0:
         height -= 1
-        node = waiting[height]
+        node = stack[height]
         order[n] = node
         n += 1
         for side in (1, 0):
             if links[node, LINK + side] >= 0:
-                waiting[height] = links[node, LINK + side]
+                stack[height] = links[node, LINK + side]
                 height += 1
     return n
 
@@ -241,24 +241,24 @@ def boxes_of(nodes: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def slots_below(link, links, found):
+def slots_below(link, links, slots):
     """Write the slots below a link to `found`, an int32 *, left before right, and return how many."""
-    waiting = stack_i32(_WAITING)
-    put(waiting, 0, link)
+    stack = stack_i32(_STACK_SIZE)
+    put(stack, 0, link)
     height, n = 1, 0
     while height > 0:
         height -= 1
-        link = np.int64(get(waiting, height))
+        link = np.int64(get(stack, height))
         if link == EMPTY:
             continue
         if link >= 0:
-            put(waiting, height, get(links, link_at(link, 1)))
-            put(waiting, height + 1, get(links, link_at(link, 0)))
+            put(stack, height, get(links, link_at(link, 1)))
+            put(stack, height + 1, get(links, link_at(link, 0)))
             height += 2
             continue
         leaf = bvh_leaf(link)
         for slot in range(leaf.first, leaf.first + leaf.count):
-            put(found, n, slot)
+            put(slots, n, slot)
             n += 1
     return n
 
@@ -312,7 +312,7 @@ class WideBvh(NamedTuple):
         56..63  not used (zero)
 
     Children are in the lanes from 0 on. Any-hit queries visit them from the last to the first, the order of least
-    expected cost to block a ray (`order.soonest_last`).
+    expected cost to block a ray (`order.order_wide_children`).
 
     A link >= 0 is an inner node. A link < 0 is a leaf with a count from 1 to 8: `links.wide_leaf`. A missing
     child has the link `NO_CHILD`, a leaf of no triangles, and a box that no ray enters.

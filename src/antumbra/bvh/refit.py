@@ -64,40 +64,40 @@ def _refit_leaf(vertices, link, out):
 
 
 @inlined
-def _kept_box(link, old, kept):
+def _filtered_leaf_box(link, old, flags):
     """The box of a leaf's kept triangles; lower = +inf and upper = -inf if none is kept."""
     box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
     for slot in range(leaf.first, leaf.first + leaf.count):
-        if kept[slot]:
+        if flags[slot]:
             box = minimum(box, triangle_box(old.corners, slot))
     return box
 
 
 @inlined
-def _leaf_box(vertices, link, old, out, kept):
+def _leaf_box(vertices, link, old, out, flags):
     """`_refit_leaf`, or, with flags `kept`, the box of the triangles that are kept."""
-    return _refit_leaf(vertices, link, out) if kept is None else _kept_box(link, old, kept)
+    return _refit_leaf(vertices, link, out) if flags is None else _filtered_leaf_box(link, old, flags)
 
 
 @kernel
-def _refit_part(vertices, old, first, last, out, kept):
+def _refit_part(vertices, old, first, last, out, flags):
     """Refit the nodes from `last` - 1 to `first`, a whole subtree, and return its box."""
     boxes, height = stack_f32(_BOXES), 0
     for node in range(last - 1, first - 1, -1):
-        left, right = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
-        if left >= 0:
+        left_link, right_link = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
+        if left_link >= 0:
             height -= 1
             left_box = load8(boxes, height * 8)
-        if right >= 0:
+        if right_link >= 0:
             height -= 1
             right_box = load8(boxes, height * 8)
         else:
-            right_box = _leaf_box(vertices, right, old, out, kept)
-        if left < 0:
-            left_box = _leaf_box(vertices, left, old, out, kept)
+            right_box = _leaf_box(vertices, right_link, old, out, flags)
+        if left_link < 0:
+            left_box = _leaf_box(vertices, left_link, old, out, flags)
         write_boxes(out.nodes, node, left_box, right_box)
-        put(out.links, link_at(node, 0), left)
-        put(out.links, link_at(node, 1), right)
+        put(out.links, link_at(node, 0), left_link)
+        put(out.links, link_at(node, 1), right_link)
         put(out.links, order_at(node), get(old.links, order_at(node)))
         store(boxes, height * 8, minimum(left_box, right_box))
         height += 1
@@ -105,15 +105,15 @@ def _refit_part(vertices, old, first, last, out, kept):
 
 
 @kernel
-def _refit_parts(ticket, vertices, bvh, parts, new, kept, boxes):
+def _refit_parts(ticket, vertices, bvh, parts, new, flags, boxes):
     """Worker: refit the nodes and corners of each part, and store its box; `kept` as in `_refitted`."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
     for p in items(ticket):
         root, end, _ = parts[p]
         if root >= 0:
-            box = _refit_part(v, old, root, end, out, kept)
+            box = _refit_part(v, old, root, end, out, flags)
         else:
-            box = _leaf_box(v, root, old, out, kept)
+            box = _leaf_box(v, root, old, out, flags)
         store(boxes, p * 8, box)
 
 
@@ -143,23 +143,23 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 
-def boxes_of_subset(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+def boxes_of_subset(bvh: Bvh, flags: np.ndarray, threads: int) -> Bvh:
     """The same tree of two triangles or more, whose boxes bound only the triangles that are kept.
 
     kept : (n,) bool, by slot
 
     The box of a child without such triangles has lower = +inf and upper = -inf, which no ray enters.
     """
-    return _refit_triangles(bvh, bvh.corners, bvh.corners, kept, threads)
+    return _refit_triangles(bvh, bvh.corners, bvh.corners, flags, threads)
 
 
-def _refit_triangles(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
+def _refit_triangles(bvh: Bvh, flat, corners, flags, threads) -> Bvh:
     """`refit`, or `boxes_of_kept` unless `kept` is None. `corners` become those of the new tree."""
     pieces = cut_tree(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
-    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, kept, part_boxes)
+    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
@@ -184,9 +184,9 @@ class DeformingTree:
 
     def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
         """The BVH of these triangles. Errors are as for a builder."""
-        kept = self.bvh  # read once: another thread may replace it
-        if kept is not None and len(kept.prim_ids) == len(vertices):
-            bvh = refit(kept, vertices, threads)
+        old = self.bvh  # read once: another thread may replace it
+        if old is not None and len(old.prim_ids) == len(vertices):
+            bvh = refit(old, vertices, threads)
             if sah_cost(bvh, threads=threads) <= self.limit * self.cost:
                 self.bvh = bvh
                 return bvh
@@ -241,14 +241,14 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
                 put(out.links, link_at(new_node, side), link)
 
 
-def _numbers(chosen: np.ndarray) -> np.ndarray:
+def _numbers(flags: np.ndarray) -> np.ndarray:
     """(n + 1,) int32: how many of the flags before each place are set."""
-    numbers = np.zeros(len(chosen) + 1, np.int32)
-    np.cumsum(chosen, out=numbers[1:])
+    numbers = np.zeros(len(flags) + 1, np.int32)
+    np.cumsum(flags, out=numbers[1:])
     return numbers
 
 
-def filter_tree(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
+def filter_tree(bvh: Bvh, triangles: np.ndarray, threads: int) -> Bvh:
     """The tree without the triangles that are not kept, and without the nodes that then have less than two children.
 
     Parameters
@@ -264,13 +264,13 @@ def filter_tree(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
         Its `prim_ids` are indices in the whole scene, as those of `bvh`. Splits and orders of children are those of
         `bvh`. A part of few triangles is built anew by `bsah`.
     """
-    chosen = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
-    chosen[kept] = True
-    slots = chosen[bvh.prim_ids]
+    flags = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
+    flags[triangles] = True
+    slots = flags[bvh.prim_ids]
     prim_ids, corners = bvh.prim_ids[slots], bvh.corners[slots]
     if len(prim_ids) <= MAX_LEAF:  # they may lie in one leaf, which cannot be a tree
-        few = binned_sah.build(corners.reshape(-1, 3, 3), threads)
-        return few._replace(prim_ids=prim_ids[few.prim_ids])
+        small = binned_sah.build(corners.reshape(-1, 3, 3), threads)
+        return small._replace(prim_ids=prim_ids[small.prim_ids])
     bounded = boxes_of_subset(bvh, slots, threads)
     branches = np.empty(len(bvh.nodes), np.bool_)
     run(_find_branches, threads, new_ticket(len(branches), _NODES_PER_SHARE), bounded, branches)

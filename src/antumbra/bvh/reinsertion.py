@@ -36,8 +36,8 @@ from .tree_layout import cheapest_leaves, cut_tree, relayout
 from .tree_quality import sah_cost
 from .triangle_bounds import half_area, scale_of, write_boxes
 
-_STACK = 2 * MAX_DEPTH + 2
-_WAITING = MAX_DEPTH + 2
+_SEARCH_STACK = 2 * MAX_DEPTH + 2
+_STACK_SIZE = MAX_DEPTH + 2
 _COORDINATES = 0x77  # lanes of a box
 _AREA = 3  # lane of a box that holds half its area
 _CHUNK = 1024  # items that a thread takes at a time
@@ -46,7 +46,7 @@ _MANY = 256  # places tried for each item: costlier rounds are the last. Ordinar
 _LEAST = np.float32(2.0**-16)  # least gain of a move, relative to the subtree's area
 
 
-class Loose(NamedTuple):
+class LooseTree(NamedTuple):
     """A tree of m nodes and m + 1 leaves in a form for moves. Items are the nodes, then the leaves."""
 
     parents: np.ndarray  # (2 m + 1,) int32: item; -1 for the root, item 0
@@ -57,8 +57,8 @@ class Loose(NamedTuple):
     scale: np.float32  # see `subtree.Settings`
 
 
-class LooseTree(NamedTuple):
-    """Pointers to the arrays of a `Loose`, for hot kernels."""
+class LoosePointers(NamedTuple):
+    """Pointers to the arrays of a `LooseTree`, for hot kernels."""
 
     parents: I32Ptr  # int32 *
     children: I32Ptr  # int32 *, 2 a node
@@ -69,9 +69,9 @@ class LooseTree(NamedTuple):
 
 
 @inlined
-def _tree_of(loose):
-    """Pointers to the arrays of a `Loose`, which must outlive them."""
-    return LooseTree(
+def _pointers_of(loose):
+    """Pointers to the arrays of a `LooseTree`, which must outlive them."""
+    return LoosePointers(
         ptr(loose.parents), ptr(loose.children), ptr(loose.heights), ptr(loose.boxes), len(loose.children), loose.scale
     )
 
@@ -90,16 +90,16 @@ def _set_box(tree, item, box):
 @inlined
 def _sibling(tree, item):
     parent = np.int64(get(tree.parents, item))
-    left = get(tree.children, 2 * parent)
-    return np.int64(get(tree.children, 2 * parent + 1) if left == item else left)
+    left_child = get(tree.children, 2 * parent)
+    return np.int64(get(tree.children, 2 * parent + 1) if left_child == item else left_child)
 
 
 @inlined
-def _join(tree, node):
+def _update_node(tree, node):
     """Update box and height of a node from its children; returns (growth of its area, whether anything changed)."""
-    left, right = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
-    box = minimum(load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-    height = 1 + max(get(tree.heights, left), get(tree.heights, right))
+    left_child, right_child = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
+    box = minimum(load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
+    height = 1 + max(get(tree.heights, left_child), get(tree.heights, right_child))
     same = bits(box == load8(tree.boxes, node * 8)) & _COORDINATES == _COORDINATES
     before = _area(tree, node)
     changed = not same or height != get(tree.heights, node)
@@ -111,7 +111,7 @@ def _join(tree, node):
 @kernel
 def _loosen(bvh, loose):
     """Fill a loose tree from a BVH whose nodes are in depth-first order."""
-    nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
+    nodes, tree, n, pair, leaves = ptr(bvh.nodes), _pointers_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
         line = shuffle(load16(nodes, line_at(node)), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
         store(pair, 0, select(mask_from_bits16(0xF0F0), -line, line))
@@ -127,7 +127,7 @@ def _loosen(bvh, loose):
             put(tree.children, 2 * node + side, item)
     put(tree.parents, 0, -1)
     for node in range(n - 1, -1, -1):
-        _join(tree, node)
+        _update_node(tree, node)
 
 
 class InsertionPlace(NamedTuple):
@@ -139,75 +139,75 @@ class InsertionPlace(NamedTuple):
 
 
 @kernel
-def _search(tree, item, root, gain, found, waiting, gains):
+def _search(tree, item, root, gain, best, stack, gains):
     """The best of `found` and of all places below `root`."""
     # In: tree, item, root; gain, float32, cost saved by the removal of the item; found, the best `Found` so far
-    # Scratch: waiting, int32 *, and gains, float32 *, _STACK each
+    # Scratch: stack, int32 *, and gains, float32 *, _SEARCH_STACK each
     box, area = load8(tree.boxes, item * 8), _area(tree, item)
-    put(waiting, 0, root)
+    put(stack, 0, root)
     put(gains, 0, gain)
-    height, visits = 1, found.visits
+    height, visits = 1, best.visits
     while height > 0:
         height -= 1
         visits += 1
-        here, gain = np.int64(get(waiting, height)), get(gains, height)
-        merged = half_area(minimum(load8(tree.boxes, here * 8), box), tree.scale)
-        if gain - merged > found.gain:
-            found = InsertionPlace(gain - merged, here, visits)
-        below = gain + _area(tree, here) - merged  # `here` grows
-        if here < tree.n_nodes and below - area > found.gain:  # the new node is at least as large as the item
+        place, gain = np.int64(get(stack, height)), get(gains, height)
+        merged = half_area(minimum(load8(tree.boxes, place * 8), box), tree.scale)
+        if gain - merged > best.gain:
+            best = InsertionPlace(gain - merged, place, visits)
+        below = gain + _area(tree, place) - merged  # `here` grows
+        if place < tree.n_nodes and below - area > best.gain:  # the new node is at least as large as the item
             for side in range(2):
-                put(waiting, height, get(tree.children, 2 * here + side))
+                put(stack, height, get(tree.children, 2 * place + side))
                 put(gains, height, below)
                 height += 1
-    return InsertionPlace(found.gain, found.place, visits)
+    return InsertionPlace(best.gain, best.place, visits)
 
 
 @kernel
-def _find(tree, item, waiting, gains):
+def _find(tree, item, stack, gains):
     """The best place of an item, below all its ancestors' other children [Meister and Bittner 2018, Alg. 1]."""
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
-    found = _search(
-        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains
+    best = _search(
+        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), stack, gains
     )
     while path > 0:
         other = _sibling(tree, path)
-        found = _search(tree, item, other, gain, found, waiting, gains)
+        best = _search(tree, item, other, gain, best, stack, gains)
         path = np.int64(get(tree.parents, path))
         shrunk = minimum(shrunk, load8(tree.boxes, other * 8))
         gain += _area(tree, path) - half_area(shrunk, tree.scale)
-        if path > 0 and gain - _area(tree, path) > found.gain:
-            found = InsertionPlace(gain - _area(tree, path), path, found.visits)
-    return found
+        if path > 0 and gain - _area(tree, path) > best.gain:
+            best = InsertionPlace(gain - _area(tree, path), path, best.visits)
+    return best
 
 
 @kernel
 def _find_places(ticket, loose, gains, places, visits):
     """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
-    tree = _tree_of(loose)
-    waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
+    tree = _pointers_of(loose)
+    stack, scratch = stack_i32(_SEARCH_STACK), stack_f32(_SEARCH_STACK)
     for item in items(ticket):
-        found = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
+        best = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
         if item > 0 and get(tree.parents, item) > 0:
-            found = _find(tree, item, waiting, scratch)
-        gains[item], places[item], visits[item] = found
+            best = _find(tree, item, stack, scratch)
+        gains[item], places[item], visits[item] = best
 
 
 @kernel
-def _join_upwards(tree, node):
+def _update_ancestors(tree, node):
     """Update the changed nodes from `node` up, and return the growth of all areas."""
-    grown = np.float32(0.0)
+    growth = np.float32(0.0)
     while node >= 0:
-        more, changed = _join(tree, node)
-        grown += more
+        node_growth, changed = _update_node(tree, node)
+        growth += node_growth
         node = np.int64(get(tree.parents, node)) if changed else np.int64(-1)
-    return grown
+    return growth
 
 
 @inlined
-def _put_in_place(tree, new, old):
+def _replace_child(tree, new, old):
     """Make `new` a child in place of `old`, and return their parent."""
     parent = np.int64(get(tree.parents, old))
     put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
@@ -219,15 +219,15 @@ def _put_in_place(tree, new, old):
 def _move(tree, item, place):
     """Make `item` the sibling of `place`, reuse its parent node as their parent, and return the growth of all areas."""
     node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
-    grown = -_area(tree, node)
-    grown += _join_upwards(tree, _put_in_place(tree, sibling, node))
-    above = _put_in_place(tree, node, place)
+    growth = -_area(tree, node)
+    growth += _update_ancestors(tree, _replace_child(tree, sibling, node))
+    parent = _replace_child(tree, node, place)
     put(tree.children, 2 * node, place)
     put(tree.children, 2 * node + 1, item)
     put(tree.parents, place, node)
     put(tree.parents, item, node)
-    _join(tree, node)
-    return grown + _area(tree, node) + _join_upwards(tree, above)
+    _update_node(tree, node)
+    return growth + _area(tree, node) + _update_ancestors(tree, parent)
 
 
 @kernel
@@ -247,44 +247,44 @@ def _can_move(tree, item, place):
 @kernel
 def _make_moves(loose, items, places):
     """Make the moves that still pay, in this order, and return how many."""
-    tree, made = _tree_of(loose), 0
+    tree, n_moves = _pointers_of(loose), 0
     for k in range(len(items)):
         item, place = np.int64(items[k]), np.int64(places[items[k]])
         if _can_move(tree, item, place):
             sibling = _sibling(tree, item)
             if _move(tree, item, place) < np.float32(0.0):
-                made += 1
+                n_moves += 1
             else:
                 _move(tree, item, sibling)
-    return made
+    return n_moves
 
 
 @kernel
 def _write(loose, bvh):
     """Write the nodes of a loose tree, depth first."""
-    tree, nodes, links = _tree_of(loose), ptr(bvh.nodes), ptr(bvh.links)
-    waiting, n = stack_array(np.int64, _WAITING, 2), 0
-    waiting[0, 0], waiting[0, 1], height = 0, -1, 1
+    tree, nodes, links = _pointers_of(loose), ptr(bvh.nodes), ptr(bvh.links)
+    stack, n = stack_array(np.int64, _STACK_SIZE, 2), 0
+    stack[0, 0], stack[0, 1], height = 0, -1, 1
     while height > 0:
         height -= 1
-        item, where = waiting[height]
-        if where >= 0:
-            put(links, where, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
+        item, word = stack[height]
+        if word >= 0:
+            put(links, word, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
         if item >= tree.n_nodes:
             continue
-        left, right = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
-        write_boxes(nodes, n, load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-        waiting[height, 0], waiting[height, 1] = right, link_at(n, 1)
-        waiting[height + 1, 0], waiting[height + 1, 1] = left, link_at(n, 0)
+        left_child, right_child = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
+        write_boxes(nodes, n, load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
+        stack[height, 0], stack[height, 1] = right_child, link_at(n, 1)
+        stack[height + 1, 0], stack[height + 1, 1] = left_child, link_at(n, 0)
         height, n = height + 2, n + 1
 
 
-def _loose(bvh: Bvh) -> Loose:
+def _make_loose(bvh: Bvh) -> LooseTree:
     m = len(bvh.nodes)
     numbers = np.empty((2, 2 * m + 1), np.int32)
     boxes = aligned_empty((2 * m + 1, 8), "f4")
     scale = scale_of(bvh)
-    loose = Loose(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
+    loose = LooseTree(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
     _loosen(bvh, loose)
     return loose
 
@@ -313,7 +313,7 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
     threads, m = thread_count(threads), len(bvh.nodes)
     if m < 3:
         return bvh
-    loose, n = _loose(bvh), 2 * m + 1
+    loose, n = _make_loose(bvh), 2 * m + 1
     gains, places, visits = np.empty(n, np.float32), np.empty(n, np.int64), np.empty(n, np.int64)
     for _ in range(rounds):
         run(_find_places, threads, new_ticket(n, _CHUNK), loose, gains, places, visits)

@@ -81,16 +81,16 @@ def _divide_order(records, first, last, axis, centroid, index, scratch):
     # Out: records, float32 *, reordered
     # Scratch: scratch, float32 *, 8 for each record
     ids = as_i32(records)
-    left, right = first, np.int64(0)
+    next_left, n_right = first, np.int64(0)
     for i in range(first, last):
         record, c = load8(records, i * 8), _centroid(records, i, axis)
         goes_left = c < centroid or (c == centroid and get(ids, i * 8 + 3) < index)
-        store(records, left * 8, record)  # overwrites only moved records; both stores are made each time
-        store(scratch, right * 8, record)
-        left += np.int64(goes_left)
-        right += np.int64(not goes_left)
-    for i in range(right):
-        store(records, (left + i) * 8, load8(scratch, i * 8))
+        store(records, next_left * 8, record)  # overwrites only moved records; both stores are made each time
+        store(scratch, n_right * 8, record)
+        next_left += np.int64(goes_left)
+        n_right += np.int64(not goes_left)
+    for i in range(n_right):
+        store(records, (next_left + i) * 8, load8(scratch, i * 8))
 
 
 @overload(source_of)
@@ -155,11 +155,11 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
         source, centroids = source_of(method, depth, ptr(scratch)), load8(boxes, r * 16 + 8)
         split = find_split(source, first, last, centroids, depth, scale)
         middle = divide(source, first, last, centroids, split)
-        left, left_centroids = range_bounds(source.records, first, middle)
-        right, right_centroids = range_bounds(source.records, middle, last)
-        store(sides, r * 32, left)
+        left_box, left_centroids = range_bounds(source.records, first, middle)
+        right_box, right_centroids = range_bounds(source.records, middle, last)
+        store(sides, r * 32, left_box)
         store(sides, r * 32 + 8, left_centroids)
-        store(sides, r * 32 + 16, right)
+        store(sides, r * 32 + 16, right_box)
         store(sides, r * 32 + 24, right_centroids)
         middles[r] = middle
 
@@ -170,8 +170,20 @@ def _split_by_sweep(method: SortedRecords, scale, threads: int):
     def split_level(ranges, boxes, depth):
         k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
         middles, sides = np.empty(k, np.int64), np.empty((k, 32), np.float32)
-        own = lambda: (np.empty(words, np.float32),)
-        run(_split_ranges, threads, new_ticket(k, 1), method, ranges, boxes, depth, scale, middles, sides, own=own)
+        make_scratch = lambda: (np.empty(words, np.float32),)
+        run(
+            _split_ranges,
+            threads,
+            new_ticket(k, 1),
+            method,
+            ranges,
+            boxes,
+            depth,
+            scale,
+            middles,
+            sides,
+            own=make_scratch,
+        )
         return middles, sides
 
     return split_level

@@ -88,7 +88,7 @@ class TreePart(NamedTuple):
 
     nodes: F32Ptr  # float32 *, 16 a node
     links: I32Ptr  # int32 *, the same memory
-    facts: I32Ptr  # int32 *, 4 a node, of its subtree: COST, COUNT, KEPT, HEIGHT
+    facts: I32Ptr  # int32 *, 4 a node, of its subtree: COST, COUNT, NODES, HEIGHT
     is_leaf: BoolPtr  # bool *: whether one leaf is cheaper than the subtree
     rooms: I32Ptr  # int32 *: most inner nodes that a path down may have
     parents: I32Ptr  # int32 *: the node's parent in this round; -1 for the root
@@ -97,7 +97,7 @@ class TreePart(NamedTuple):
 
 COST = 0  # SAH cost, times half the area of the tree's root: a float32
 COUNT = 1  # triangles
-KEPT = 2  # nodes that stay nodes
+NODES = 2  # nodes that stay nodes
 HEIGHT = 3  # inner nodes on the longest path down, the node's own included
 
 
@@ -150,23 +150,23 @@ def areas_of_children(nodes, node, scale):
 
 
 @inlined
-def _open(part, k, lane, batch, rules):
+def _open_largest_box(part, k, lane, batch, rules):
     """Open the largest box of a treelet of k + 1 leaves."""
     links, places = ptr_at(batch.links, lane * 16), ptr_at(batch.places, lane * 8)
     areas = load8(batch.areas, lane * 8)
-    hole = lowest_bit(bits(areas == reduce_max(areas)))
-    node = np.int64(get(links, np.int64(get(places, hole))))
+    opened_leaf = lowest_bit(bits(areas == reduce_max(areas)))
+    node = np.int64(get(links, np.int64(get(places, opened_leaf))))
     line = load16(part.nodes, line_at(node))
     store(batch.pairs, (lane * _INNER + k) * 16, shuffle(line, 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3))
     both = areas_of_children(part.nodes, node, rules.scale)
-    left, right = get(part.links, link_at(node, 0)), get(part.links, link_at(node, 1))
+    left_link, right_link = get(part.links, link_at(node, 0)), get(part.links, link_at(node, 1))
     put(batch.inner, lane * 8 + k, node)
-    put(links, 2 * k, left)
-    put(links, 2 * k + 1, right)
-    put(places, hole, 2 * k)
+    put(links, 2 * k, left_link)
+    put(links, 2 * k + 1, right_link)
+    put(places, opened_leaf, 2 * k)
     put(places, k + 1, 2 * k + 1)
-    put(batch.areas, lane * 8 + hole, extract(both, 0) if left >= 0 else _CLOSED)
-    put(batch.areas, lane * 8 + k + 1, extract(both, 1) if right >= 0 else _CLOSED)
+    put(batch.areas, lane * 8 + opened_leaf, extract(both, 0) if left_link >= 0 else _CLOSED)
+    put(batch.areas, lane * 8 + k + 1, extract(both, 1) if right_link >= 0 else _CLOSED)
 
 
 @kernel
@@ -178,7 +178,7 @@ def form_treelets(part, roots, lanes, batch, rules):
         put(batch.links, lane * 16 + 2 * _INNER, get(roots, lane))
     for k in range(_INNER):
         for lane in range(lanes):  # interleaved: a step depends on its own lane's last step only
-            _open(part, k, lane, batch, rules)
+            _open_largest_box(part, k, lane, batch, rules)
 
 
 @kernel
@@ -203,23 +203,30 @@ def spread_treelets(part, root, lane, batch):
 
 
 @kernel
-def _unite(boxes, first, n, scale, unions):
+def _union_boxes(boxes, first, n, scale, unions):
     """Write the scaled box of every subset of the n leaves from `first` on to `unions`."""
     for k in range(6):
         store(unions, k * LANES, splat16(_INF if k < 3 else -_INF))
     for subset in range(1, 1 << n):
-        rest, leaf = subset & (subset - 1), first + lowest_bit(subset)
+        others, leaf = subset & (subset - 1), first + lowest_bit(subset)
         for k in range(6):
-            here, there = load16(boxes, leaf * _ROW + k * LANES) * scale, load16(unions, rest * _ROW + k * LANES)
-            store(unions, subset * _ROW + k * LANES, minimum(here, there) if k < 3 else maximum(here, there))
+            leaf_plane, union_plane = (
+                load16(boxes, leaf * _ROW + k * LANES) * scale,
+                load16(unions, others * _ROW + k * LANES),
+            )
+            store(
+                unions,
+                subset * _ROW + k * LANES,
+                minimum(leaf_plane, union_plane) if k < 3 else maximum(leaf_plane, union_plane),
+            )
 
 
 @kernel
 def price_subsets(batch, scale):
     """Write half the area of every subset's box to `costs`. Single leaves keep a known cost."""
     unions, high = batch.unions, ptr_at(batch.unions, 8 * _ROW)
-    _unite(batch.boxes, 0, 3, scale, unions)
-    _unite(batch.boxes, 3, 4, scale, high)
+    _union_boxes(batch.boxes, 0, 3, scale, unions)
+    _union_boxes(batch.boxes, 3, 4, scale, high)
     for h in range(16):
         a = h * _ROW
         x0, y0, z0 = load16(high, a), load16(high, a + LANES), load16(high, a + 2 * LANES)
@@ -231,8 +238,8 @@ def price_subsets(batch, scale):
             z = maximum(z1, load16(unions, b + 5 * LANES)) - minimum(z0, load16(unions, b + 2 * LANES))
             area, subset = x * (y + z) + y * z, 8 * h + low
             if subset & (subset - 1) == 0:
-                given = load16(batch.costs, subset * LANES)
-                area = select(given < np.float32(0.0), area, given)
+                known = load16(batch.costs, subset * LANES)
+                area = select(known < np.float32(0.0), area, known)
             store(batch.costs, subset * LANES, area)
 
 
@@ -242,23 +249,23 @@ def plan_treelets(batch, rules):
     costs, max_leaf = batch.costs, np.float32(rules.max_leaf)
     for subset in range(3, _SUBSETS):
         low = subset & -subset
-        rest = subset ^ low
-        if rest == 0:
+        others = subset ^ low
+        if others == 0:
             continue
-        best, left = load16(costs, low * LANES) + load16(costs, rest * LANES), splat16(np.int32(low))
-        part = (rest - 1) & rest
+        best, best_half = load16(costs, low * LANES) + load16(costs, others * LANES), splat16(np.int32(low))
+        part = (others - 1) & others
         while part != 0:
-            both = load16(costs, (low | part) * LANES) + load16(costs, (rest ^ part) * LANES)
-            left = select(both < best, np.int32(low | part), left)
+            both = load16(costs, (low | part) * LANES) + load16(costs, (others ^ part) * LANES)
+            best_half = select(both < best, np.int32(low | part), best_half)
             best = minimum(best, both)
-            part = (part - 1) & rest
+            part = (part - 1) & others
         area, count = load16(costs, subset * LANES), load16(batch.counts, low * LANES)
-        count += load16(batch.counts, rest * LANES)
+        count += load16(batch.counts, others * LANES)
         best, as_leaf = best + area, area * count
         is_leaf = (count <= max_leaf) & (as_leaf <= best)
         store(costs, subset * LANES, select(is_leaf, as_leaf, best))
         store(batch.counts, subset * LANES, count)
-        store(batch.lefts, subset * LANES, select(is_leaf, left | _LEAF, left))
+        store(batch.lefts, subset * LANES, select(is_leaf, best_half | _LEAF, best_half))
 
 
 @inlined
@@ -268,7 +275,7 @@ def cost_of_best(batch, lane):
 
 
 @kernel
-def _unfold(batch, lane, subsets, children):
+def _list_inner_nodes(batch, lane, subsets, children):
     """Write subsets and children of the best tree's inner nodes, parents first.
 
     A child is a leaf of the treelet, or LEAVES + the index of an inner node.
@@ -292,38 +299,38 @@ def replace_treelets(part, lane, batch):
     subsets, children, links, facts = stack_i32(8), stack_i32(16), stack_i32(16), stack_i32(64)
     boxes, pair = stack_f32(128), stack_f32(16)
     inner = ptr_at(batch.inner, lane * 8)
-    _unfold(batch, lane, subsets, children)
+    _list_inner_nodes(batch, lane, subsets, children)
     for leaf in range(LEAVES):
         place = np.int64(get(batch.places, lane * 8 + leaf))
         store(boxes, leaf * 8, load8(batch.pairs, lane * _INNER * 16 + place * 8))
         store(facts, leaf * 4, load4(batch.facts, lane * 32 + leaf * 4))
         put(links, leaf, get(batch.links, lane * 16 + place))
     for i in range(_INNER - 1, -1, -1):
-        left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
+        left_child, right_child = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
         subset, at = np.int64(get(subsets, i)), (LEAVES + i) * 4
         is_leaf = get(batch.lefts, subset * LANES + lane) & _LEAF != 0 and get(inner, i) != 0  # never the root
-        kept = 1 + get(facts, left * 4 + KEPT) + get(facts, right * 4 + KEPT)
+        n_nodes = 1 + get(facts, left_child * 4 + NODES) + get(facts, right_child * 4 + NODES)
         put(as_f32(facts), at + COST, get(batch.costs, subset * LANES + lane))
         put(facts, at + COUNT, get(batch.counts, subset * LANES + lane))
-        put(facts, at + KEPT, 0 if is_leaf else kept)
-        put(facts, at + HEIGHT, 1 + max(get(facts, left * 4 + HEIGHT), get(facts, right * 4 + HEIGHT)))
+        put(facts, at + NODES, 0 if is_leaf else n_nodes)
+        put(facts, at + HEIGHT, 1 + max(get(facts, left_child * 4 + HEIGHT), get(facts, right_child * 4 + HEIGHT)))
         put(links, LEAVES + i, get(inner, i))
     if get(facts, LEAVES * 4 + HEIGHT) > get(part.rooms, np.int64(get(inner, 0))):
         return
     lower = mask_from_bits8(15)
     for i in range(_INNER - 1, -1, -1):
         node, at = np.int64(get(inner, i)), LEAVES + i
-        left, right = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
-        a, b = load8(boxes, left * 8), load8(boxes, right * 8)
+        left_child, right_child = np.int64(get(children, 2 * i)), np.int64(get(children, 2 * i + 1))
+        a, b = load8(boxes, left_child * 8), load8(boxes, right_child * 8)
         store(boxes, at * 8, select(lower, minimum(a, b), maximum(a, b)))
         store(pair, 0, a)
         store(pair, 8, b)
         line = shuffle(load16(pair, 0), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 3, 3, 3)
         store(part.nodes, line_at(node), line)
-        put(part.links, link_at(node, 0), get(links, left))
-        put(part.links, link_at(node, 1), get(links, right))
+        put(part.links, link_at(node, 0), get(links, left_child))
+        put(part.links, link_at(node, 1), get(links, right_child))
         store(part.facts, node * 4, load4(facts, at * 4))
-        put(part.is_leaf, node, get(facts, at * 4 + KEPT) == 0)
+        put(part.is_leaf, node, get(facts, at * 4 + NODES) == 0)
 
 
 # --- The builder ------------------------------------------------------------------------------------------------------
@@ -331,7 +338,7 @@ def replace_treelets(part, lane, batch):
 
 _LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: a margin above rounding
 _TOP = 4  # factor of the rounds in the top, whose nodes are few and large
-_WAITING = 2 * MAX_DEPTH + 2
+_STACK_SIZE = 2 * MAX_DEPTH + 2
 
 
 @inlined
@@ -343,10 +350,10 @@ def _area_of_node(nodes, node, scale):
 
 
 @kernel
-def _measure(part, node, rules):
+def _update_facts(part, node, rules):
     """Compute the facts of a node from its children's facts, and return its cost."""
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
-    count, cost, kept, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
+    count, cost, n_nodes, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
     for side in range(2):
         link = np.int64(get(part.links, link_at(node, side)))
         if link < 0:
@@ -355,41 +362,41 @@ def _measure(part, node, rules):
         else:
             cost += get(costs, link * 4 + COST)
             count += get(part.facts, link * 4 + COUNT)
-            kept += get(part.facts, link * 4 + KEPT)
+            n_nodes += get(part.facts, link * 4 + NODES)
             height = max(height, np.int64(get(part.facts, link * 4 + HEIGHT)))
     area = _area_of_node(part.nodes, node, rules.scale)
     cost, as_leaf = cost + area, area * np.float32(count)
     if count <= rules.max_leaf and as_leaf <= cost and node != 0:  # the root is never a leaf
-        cost, kept = as_leaf, np.int64(0)
+        cost, n_nodes = as_leaf, np.int64(0)
     put(costs, node * 4 + COST, cost)
     put(part.facts, node * 4 + COUNT, count)
-    put(part.facts, node * 4 + KEPT, kept)
+    put(part.facts, node * 4 + NODES, n_nodes)
     put(part.facts, node * 4 + HEIGHT, height + 1)
-    put(part.is_leaf, node, kept == 0)
+    put(part.is_leaf, node, n_nodes == 0)
     return cost
 
 
 @kernel
-def _schedule(part, first, room, least, queue, waiting):
+def _schedule(part, first, room, least, queue, stack):
     """Queue the nodes without treated nodes below them, and return how many.
 
     This round treats only nodes with at least `least` triangles below.
     """
     if get(part.facts, first * 4 + COUNT) < least:
         return 0
-    put(waiting, 0, first)
+    put(stack, 0, first)
     put(part.parents, first, -1)
     put(part.rooms, first, room)
     height, n = 1, 0
     while height > 0:
         height -= 1
-        node, pending = np.int64(get(waiting, height)), 0
+        node, pending = np.int64(get(stack, height)), 0
         for side in range(2):
             child = np.int64(get(part.links, link_at(node, side)))
             if child >= 0 and get(part.facts, child * 4 + COUNT) >= least:
                 put(part.parents, child, node)
                 put(part.rooms, child, get(part.rooms, node) - 1)
-                put(waiting, height, child)
+                put(stack, height, child)
                 height += 1
                 pending += 1
         put(part.pending, node, pending)
@@ -400,7 +407,7 @@ def _schedule(part, first, room, least, queue, waiting):
 
 
 @kernel
-def _round(part, queue, n, batch, rules):
+def _treat_queue(part, queue, n, batch, rules):
     """Treat the `n` nodes in the queue, sixteen at once, then the nodes that waited for them."""
     done = 0
     while done < n:
@@ -412,7 +419,7 @@ def _round(part, queue, n, batch, rules):
         plan_treelets(batch, rules)
         for lane in range(lanes):
             node = np.int64(get(queue, done + lane))
-            if cost_of_best(batch, lane) < _measure(part, node, rules) * _LESS:
+            if cost_of_best(batch, lane) < _update_facts(part, node, rules) * _LESS:
                 replace_treelets(part, lane, batch)
             parent = np.int64(get(part.parents, node))
             if parent >= 0:
@@ -442,12 +449,12 @@ def _part_of(work, numbers, first):
 
 
 @kernel
-def _rounds(part, root, room, least, growth, queue, rules):
+def _run_rounds(part, root, room, least, growth, queue, rules):
     """Treat the nodes with at least `least` triangles below, then with `growth` times as many, and so on."""
-    batch, waiting = batch_at(stack_f32(BATCH)), stack_i32(_WAITING)
+    batch, stack = batch_at(stack_f32(BATCH)), stack_i32(_STACK_SIZE)
     for _ in range(rules.rounds):
-        ready = _schedule(part, root, room, least, queue, waiting)
-        _round(part, queue, ready, batch, rules)
+        ready = _schedule(part, root, room, least, queue, stack)
+        _treat_queue(part, queue, ready, batch, rules)
         least *= growth
 
 
@@ -461,8 +468,8 @@ def _restructure_parts(ticket, work, parts, rules):
         if root >= 0:
             part = _part_of(work, numbers, root)
             for node in range(end - 1, root - 1, -1):  # children have higher numbers than their parents
-                _measure(part, node, rules)
-            _rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
+                _update_facts(part, node, rules)
+            _run_rounds(part, root, MAX_DEPTH - depth, LEAVES, 2, queue, rules)
 
 
 @kernel
@@ -474,8 +481,8 @@ def _restructure_top(work, nodes, least, rules, numbers):
     """
     part = _part_of(work, numbers, 0)
     for node in nodes[::-1]:
-        _measure(part, node, rules)
-    _rounds(part, 0, MAX_DEPTH, least, 1, ptr_at(numbers, 3 * numbers.shape[1]), rules)
+        _update_facts(part, node, rules)
+    _run_rounds(part, 0, MAX_DEPTH, least, 1, ptr_at(numbers, 3 * numbers.shape[1]), rules)
 
 
 def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
@@ -494,7 +501,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
         _restructure_top(work, pieces.numbers, cutting.PART + 2, longer, numbers)
         pieces = cut_tree(bvh, work.facts[:, COUNT])
     roots = pieces.parts[:, 0]
-    sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [KEPT, COUNT]])
+    sizes = np.where(roots[:, None] < 0, [0, 1], work.facts[np.maximum(roots, 0)][:, [NODES, COUNT]])
     return relayout(bvh, pieces, LeafChoice(work.is_leaf, sizes), threads)
 
 

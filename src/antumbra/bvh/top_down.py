@@ -57,36 +57,36 @@ class SubsetPlans(NamedTuple):
 def _cheapest_halves(cost, subset):
     """(cost, left child) of the cheapest division of a subset of two or more."""
     low = subset & -subset
-    rest = subset ^ low
-    best, best_left = INF, low
-    part = (rest - 1) & rest
+    others = subset ^ low
+    best, best_half = INF, low
+    part = (others - 1) & others
     while True:
-        left = low | part
-        both = get(cost, left) + get(cost, subset ^ left)
+        half = low | part
+        both = get(cost, half) + get(cost, subset ^ half)
         if both < best:
-            best, best_left = both, left
+            best, best_half = both, half
         if part == 0:
-            return best, best_left
-        part = (part - 1) & rest
+            return best, best_half
+        part = (part - 1) & others
 
 
 @kernel
 def _plan(records, first, n, max_leaf, scale, plans):
     """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each."""
     for subset in range(1, 1 << n):
-        rest = subset & (subset - 1)
+        others = subset & (subset - 1)
         box = load8(records, (first + lowest_bit(subset)) * 8)
-        if rest != 0:
-            box = minimum(box, load8(plans.boxes, rest * 8))
+        if others != 0:
+            box = minimum(box, load8(plans.boxes, others * 8))
         store(plans.boxes, subset * 8, box)
         area, size = half_area(box, scale), popcount(subset)
-        cost, left = np.float32(size) * area, np.int64(0)
+        cost, half = np.float32(size) * area, np.int64(0)
         if size > 1:
             divided, halves = _cheapest_halves(plans.cost, subset)
             if size > max_leaf or divided + area < cost:
-                cost, left = divided + area, halves
+                cost, half = divided + area, halves
         put(plans.cost, subset, cost)
-        put(plans.left, subset, left)
+        put(plans.left, subset, half)
 
 
 @kernel
@@ -109,8 +109,8 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
     while height > 0:
         height -= 1
         subset, slot = np.int64(get(todo, 2 * height)), np.int64(get(todo, 2 * height + 1))
-        left = np.int64(get(plans.left, subset))
-        if left == 0:
+        left_half = np.int64(get(plans.left, subset))
+        if left_half == 0:
             put(out.links, slot, bvh_link(cursor, popcount(subset)))
             while subset != 0:
                 put(out.prim_ids, cursor, record_id(records, first + lowest_bit(subset)))
@@ -118,11 +118,11 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
                 subset &= subset - 1
             continue
         put(out.links, slot, next_node)
-        right = subset ^ left
-        write_boxes(out.nodes, next_node, load8(plans.boxes, left * 8), load8(plans.boxes, right * 8))
-        put(todo, 2 * height, right)
+        right_half = subset ^ left_half
+        write_boxes(out.nodes, next_node, load8(plans.boxes, left_half * 8), load8(plans.boxes, right_half * 8))
+        put(todo, 2 * height, right_half)
         put(todo, 2 * height + 1, link_at(next_node, 1))
-        put(todo, 2 * height + 2, left)
+        put(todo, 2 * height + 2, left_half)
         put(todo, 2 * height + 3, link_at(next_node, 0))
         height += 2
         next_node += 1
@@ -132,9 +132,9 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
 # --- The subtree of a range, depth first and in place -----------------------------------------------------------------
 
 
-_WAITING = MAX_DEPTH + 1  # waiting ranges: the right child at each level, and a left one
-_NUMBERS = 4 * _WAITING
-_BOXES = 16 * _WAITING
+_STACK_SIZE = MAX_DEPTH + 1  # ranges: one right child per level, and one left child
+_NUMBERS = 4 * _STACK_SIZE
+_BOXES = 16 * _STACK_SIZE
 _AHEAD = 8  # slots whose corners are fetched in advance
 
 
@@ -207,18 +207,18 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
         if e - b <= OPTIMAL_SIZE and d + e - b - 1 <= MAX_DEPTH:
             next_node = build_optimal_subtree(records, b, e - b, settings, out, next_node, slot, d == 0)
             continue
-        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        range_box, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         split = find_split(source, b, e, centroids, d, settings.scale)
-        if _leaf_is_cheaper(e - b, d, here, split, settings):
+        if _leaf_is_cheaper(e - b, d, range_box, split, settings):
             write_leaf(records, b, e, out, slot)
             continue
         m = divide(source, b, e, centroids, split)
-        left, left_centroids = range_bounds(records, b, m)
-        right, right_centroids = range_bounds(records, m, e)
+        left_box, left_centroids = range_bounds(records, b, m)
+        right_box, right_centroids = range_bounds(records, m, e)
         put(out.links, slot, next_node)
-        write_boxes(out.nodes, next_node, left, right)
-        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right, right_centroids)
-        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left, left_centroids)
+        write_boxes(out.nodes, next_node, left_box, right_box)
+        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right_box, right_centroids)
+        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left_box, left_centroids)
         next_node += 1
     return next_node
 
@@ -271,8 +271,8 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
     # In: vertices; method, `Binned` or `Swept`; top, `UpperLevels`; order, (s,) int64; settings, of `build_range`
     # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
     # Scratch: memory, the thread's own `_Memory`
-    room, scratch = memory.nodes, memory.scratch
-    out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
+    part_nodes, scratch = memory.nodes, memory.scratch
+    out = Tree(ptr(part_nodes), as_i32(part_nodes), ptr(bvh.prim_ids), ptr(bvh.corners))
     for k in items(ticket):
         s = order[k]
         first, last, depth = top.ranges[s]
@@ -281,7 +281,7 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
         count = build_range(ptr(vertices), source, first, last, depth, box, centroids, settings, s, out)
         at = atomic_add(next_free, 0, count)
         for i in range(count):
-            store(subtrees.nodes, line_at(at + i), load16(room, line_at(i + 1)))
+            store(subtrees.nodes, line_at(at + i), load16(part_nodes, line_at(i + 1)))
         subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, LINK)
 
 
@@ -296,6 +296,6 @@ def build_below(flat, method, words: int, top: UpperLevels, settings, threads: i
     sizes = top.ranges[:, 1] - top.ranges[:, 0]
     order, largest = np.argsort(-sizes, kind="stable"), int(sizes.max())
     next_free, args = np.zeros(1, np.int64), (flat, method, top, order, settings, bvh, subtrees)
-    own = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
-    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=own)
+    make_memory = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
+    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=make_memory)
     return bvh, subtrees

@@ -128,17 +128,17 @@ def set_split(level, r, split):
     """Store the split of range r, and the new positions of its blocks' records."""
     n_bins, middle = mapping_of_range(level, r).n_bins, (level.ranges[r, 0] + level.ranges[r, 1]) >> 1
     block, end = blocks_of(level, r)
-    left = level.ranges[r, 0]
+    next_left = level.ranges[r, 0]
     for b in range(block, end):
         count = _count_left(level, b, split, n_bins, middle)
-        level.places[b, 0], level.places[b, 1] = left, count
-        left += count
-    right = left
+        level.places[b, 0], level.places[b, 1] = next_left, count
+        next_left += count
+    next_right = next_left
     for b in range(block, end):
         count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
-        level.places[b, 1] = right
-        right += count
-    level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, left
+        level.places[b, 1] = next_right
+        next_right += count
+    level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, next_left
 
 
 @kernel
@@ -163,16 +163,16 @@ def _move_block(source, target, level, block):
     to_left, to_right = level.places[block]
     left_box, left_centroids, right_box, right_centroids = splat8(INF), splat8(INF), splat8(INF), splat8(INF)
     for i in range(first, last):
-        left = goes_left(source, i, axis, origin, factor, limit) if axis >= 0 else i < middle
+        is_left = goes_left(source, i, axis, origin, factor, limit) if axis >= 0 else i < middle
         record = load8(source, i * 8)
-        centroid, side = double_centroid(record), splat8(left)
+        centroid, side = double_centroid(record), splat8(is_left)
         left_box = minimum(left_box, select(side, record, INF))
         left_centroids = minimum(left_centroids, select(side, centroid, INF))
         right_box = minimum(right_box, select(side, INF, record))
         right_centroids = minimum(right_centroids, select(side, INF, centroid))
-        store(target, (to_left if left else to_right) * 8, record)
-        to_left += np.int64(left)
-        to_right += np.int64(not left)
+        store(target, (to_left if is_left else to_right) * 8, record)
+        to_left += np.int64(is_left)
+        to_right += np.int64(not is_left)
     row = block * 32
     store(level.sides, row, left_box)
     store(level.sides, row + 8, left_centroids)
@@ -270,20 +270,20 @@ class Subtrees(NamedTuple):
 
 
 @kernel
-def _place(children, counts, node_at, subtree_at, waiting):
-    """`place`; `waiting` is scratch memory for one link more than the top has nodes."""
-    waiting[0] = 0 if len(children) else -1
+def _place(children, counts, node_at, subtree_at, stack):
+    """`place`; `stack` is scratch memory for one link more than the top has nodes."""
+    stack[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
         height -= 1
-        child = waiting[height]
+        child = stack[height]
         if child < 0:
             subtree_at[~child] = position
             position += counts[~child]
             continue
         node_at[child] = position
         position += 1
-        waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
+        stack[height], stack[height + 1] = children[child, 1], children[child, 0]
         height += 2
     return position
 

@@ -50,12 +50,12 @@ class TreeFrontier(NamedTuple):
 def _cut_tree(bvh, sizes, largest, cut):
     """Fill `cut`, and return (number of nodes of the top, number of parts)."""
     nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
-    waiting = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
-    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
+    stack = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(bvh.nodes), 0, -1
     height, n_top, n_parts = 1, 0, 0
     while height > 0:
         height -= 1
-        node, end, depth, place = waiting[height]
+        node, end, depth, place = stack[height]
         large = node >= 0 and (end - node if sizes is None else sizes[node]) > largest
         if place >= 0:
             links[place >> 1, LINK + (place & 1)] = n_top if large else bvh_link(n_parts, 1)
@@ -67,9 +67,9 @@ def _cut_tree(bvh, sizes, largest, cut):
         store(lines, line_at(n_top), load16(nodes, line_at(node)))
         right = np.int64(bvh.links[node, LINK + 1])
         for side in (1, 0):
-            waiting[height, 0] = bvh.links[node, LINK + side]
-            waiting[height, 1] = right if side == 0 and right >= 0 else end
-            waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
+            stack[height, 0] = bvh.links[node, LINK + side]
+            stack[height, 1] = right if side == 0 and right >= 0 else end
+            stack[height, 2], stack[height, 3] = depth + 1, 2 * n_top + side
             height += 1
         n_top += 1
     return n_top, n_parts
@@ -83,9 +83,11 @@ def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
     With None, a part's nodes are consecutive, from its root to its end.
     """
     n = len(bvh.nodes)
-    room = min(n, MAX_DEPTH * (n // PART))  # for the top: the large subtrees of one depth have at most n nodes together
-    top = aligned_empty((room, 16), "f4")
-    frontier = TreeFrontier(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
+    capacity = min(
+        n, MAX_DEPTH * (n // PART)
+    )  # for the top: the large subtrees of one depth have at most n nodes together
+    top = aligned_empty((capacity, 16), "f4")
+    frontier = TreeFrontier(np.empty(capacity, np.int64), top, np.empty((capacity + 1, 3), np.int64))
     n_top, n_parts = _cut_tree(bvh, sizes, PART, frontier)
     return TreeFrontier(frontier.numbers[:n_top], top[:n_top], frontier.parts[:n_parts])
 
@@ -101,7 +103,7 @@ def children_of_top(cut: TreeFrontier) -> np.ndarray:
 
 _ZERO = np.float32(0.0)
 _LEVELS = MAX_DEPTH + 2
-_WAITING = 2 * MAX_DEPTH + 2
+_STACK_SIZE = 2 * MAX_DEPTH + 2
 
 
 class LeafChoice(NamedTuple):
@@ -111,7 +113,7 @@ class LeafChoice(NamedTuple):
     sizes: np.ndarray  # (s, 2) int64: nodes and triangles of each part with these leaves
 
 
-class _Best(NamedTuple):
+class _CostStack(NamedTuple):
     """A stack of subtrees: least SAH cost, triangles, nodes."""
 
     costs: np.ndarray  # (k,) float64: SAH cost times half the area of the tree's root
@@ -144,21 +146,21 @@ def _price_node(tree, node, best, top, max_leaf):
 @kernel
 def _price(tree, root, max_leaf, is_leaf):
     """Choose the nodes of a subtree that become leaves, and return its (nodes, triangles) with them."""
-    waiting, height = stack_array(np.int64, _WAITING), 1
+    stack, height = stack_array(np.int64, _STACK_SIZE), 1
     costs, triangles = stack_array(np.float64, _LEVELS), stack_array(np.int64, _LEVELS)
-    best, top = _Best(costs, triangles, stack_array(np.int64, _LEVELS)), 0
-    waiting[0] = root
+    best, top = _CostStack(costs, triangles, stack_array(np.int64, _LEVELS)), 0
+    stack[0] = root
     while height > 0:
-        node = waiting[height - 1]
+        node = stack[height - 1]
         if node < 0:
             height -= 1
             is_leaf[~node], top = _price_node(tree, ~node, best, top, max_leaf)
             continue
-        waiting[height - 1] = ~node  # visited again when its children are done
+        stack[height - 1] = ~node  # visited again when its children are done
         for side in range(2):
             link = np.int64(get(tree.links, link_at(node, side)))
             if link >= 0:
-                waiting[height] = link
+                stack[height] = link
                 height += 1
     return best.nodes[0], best.triangles[0]
 
@@ -183,17 +185,17 @@ def _copy_slot(source, old, target, new):
 
 
 @kernel
-def _copy_leaf(source, link, waiting, height, target, slot):
+def _copy_leaf(source, link, stack, height, target, slot):
     """Copy the triangles below a link to slots from `slot` on; returns the next free slot. Stacks above `height`."""
     base = height
-    waiting[height, 0] = link
+    stack[height, 0] = link
     height += 1
     while height > base:
         height -= 1
-        link = waiting[height, 0]
+        link = stack[height, 0]
         if link >= 0:
-            waiting[height, 0] = get(source.links, link_at(link, 1))
-            waiting[height + 1, 0] = get(source.links, link_at(link, 0))
+            stack[height, 0] = get(source.links, link_at(link, 1))
+            stack[height + 1, 0] = get(source.links, link_at(link, 0))
             height += 2
             continue
         first, count = bvh_leaf(link)
@@ -227,14 +229,14 @@ def _fetch_part(source, root, queue):
 @kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
     """Write a part from this node and this slot on, and return the link to it."""
-    waiting = stack_array(np.int64, _WAITING, 2)  # link, where the new link goes
-    waiting[0, 0], waiting[0, 1] = root, -1
+    stack = stack_array(np.int64, _STACK_SIZE, 2)  # link, where the new link goes
+    stack[0, 0], stack[0, 1] = root, -1
     height, first = 1, np.int64(node)
     while height > 0:
         height -= 1
-        link, where = waiting[height]
+        link, word = stack[height]
         if link < 0 or is_leaf[link]:
-            end = _copy_leaf(source, link, waiting, height, target, slot)
+            end = _copy_leaf(source, link, stack, height, target, slot)
             new = bvh_link(slot, end - slot)
             slot = end
         else:
@@ -242,12 +244,12 @@ def _copy_part(source, root, is_leaf, target, node, slot):
             store(target.nodes, line_at(node), load16(source.nodes, line_at(link)))
             store(target.nodes, link_at(node, 0), splat4(_ZERO))
             for side in (1, 0):
-                waiting[height, 0] = get(source.links, link_at(link, side))
-                waiting[height, 1] = link_at(node, side)
+                stack[height, 0] = get(source.links, link_at(link, side))
+                stack[height, 1] = link_at(node, side)
                 height += 1
             node += 1
-        if where >= 0:
-            put(target.links, where, new)
+        if word >= 0:
+            put(target.links, word, new)
         else:
             first = new
     return first
@@ -267,9 +269,9 @@ def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
 
 def _slots_before(children, triangles):
     """The first slot of each part, depth first."""
-    turn = np.empty(len(triangles), np.int64)
-    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), turn)
-    order = np.argsort(turn)
+    ranks = np.empty(len(triangles), np.int64)
+    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), ranks)
+    order = np.argsort(ranks)
     slots = np.empty_like(triangles)
     slots[order] = np.cumsum(triangles[order]) - triangles[order]
     return slots
@@ -307,8 +309,8 @@ def relayout(bvh: Bvh, cut: TreeFrontier, choice: LeafChoice, threads: int) -> B
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
     to_parts = np.empty(len(cut.parts), np.int64)
-    own = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
-    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=own)
+    make_queue = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=make_queue)
     nodes[node_at] = cut.top
     new.links[node_at, CHILDREN] = _links_of_top(children, node_at, to_parts)
     new.links[node_at, ORDER:] = 0

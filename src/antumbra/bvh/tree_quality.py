@@ -10,7 +10,7 @@ from ..kernels.simd import ptr, stack_array
 from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
-_WAITING = MAX_DEPTH + 1
+_STACK_SIZE = MAX_DEPTH + 1
 _OK = 0
 _FAULTS = (
     "",
@@ -105,13 +105,13 @@ def _check_child(bvh, node, side, reached, used):
 @kernel
 def _check_tree(bvh, reached, used):
     """(fault, node, side) of the first fault on a walk from the root; (_OK, 0, 0) if there is none."""
-    waiting = stack_array(np.int64, _WAITING, 2)
-    waiting[0, 0], waiting[0, 1] = 0, 1
+    stack = stack_array(np.int64, _STACK_SIZE, 2)
+    stack[0, 0], stack[0, 1] = 0, 1
     reached[0] = True
     height = 1
     while height > 0:
         height -= 1
-        node, depth = waiting[height, 0], waiting[height, 1]
+        node, depth = stack[height, 0], stack[height, 1]
         if depth > MAX_DEPTH:
             return _DEEP, node, 0
         for side in (1, 0):
@@ -120,19 +120,19 @@ def _check_tree(bvh, reached, used):
                 return fault, node, side
             link = bvh.links[node, LINK + side]
             if link >= 0:
-                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                stack[height, 0], stack[height, 1] = link, depth + 1
                 height += 1
     return _OK, 0, 0
 
 
 @kernel
-def _check_slots(bvh, vertices, seen):
+def _check_slots(bvh, vertices, used):
     """The first slot whose triangle does not exist, is in an earlier slot, or has other corners; -1 if none."""
     for slot in range(len(bvh.prim_ids)):
         prim = np.int64(bvh.prim_ids[slot])
-        if prim < 0 or prim >= len(vertices) or seen[prim]:
+        if prim < 0 or prim >= len(vertices) or used[prim]:
             return slot
-        seen[prim] = True
+        used[prim] = True
         for k in range(9):
             if bvh.corners[slot, k] != vertices[prim, k]:  # NaN too
                 return slot
@@ -232,17 +232,17 @@ def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, thread
 @kernel
 def _shape(links, sizes):
     """Fill the histogram of leaf sizes, and return the depth."""
-    waiting = stack_array(np.int64, _WAITING, 2)
-    waiting[0, 0], waiting[0, 1] = 0, 1
+    stack = stack_array(np.int64, _STACK_SIZE, 2)
+    stack[0, 0], stack[0, 1] = 0, 1
     height, deepest = 1, 0
     while height > 0:
         height -= 1
-        node, depth = waiting[height, 0], waiting[height, 1]
+        node, depth = stack[height, 0], stack[height, 1]
         deepest = max(deepest, depth)
         for side in range(2):
             link = np.int64(links[node, LINK + side])
             if link >= 0:
-                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                stack[height, 0], stack[height, 1] = link, depth + 1
                 height += 1
             elif link != EMPTY:
                 sizes[bvh_leaf(link).count] += 1

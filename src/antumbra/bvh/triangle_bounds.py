@@ -88,9 +88,9 @@ def range_bounds(records, first, last):
 
 
 @inlined
-def write_boxes(nodes, node, left, right):
+def write_boxes(nodes, node, left_box, right_box):
     """Write the boxes of both children to a node. Words 12 to 15 become 0."""
-    line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
+    line = shuffle(join(left_box, right_box), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
     line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
     store(nodes, line_at(node), select(mask_from_bits16(0x0FFF), line, _ZERO))
 
@@ -133,8 +133,8 @@ def bound_triangles(ticket, vertices, parts):
         for i in range(first, last):
             a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # stays NaN once a coordinate is NaN or infinite
-            here = _box(a, b, c)
-            box, centroids = minimum(box, here), minimum(centroids, double_centroid(here))
+            triangle = _box(a, b, c)
+            box, centroids = minimum(box, triangle), minimum(centroids, double_centroid(triangle))
         row = first // ticket[CHUNK] * PART
         store(rows, row, box)
         store(rows, row + 8, centroids)

@@ -121,14 +121,14 @@ class kernel(inlined):
 
     def _completed(self, arguments, by_name):
         """All arguments, including those given by name or by default."""
-        given = self._defaults | by_name
+        by_name_or_default = self._defaults | by_name
         try:
-            rest = tuple(given.pop(name) for name in self._names[len(arguments) :])
+            remaining = tuple(by_name_or_default.pop(name) for name in self._names[len(arguments) :])
         except KeyError as error:
             raise TypeError(f"{self.__qualname__}() needs the argument {error}") from None
-        if len(arguments) + len(rest) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
+        if len(arguments) + len(remaining) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
             raise TypeError(f"{self.__qualname__}() takes the arguments {', '.join(self._names)}")
-        return arguments + rest
+        return arguments + remaining
 
     def _find(self, key):
         with _lock:

@@ -45,13 +45,13 @@ OTHER = "generic"
 @cache
 def level() -> str:
     """The level for which kernels are compiled on this machine."""
-    wanted = os.environ.get("ANTUMBRA_LEVEL")
+    name = os.environ.get("ANTUMBRA_LEVEL")
     best = _best()
-    if not wanted:
+    if not name:
         return best
-    if wanted not in usable(best):
-        raise InputError(f"ANTUMBRA_LEVEL is {wanted}: this machine runs {', '.join(usable(best))}")
-    return wanted
+    if name not in usable(best):
+        raise InputError(f"ANTUMBRA_LEVEL is {name}: this machine runs {', '.join(usable(best))}")
+    return name
 
 
 def usable(best: str) -> list[str]:

@@ -64,9 +64,9 @@ def thread_count(threads: int | None) -> int:
             return len(os.sched_getaffinity(0))
         return os.cpu_count() or 1
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 1 <= threads <= MAX_THREADS:
-        given = repr(threads)[:40]
+        value = repr(threads)[:40]
         raise InputError(
-            f"threads is {given}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"
+            f"threads is {value}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"
         )
     return int(threads)
 

@@ -48,7 +48,7 @@ def _field(builder, ticket, field):
 
 def _take(builder, loop):
     """Take the next share and write it to the loop's state: `parallel.take`. Return whether there was one."""
-    ticket, taken = loop.ticket, cgutils.alloca_once_value(builder, ir.IntType(1)(0))
+    ticket, has_share = loop.ticket, cgutils.alloca_once_value(builder, ir.IntType(1)(0))
     stop = builder.atomic_rmw("or", _field(builder, ticket, STOP), _I64(0), _ORDER)
     with builder.if_then(builder.icmp_signed("==", stop, _I64(0))):
         chunk, n = (builder.load(_field(builder, ticket, field)) for field in (CHUNK, N))
@@ -56,26 +56,26 @@ def _take(builder, loop):
         last = builder.add(first, chunk)
         builder.store(first, loop.at)
         builder.store(builder.select(builder.icmp_signed("<", last, n), last, n), loop.last)
-        builder.store(builder.icmp_signed("<", first, n), taken)
-    return builder.load(taken)
+        builder.store(builder.icmp_signed("<", first, n), has_share)
+    return builder.load(has_share)
 
 
 def _next_share(context, builder, loop, result):
-    there = _take(builder, loop)
-    result.set_valid(there)
-    with builder.if_then(there):
+    has_share = _take(builder, loop)
+    result.set_valid(has_share)
+    with builder.if_then(has_share):
         share = [builder.load(loop.at), builder.load(loop.last)]
         result.yield_(context.make_tuple(builder, types.UniTuple(types.int64, 2), share))
 
 
 def _next_item(context, builder, loop, result):
-    there = cgutils.alloca_once(builder, ir.IntType(1))
-    left = builder.icmp_signed("<", builder.load(loop.at), builder.load(loop.last))
-    builder.store(left, there)
-    with builder.if_then(builder.not_(left)):
-        builder.store(_take(builder, loop), there)
-    result.set_valid(builder.load(there))
-    with builder.if_then(builder.load(there)):
+    is_valid = cgutils.alloca_once(builder, ir.IntType(1))
+    has_item = builder.icmp_signed("<", builder.load(loop.at), builder.load(loop.last))
+    builder.store(has_item, is_valid)
+    with builder.if_then(builder.not_(has_item)):
+        builder.store(_take(builder, loop), is_valid)
+    result.set_valid(builder.load(is_valid))
+    with builder.if_then(builder.load(is_valid)):
         item = builder.load(loop.at)
         builder.store(builder.add(item, _I64(1)), loop.at)
         result.yield_(item)

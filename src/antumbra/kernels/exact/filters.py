@@ -204,15 +204,15 @@ def verdict(w, tmin, tmax):
     t = w.t if side > 0 else -w.t
     d = w.d if side > 0 else -w.d
     ends_error = w.d_error + w.d_error
-    near = t - tmin * d
+    t_near = t - tmin * d
     slack = w.t_error + (tmin + END_FLOOR) * ends_error
-    if not near > slack:
-        return MISS if near < -slack else UNSURE
+    if not t_near > slack:
+        return MISS if t_near < -slack else UNSURE
     if tmax != np.inf:
-        far = tmax * d - t
+        t_far = tmax * d - t
         slack = w.t_error + (tmax + END_FLOOR) * ends_error
-        if not far > slack:
-            return MISS if far < -slack else UNSURE
+        if not t_far > slack:
+            return MISS if t_far < -slack else UNSURE
     return side
 
 
@@ -358,8 +358,8 @@ def meet(r, t):
     bound = fma(wide * t.s, (hx + hy + hz) * r.unit, r.floor)
     third = e0 * _THIRD
     low, high = minimum(third, minimum(e1, e2)), maximum(third, maximum(e1, e2))
-    maybe = ~((low < -bound) & (high > bound))
-    if not any_lane(maybe):
+    possible = ~((low < -bound) & (high > bound))
+    if not any_lane(possible):
         return np.int64(0), np.int64(0), np.int64(0)
     px, py, pz, qx, qy, qz = (
         absolute(t.px),
@@ -383,14 +383,14 @@ def meet(r, t):
     volume, det = flip_sign(_sum3(ax, nx, ay, ny, az, nz), e1), absolute(det)
     b_volume, b_det = fma(b_volume, unit, r.floor), fma(b_det, unit, r.floor)
     b_ends = b_det + b_det
-    near, near_bound = volume - r.tmin * det, fma(r.tmin + END_FLOOR, b_ends, b_volume)
+    t_near, t_near_bound = volume - r.tmin * det, fma(r.tmin + END_FLOOR, b_ends, b_volume)
     endless = ~(r.tmax < np.float32(np.inf))
     tmax = select(endless, np.float32(0.0), r.tmax)
-    far, far_bound = tmax * det - volume, fma(tmax + END_FLOOR, b_ends, b_volume)
-    inside = (near > near_bound) & (endless | (far > far_bound))
-    outside = (near < -near_bound) | (~endless & (far < -far_bound))
+    t_far, t_far_bound = tmax * det - volume, fma(tmax + END_FLOOR, b_ends, b_volume)
+    inside = (t_near > t_near_bound) & (endless | (t_far > t_far_bound))
+    outside = (t_near < -t_near_bound) | (~endless & (t_far < -t_far_bound))
     hits = line & inside
-    return bits(hits), bits(positive), bits(maybe & ~hits & ~miss & ~(line & outside))
+    return bits(hits), bits(positive), bits(possible & ~hits & ~miss & ~(line & outside))
 
 
 # --- Hit coordinates: t and the corners' weights ----------------------------------------------------------------------
@@ -431,8 +431,8 @@ def _dot(a, x, y, z):
     (p, i), (q, j), (r, k) = _product(a[0], x[0]), _product(a[1], y[0]), _product(a[2], z[0])
     i, j, k = i + a[0] * x[1], j + a[1] * y[1], k + a[2] * z[1]
     hi, more = _sum(p, q)
-    hi, rest = _sum(hi, r)
-    return _sum(hi, (more + rest) + ((i + j) + k))
+    hi, low = _sum(hi, r)
+    return _sum(hi, (more + low) + ((i + j) + k))
 
 
 @inlined
@@ -451,11 +451,11 @@ def quick_t(d, a, p, q):
     volume, volume_low = _dot(a, x, y, z)
     det, det_low = _dot(d, x, y, z)
     t, inverse = volume / det, 1.0 / det
-    back, back_low = _product(t, det)
-    rest = (((volume - back) - back_low) + (volume_low - t * det_low)) * inverse
+    product, product_low = _product(t, det)
+    correction = (((volume - product) - product_low) + (volume_low - t * det_low)) * inverse
     s = _larger_magnitude(widest(p), widest(q))
     error = _ROOM * ((widest(a) + abs(t) * widest(d)) * (s * s) * abs(inverse) + abs(t))
-    low, high = t + (rest - error), t + (rest + error)
+    low, high = t + (correction - error), t + (correction + error)
     return low if low == high else UNKNOWN
 
 

@@ -278,11 +278,11 @@ def surely_apart(ray, corners, i):
 
 
 @kernel
-def _add_rest(work, ray, corners, i, t, more):
+def _add_rest(work, ray, corners, i, t, t_low):
     """Set the sum to T - (t + more) D, and return its length. Its sign, times that of D, tells which t comes first."""
     n = _EMPTY
     for step in range(3):
-        scale = 1.0 if step == 0 else -t if step == 1 else -more
+        scale = 1.0 if step == 0 else -t if step == 1 else -t_low
         if scale != 0.0:
             n = _add(work, n, ray, corners, i, _VOLUME if step == 0 else _NORMAL, scale)
     return n
@@ -312,18 +312,18 @@ def exact_t(ray, corners, i):
     """t at which the line meets the plane of triangle i, rounded to the nearest float64; ties go to the even one."""
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     normal = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
-    t, rest = np.float64(0.0), np.float64(0.0)
+    t, remainder = np.float64(0.0), np.float64(0.0)
     for _ in range(2):  # the first rest is the quotient, and the second one its error
-        t += rest
-        rest = value_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) / normal
+        t += remainder
+        remainder = value_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) / normal
     if not (abs(t) > _SMALL and abs(t) < _LARGE):
         return t
     # Eq. (16) of docs/design/exactness.md
-    nearest = t + rest
-    left = rest - (nearest - t)
-    other = nearest + abs(nearest) * (_NEXT if left > 0.0 else -_NEXT)
+    nearest = t + remainder
+    excess = remainder - (nearest - t)
+    other = nearest + abs(nearest) * (_NEXT if excess > 0.0 else -_NEXT)
     gap = (other - nearest) / 2.0
-    if abs(left) <= abs(gap) * _SURE:
+    if abs(excess) <= abs(gap) * _SURE:
         return nearest
     beyond = sign_of(work.sum_, _add_rest(work, ray, corners, i, nearest, gap)) * normal * gap
     return nearest + gap if beyond == 0.0 else other if beyond > 0.0 else nearest

@@ -31,8 +31,8 @@ def _check_common(function, args, *elements):
     """The vector type that the arguments share."""
     vector = common_vector(args)
     if vector is None or vector.element not in elements:
-        wanted = " or ".join(str(e) for e in elements)
-        reject(function, *args, cure=f"needs vectors of {wanted} of one width; some may be scalars, not all")
+        names = " or ".join(str(e) for e in elements)
+        reject(function, *args, cure=f"needs vectors of {names} of one width; some may be scalars, not all")
     return vector
 
 

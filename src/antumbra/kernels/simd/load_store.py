@@ -290,16 +290,16 @@ def stack_array(typingctx, dtype, n, m=None):
             memory = builder.alloca(ir.ArrayType(element, prod(sizes)), name="stack_array")
         memory.align = _STACK_ALIGNMENT
         itemsize = context.get_abi_sizeof(element)
-        made = context.make_array(array)(context, builder)
+        result = context.make_array(array)(context, builder)
         populate_array(
-            made,
+            result,
             data=builder.bitcast(memory, element.as_pointer()),
             shape=[I64(k) for k in sizes],
             strides=[I64(itemsize * prod(sizes[i + 1 :])) for i in range(len(sizes))],
             itemsize=I64(itemsize),
             meminfo=None,
         )
-        return made._getvalue()
+        return result._getvalue()
 
     return array(dtype, n, types.Omitted(None) if m is None else m), codegen
 

@@ -53,10 +53,10 @@ def serve() -> None:
         try:
             kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
             load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
-            problem = None
+            message = None
         except Exception as error:
-            problem = f"{type(error).__name__}: {error}"
-        answers.write(json.dumps(problem) + "\n")
+            message = f"{type(error).__name__}: {error}"
+        answers.write(json.dumps(message) + "\n")
         answers.flush()
 
 
@@ -88,17 +88,17 @@ class _CompileProcess(threading.Thread):
         super().__init__(daemon=True)
         self._levels, self._work, self._done = list(levels), work, done
         command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
-        own = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=own)
+        environment = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=environment)
 
     def run(self):
         try:
             self._say(sys.path)
             while True:
-                wanted = self._work.get_nowait()
-                self._say([wanted.kernel, wanted.key, self._levels])
+                request = self._work.get_nowait()
+                self._say([request.kernel, request.key, self._levels])
                 answer = self._process.stdout.readline()
-                self._done.put((wanted, json.loads(answer) if answer else "the compiling process ended"))
+                self._done.put((request, json.loads(answer) if answer else "the compiling process ended"))
         except Empty:
             pass
         except (OSError, ValueError) as error:  # the process is gone
@@ -106,8 +106,8 @@ class _CompileProcess(threading.Thread):
         finally:
             self._done.put(None)
 
-    def _say(self, thing) -> None:
-        self._process.stdin.write(json.dumps(thing) + "\n")
+    def _say(self, message) -> None:
+        self._process.stdin.write(json.dumps(message) + "\n")
         self._process.stdin.flush()
 
     def end(self) -> None:
@@ -118,7 +118,7 @@ class _CompileProcess(threading.Thread):
 
 
 def compile_kernels(
-    wanted: Iterable[KernelRequest],
+    requests: Iterable[KernelRequest],
     progress: PoolProgress | None = None,
     processes: int | None = None,
     levels: Sequence[str] | None = None,
@@ -139,39 +139,40 @@ def compile_kernels(
     list of str
         Error messages, one for each failed kernel. A call of such a kernel compiles it again, and raises.
     """
-    todo = sorted(set(wanted), key=lambda each: -each.seconds)
+    ordered = sorted(set(requests), key=lambda each: -each.seconds)
     work: SimpleQueue = SimpleQueue()
     done: SimpleQueue = SimpleQueue()
-    for each in todo:
+    for each in ordered:
         work.put(each)
-    crew = [
-        _CompileProcess(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))
+    workers = [
+        _CompileProcess(levels or [level()], work, done)
+        for _ in range(min(processes or thread_count(None), len(ordered)))
     ]
     try:
-        for worker in crew:
+        for worker in workers:
             worker.start()
-        return _wait(done, len(crew), len(todo), progress)
+        return _wait(done, len(workers), len(ordered), progress)
     finally:
-        for worker in crew:
+        for worker in workers:
             worker.end()
         KernelFolder(cache_folder(), level()).prune()
 
 
-def _wait(done: SimpleQueue, at_work: int, total: int, progress: PoolProgress | None) -> list[str]:
-    ready, wrong = 0, []
-    while at_work:
+def _wait(done: SimpleQueue, n_running: int, total: int, progress: PoolProgress | None) -> list[str]:
+    n_done, errors = 0, []
+    while n_running:
         if progress is not None:
-            progress(ready, total)
+            progress(n_done, total)
         try:
             answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is heard
         except Empty:
             continue
         if answer is None:
-            at_work -= 1
+            n_running -= 1
             continue
-        each, problem = answer
-        ready += each is not None
-        wrong += [f"{each.kernel if each else 'a process'}: {problem}"] if problem else []
+        request, error = answer
+        n_done += request is not None
+        errors += [f"{request.kernel if request else 'a process'}: {error}"] if error else []
     if progress is not None:
-        progress(ready, total)
-    return wrong
+        progress(n_done, total)
+    return errors

@@ -52,8 +52,8 @@ class _Words:
         if isinstance(kind, types.Boolean):
             return builder.icmp_unsigned("!=", self.word(), WORD(0))
         if isinstance(kind, types.Integer):
-            word, wanted = self.word(), self.context.get_value_type(kind)
-            return builder.trunc(word, wanted) if wanted.width < 64 else word
+            word, target = self.word(), self.context.get_value_type(kind)
+            return builder.trunc(word, target) if target.width < 64 else word
         if kind == types.float64:
             return builder.bitcast(self.word(), ir.DoubleType())
         if kind == types.float32:
@@ -149,17 +149,17 @@ def argument_types(key: str) -> tuple[types.Type, ...]:
     return tuple(_type(token, tokens) for token in tokens)
 
 
-def _type(token: str, rest: Iterator[str]) -> types.Type:
+def _type(token: str, tokens: Iterator[str]) -> types.Type:
     if is_array(token):
         dtype, ndim, layout, writeable = array_parts(token)
         return types.Array(numba.from_dtype(np.dtype(dtype)), ndim, layout, readonly=not writeable)
     if not token.endswith("("):
         return _TYPES[token]
     items = []
-    for inner in rest:
+    for inner in tokens:
         if inner == END:
             break
-        items.append(_type(inner, rest))
+        items.append(_type(inner, tokens))
     return types.BaseTuple.from_types(items, tuple if token == "(" else class_of(token[:-1]))
 
 
@@ -210,9 +210,9 @@ def lower_kernel(kernel: kernel, key: str, symbol: str):
     context = cpu_target.target_context
     context.refresh()
     with kept_as_ir(context), numba_patches():
-        found = part_of(kernel).lower(argument_types(key))
-        library = entry_library(context, found, symbol)
-    return library.linked(symbol), result_spec(found.signature.return_type)
+        lowered = part_of(kernel).lower(argument_types(key))
+        library = entry_library(context, lowered, symbol)
+    return library.linked(symbol), result_spec(lowered.signature.return_type)
 
 
 def size_of(module) -> KernelSize:

@@ -273,16 +273,16 @@ def load_or_compile(
         If a folder cannot be written.
     """
     with folders[0].lock(digest):
-        found = {folder: folder.get(digest) for folder in folders}
-        missing = [folder for folder in folders if found[folder] is None]
+        codes = {folder: folder.get(digest) for folder in folders}
+        missing = [folder for folder in folders if codes[folder] is None]
         if missing:
             from . import compiling  # imports Numba
 
-            made = compiling.compile_kernel(function, key, digest, [folder.level for folder in missing])
-            for folder, code in zip(missing, made):
+            compiled_codes = compiling.compile_kernel(function, key, digest, [folder.level for folder in missing])
+            for folder, code in zip(missing, compiled_codes):
                 folder.put(digest, code)
-                found[folder] = code
-    return [(found[folder], "compiled" if folder in missing else "cache") for folder in folders]
+                codes[folder] = code
+    return [(codes[folder], "compiled" if folder in missing else "cache") for folder in folders]
 
 
 @cache

@@ -87,28 +87,28 @@ def _defined(node: ast.stmt) -> list[str]:
 _module = cache(_Module)
 
 
-def _collect(module: str, name: str, found: dict[tuple[str, str], str]) -> None:
+def _collect(module: str, name: str, definitions: dict[tuple[str, str], str]) -> None:
     """Add to `found` the statements that define a name, and the definitions of all names in them."""
-    if (module, name) in found:
+    if (module, name) in definitions:
         return
-    known = _module(module)
-    if name in known.imported:
-        _collect(*known.imported[name], found)
+    defining = _module(module)
+    if name in defining.imported:
+        _collect(*defining.imported[name], definitions)
         return
-    statements = known.statements.get(name, [])
-    found[module, name] = "\n".join(ast.dump(node) for node in statements)
+    statements = defining.statements.get(name, [])
+    definitions[module, name] = "\n".join(ast.dump(node) for node in statements)
     for node in statements:
         for inner in ast.walk(node):
-            if isinstance(inner, ast.Name) and (inner.id in known.statements or inner.id in known.imported):
-                _collect(module, inner.id, found)
+            if isinstance(inner, ast.Name) and (inner.id in defining.statements or inner.id in defining.imported):
+                _collect(module, inner.id, definitions)
 
 
 @cache
 def definition_digest(module: str, name: str) -> str:
     """Digest of a name's definition in a module."""
-    found: dict[tuple[str, str], str] = {}
-    _collect(module, name, found)
-    text = repr([module, name, *sorted(found.items())]) + "".join(map(module_digest, _IMPLIED))
+    definitions: dict[tuple[str, str], str] = {}
+    _collect(module, name, definitions)
+    text = repr([module, name, *sorted(definitions.items())]) + "".join(map(module_digest, _IMPLIED))
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -220,13 +220,13 @@ class _DigestPart:
 
 def _globals_of(code: types.CodeType) -> set[str]:
     """The globals that a code object names. Attributes may have the same names, and do not count."""
-    found, more = set(), 0
+    names, extension = set(), 0
     for operation, argument in zip(code.co_code[::2], code.co_code[1::2]):
-        argument |= more
-        more = argument << 8 if operation == _EXTENDED else 0
+        argument |= extension
+        extension = argument << 8 if operation == _EXTENDED else 0
         if operation == _LOAD_GLOBAL:
-            found.add(code.co_names[argument >> 1])  # the lowest bit is a flag for calls
-    return found
+            names.add(code.co_names[argument >> 1])  # the lowest bit is a flag for calls
+    return names
 
 
 def _name_of(cls: type) -> str:
@@ -250,14 +250,14 @@ _parts: dict[types.FunctionType, _Known] = {}
 
 
 def _part(function: types.FunctionType) -> _Known:
-    found = _parts.get(function)
-    if found is None:
-        made = _DigestPart(function)
+    cached = _parts.get(function)
+    if cached is None:
+        part = _DigestPart(function)
         digest = blake2b(digest_size=16)
-        for text in made.text:
+        for text in part.text:
             digest.update(len(text).to_bytes(4, "little") + text)
-        found = _parts[function] = _Known(digest.digest(), made.reached, made.homes)
-    return found
+        cached = _parts[function] = _Known(digest.digest(), part.reached, part.homes)
+    return cached
 
 
 def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
@@ -265,16 +265,16 @@ def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[typ
 
     homes : modules of the argument classes; the guest overloads of these modules count
     """
-    seen, todo, homes, stubs = {function}, [function], set(homes), []
+    functions, todo, homes, stubs = {function}, [function], set(homes), []
     while todo:
         known = _part(todo.pop())
         stubs += [callee for callee in known.reached if guest_overloads(callee)]
         homes |= known.homes
         guests = [guest for stub in stubs for guest in guest_overloads(stub) if guest.__module__ in homes]
-        new = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in seen)
-        seen.update(new)
+        new = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in functions)
+        functions.update(new)
         todo += new
-    return list(seen)
+    return list(functions)
 
 
 @cache

@@ -52,18 +52,18 @@ def read_manifests(*files: Path) -> KernelManifest:
     jobs: dict[str, list[int]] = {}
     for file in files:
         try:
-            said = json.loads(file.read_text())
+            contents = json.loads(file.read_text())
         except OSError:
             continue
-        jobs |= {job: [len(kernels) + place for place in places] for job, places in said["jobs"].items()}
-        kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in said["kernels"]]
+        jobs |= {job: [len(kernels) + place for place in places] for job, places in contents["jobs"].items()}
+        kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in contents["kernels"]]
     return KernelManifest(kernels, jobs)
 
 
 def package_manifest() -> KernelManifest:
     """The contents of all such files in this package, also of parts that nobody has added; each kernel once."""
-    found = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
-    return KernelManifest(list({(each.kernel, each.key): each for each in found.kernels}.values()), {})
+    manifest = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
+    return KernelManifest(list({(each.kernel, each.key): each for each in manifest.kernels}.values()), {})
 
 
 def kernels_of_job(name: str) -> set[KernelRequest] | None:
@@ -83,12 +83,12 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
     RuntimeError
         If a kernel cannot be compiled. Nothing is written then.
     """
-    wanted = package_manifest().kernels
-    digests = [kernel_digest(import_object(each.kernel), each.key) for each in wanted]
-    with report_progress(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
-        wrong = compile_kernels(wanted, progress, levels=levels)
-    if wrong:
-        raise RuntimeError("; ".join(wrong))
+    requests = package_manifest().kernels
+    digests = [kernel_digest(import_object(each.kernel), each.key) for each in requests]
+    with report_progress(f"compiling {len(requests)} kernels for {', '.join(levels)}") as progress:
+        errors = compile_kernels(requests, progress, levels=levels)
+    if errors:
+        raise RuntimeError("; ".join(errors))
     paths = []
     for each in levels:
         folder = KernelFolder(cache_folder(), each)
@@ -106,8 +106,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     runs = usable(level())
     for path in make_packs(options.out, options.level or list(LEVELS)):
-        made = path.stem.partition("-")[2]
-        note = "" if made in runs else "  (this machine cannot run it)"
+        pack_level = path.stem.partition("-")[2]
+        note = "" if pack_level in runs else "  (this machine cannot run it)"
         print(f"{path}  {path.stat().st_size / 1e6:.1f} MB{note}")
     return 0
 

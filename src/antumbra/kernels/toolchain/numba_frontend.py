@@ -83,23 +83,23 @@ def _remembered_call_type(self, context, args, kws):
 _LEAVES = {str, int, float, bool, type(None), ir.Loc}
 
 
-def _variables(values, found: list) -> list:
+def _variables(values, variables: list) -> list:
     """Append the variables among `values` to `found`. Values that hold no variables are skipped."""
     for value in values:
         kind = type(value)
         if kind is ir.Var:
-            found.append(value)
+            variables.append(value)
         elif kind in _LEAVES:
             continue
         elif kind is list or kind is tuple:
-            _variables(value, found)
+            _variables(value, variables)
         elif kind is dict:
-            _variables(value.values(), found)
+            _variables(value.values(), variables)
         elif isinstance(value, ir.Inst):
-            found += value.list_vars()
+            variables += value.list_vars()
         elif isinstance(value, ir.Var):
-            found.append(value)
-    return found
+            variables.append(value)
+    return variables
 
 
 def _list_vars(self):
@@ -162,13 +162,13 @@ class Library(codegen.CodeLibrary):
 
     def _closure(self) -> list[codegen.CodeLibrary]:
         """All libraries that this one reaches, itself first."""
-        found, todo = {self: None}, [self]
+        libraries, todo = {self: None}, [self]
         while todo:
             for library in todo.pop()._callees:
-                if library not in found:
-                    found[library] = None
+                if library not in libraries:
+                    libraries[library] = None
                     todo += [library] if isinstance(library, Library) else []
-        return list(found)
+        return list(libraries)
 
     # Numba calls the methods below if a function from elsewhere calls one that was compiled here.
 
@@ -291,8 +291,8 @@ class CompiledPart:
     def get_call_template(self, args, kws):
         """Called by Numba: the type that a call with arguments of these types returns."""
         signature, args = self.fold_argument_types(args, kws)
-        found, name = self.lower(tuple(args)), self.py_func.__name__
-        return typing.make_concrete_template(name, name, [found.signature]), signature, args, {}
+        lowered, name = self.lower(tuple(args)), self.py_func.__name__
+        return typing.make_concrete_template(name, name, [lowered.signature]), signature, args, {}
 
     def fold_argument_types(self, args, kws):
         """Called by Numba: the types of all arguments, given by position, by name or by default."""
@@ -306,27 +306,27 @@ class CompiledPart:
 
     @property
     def nopython_signatures(self):
-        return [found.signature for found in self.lowered.values()]
+        return [lowered.signature for lowered in self.lowered.values()]
 
     def lower(self, args: tuple[types.Type, ...]) -> Lowered:
         """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `library.kept_as_ir`."""
-        found = self.lowered.get(args)
-        if found is None:
+        lowered = self.lowered.get(args)
+        if lowered is None:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
             library = Library(context.codegen(), self.py_func.__qualname__)
             function, flags = self._choose(args), _flags(self._forced)
             self.is_compiling += 1
             try:
-                made = compiler.compile_extra(
+                result = compiler.compile_extra(
                     typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
                 )
             finally:
                 self.is_compiling -= 1
-            found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
-            implementation = _call_of(made.fndesc, library)
-            context._defns[found].append(implementation, implementation.signature)
-            self.lowered[args] = found
-        return found
+            lowered = Lowered(typing.signature(result.fndesc.restype, *args), result.fndesc, library)
+            implementation = _call_of(result.fndesc, library)
+            context._defns[lowered].append(implementation, implementation.signature)
+            self.lowered[args] = lowered
+        return lowered
 
 
 def _call_of(fndesc, library: Library):
