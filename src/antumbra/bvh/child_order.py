@@ -128,8 +128,8 @@ def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
 def order_for_bundles(nodes, links, areas) -> None:
     """In all nodes of a `BlockTree`, put the child that blocks more rays for its cost to a bundle first.
 
-    A bundle is wide, so small boxes cost it more than their surface suggests: it enters every box closer than its width.
-    The assumed width is 1/100 of the scene's diagonal.
+    A bundle is wide, so small boxes cost it more than their surface suggests: it enters every box closer than its
+    width, which is assumed to be 1/100 of the scene's diagonal.
 
     areas : (b,) total area of each block's triangles
     """

@@ -1,12 +1,13 @@
-"""Insertion-based optimisation of a finished BVH [Bittner et al. 2013, "Fast insertion-based optimization of bounding
-volume hierarchies"], in its parallel form [Meister and Bittner 2018, "Parallel reinsertion for bounding volume
-hierarchy optimization"].
+"""Optimise a finished BVH by reinsertion [Bittner et al. 2013; Meister and Bittner 2018].
 
-For each subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All threads search at
-once, in a tree that does not change. Then the moves are made, the most profitable first. This repeats for some rounds.
+Insertion-based optimisation is from [Bittner et al. 2013, "Fast insertion-based optimization of bounding volume
+hierarchies"], its parallel form from [Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy
+optimization"]. For each subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All
+threads search at once, while the tree stays unchanged. Then the moves are made, the most profitable first. This repeats
+for a few rounds.
 
-Departure from the papers: no locks exclude conflicting moves beforehand. Moves are made one after the other, and a move
-that does not pay any more is undone. So the result has the same bits for any number of threads.
+Departure from the papers: conflicting moves are not excluded by locks. Instead, moves are made one after the other, and
+a move that no longer pays off is undone. So the result is bitwise identical for any number of threads.
 """
 
 from typing import NamedTuple
@@ -39,31 +40,31 @@ from .triangle_bounds import half_area, scale_of, write_boxes
 _SEARCH_STACK = 2 * MAX_DEPTH + 2
 _STACK_SIZE = MAX_DEPTH + 2
 _COORDINATES = 0x77  # lanes of a box
-_AREA = 3  # lane of a box that holds half its area
+_AREA = 3  # lane of a box with half its area
 _CHUNK = 1024  # items that a thread takes at a time
-_FEW = 0.002  # fraction of the items: fewer moves end the rounds
-_MANY = 256  # places tried for each item: costlier rounds are the last. Ordinary scenes take 20 to 65
-_LEAST = np.float32(2.0**-16)  # least gain of a move, relative to the subtree's area
+_FEW = 0.002  # fraction of the items; fewer moves end the rounds
+_MANY = 256  # places tried per item; a round that tries more is the last. Ordinary scenes take 20 to 65
+_LEAST = np.float32(2.0**-16)  # minimum gain of a move, relative to the subtree's area
 
 
 class LooseTree(NamedTuple):
-    """A tree of m nodes and m + 1 leaves in a form for moves. Items are the nodes, then the leaves."""
+    """A tree of m nodes and m + 1 leaves in a form that allows moves. Items are the nodes, then the leaves."""
 
     parents: np.ndarray  # (2 m + 1,) int32: item; -1 for the root, item 0
     children: np.ndarray  # (m, 2) int32: items
     heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
-    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `bounds`, with half the area in the fourth lane
+    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `triangle_bounds`, with half the area in the fourth lane
     links: np.ndarray  # (m + 1,) int32: links to the leaves
-    scale: np.float32  # see `subtree.Settings`
+    scale: np.float32  # see `top_down.Settings`
 
 
 class LoosePointers(NamedTuple):
     """Pointers to the arrays of a `LooseTree`, for hot kernels."""
 
     parents: I32Ptr  # int32 *
-    children: I32Ptr  # int32 *, 2 a node
+    children: I32Ptr  # int32 *, 2 per node
     heights: I32Ptr  # int32 *
-    boxes: F32Ptr  # float32 *, 8 an item
+    boxes: F32Ptr  # float32 *, 8 per item
     n_nodes: int
     scale: np.float32
 
@@ -96,7 +97,7 @@ def _sibling(tree, item):
 
 @inlined
 def _update_node(tree, node):
-    """Update box and height of a node from its children; returns (growth of its area, whether anything changed)."""
+    """Update a node's box and height from its children, and return (growth of its area, whether anything changed)."""
     left_child, right_child = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
     box = minimum(load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
     height = 1 + max(get(tree.heights, left_child), get(tree.heights, right_child))
@@ -110,7 +111,7 @@ def _update_node(tree, node):
 
 @kernel
 def _loosen(bvh, loose):
-    """Fill a loose tree from a BVH whose nodes are in depth-first order."""
+    """Convert a BVH with nodes in depth-first order to a loose tree."""
     nodes, tree, n, pair, leaves = ptr(bvh.nodes), _pointers_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
         line = shuffle(load16(nodes, line_at(node)), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
@@ -134,14 +135,14 @@ class InsertionPlace(NamedTuple):
     """The best place found for an item."""
 
     gain: np.float32  # decrease of the tree's SAH cost, times half the area of its root
-    place: int  # its new sibling; -1: it stays
-    visits: int  # places that were tried
+    place: int  # its new sibling; -1 if it stays
+    visits: int  # number of places tried
 
 
 @kernel
 def _search(tree, item, root, gain, best, stack, gains):
-    """The best of `found` and of all places below `root`."""
-    # In: tree, item, root; gain, float32, cost saved by the removal of the item; found, the best `Found` so far
+    """The better of `best` and the best place below `root`."""
+    # In: tree, item, root; gain, float32, cost saved by removing the item; best, the best `InsertionPlace` so far
     # Scratch: stack, int32 *, and gains, float32 *, _SEARCH_STACK each
     box, area = load8(tree.boxes, item * 8), _area(tree, item)
     put(stack, 0, root)
@@ -154,7 +155,7 @@ def _search(tree, item, root, gain, best, stack, gains):
         merged = half_area(minimum(load8(tree.boxes, place * 8), box), tree.scale)
         if gain - merged > best.gain:
             best = InsertionPlace(gain - merged, place, visits)
-        below = gain + _area(tree, place) - merged  # `here` grows
+        below = gain + _area(tree, place) - merged  # `place` grows
         if place < tree.n_nodes and below - area > best.gain:  # the new node is at least as large as the item
             for side in range(2):
                 put(stack, height, get(tree.children, 2 * place + side))
@@ -165,7 +166,7 @@ def _search(tree, item, root, gain, best, stack, gains):
 
 @kernel
 def _find(tree, item, stack, gains):
-    """The best place of an item, below all its ancestors' other children [Meister and Bittner 2018, Alg. 1]."""
+    """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018, Alg. 1]."""
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
@@ -185,7 +186,7 @@ def _find(tree, item, stack, gains):
 
 @kernel
 def _find_places(ticket, loose, gains, places, visits):
-    """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
+    """Worker: find each item's best place, or -1, and count the places tried. The root's children stay."""
     tree = _pointers_of(loose)
     stack, scratch = stack_i32(_SEARCH_STACK), stack_f32(_SEARCH_STACK)
     for item in items(ticket):
@@ -197,7 +198,7 @@ def _find_places(ticket, loose, gains, places, visits):
 
 @kernel
 def _update_ancestors(tree, node):
-    """Update the changed nodes from `node` up, and return the growth of all areas."""
+    """Update the changed nodes from `node` upwards, and return the total growth of their areas."""
     growth = np.float32(0.0)
     while node >= 0:
         node_growth, changed = _update_node(tree, node)
@@ -208,7 +209,7 @@ def _update_ancestors(tree, node):
 
 @inlined
 def _replace_child(tree, new, old):
-    """Make `new` a child in place of `old`, and return their parent."""
+    """Replace the child `old` by `new`, and return their parent."""
     parent = np.int64(get(tree.parents, old))
     put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
     put(tree.parents, new, parent)
@@ -217,7 +218,7 @@ def _replace_child(tree, new, old):
 
 @kernel
 def _move(tree, item, place):
-    """Make `item` the sibling of `place`, reuse its parent node as their parent, and return the growth of all areas."""
+    """Make `item` the sibling of `place` under its reused parent node, and return the total growth of areas."""
     node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
     growth = -_area(tree, node)
     growth += _update_ancestors(tree, _replace_child(tree, sibling, node))
@@ -232,7 +233,7 @@ def _move(tree, item, place):
 
 @kernel
 def _can_move(tree, item, place):
-    """Whether the move changes the tree, `place` is not below the item, and depth stays within MAX_DEPTH."""
+    """Whether the move changes the tree, `place` is not below the item, and the depth stays within MAX_DEPTH."""
     if get(tree.parents, item) <= 0 or place <= 0 or place == get(tree.parents, item) or place == _sibling(tree, item):
         return False
     node, depth = np.int64(place), 0
@@ -246,7 +247,7 @@ def _can_move(tree, item, place):
 
 @kernel
 def _make_moves(loose, items, places):
-    """Make the moves that still pay, in this order, and return how many."""
+    """Make the moves that still pay off, in this order, and return their number."""
     tree, n_moves = _pointers_of(loose), 0
     for k in range(len(items)):
         item, place = np.int64(items[k]), np.int64(places[items[k]])
@@ -295,19 +296,19 @@ def _largest_leaf(links) -> int:
 
 
 def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
-    """A tree of the same triangles with lower SAH cost, or `bvh` itself; the same for any number of threads.
+    """A tree of the same triangles with a lower SAH cost, or `bvh` itself; identical for any number of threads.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes are in depth-first order, as every builder makes them. It is not changed.
+        Its nodes must be in depth-first order, as from every builder. It is not modified.
     rounds : int
-        The most rounds. They end sooner when they move few subtrees, or where bounds exclude few places, as among
-        triangles with one centroid.
+        Maximum number of rounds. They end earlier once they move few subtrees, or when the bounds exclude few places,
+        as among triangles with a common centroid.
 
     Notes
     -----
-    Leaves move as they are. In the end, subtrees become leaves where this is cheaper. These leaves have at most as many
+    Leaves are moved unchanged. Finally, subtrees become leaves where this is cheaper. These leaves have at most as many
     triangles as the largest leaf of `bvh`.
     """
     threads, m = thread_count(threads), len(bvh.nodes)

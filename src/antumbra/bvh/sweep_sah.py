@@ -1,11 +1,10 @@
-"""`sweep-sah`: a top-down builder by the full sweep SAH [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
+"""`sweep-sah`: a top-down builder with the full SAH sweep [MacDonald and Booth 1990], as in [Wald 2007, Sec. 3].
 
-It builds as `bsah` does, but splits a range at the best of all places between two centroids. In the first
-levels, one thread splits a range.
+It builds as `bsah` does, but splits a range at the best of all positions between two centroids on three axes, the split
+of least SAH cost. In the top levels, each range is split by one thread.
 
-Full sweep. The split has the least SAH cost among all splits of a range by centroid, on three axes. Records are sorted
-by their centroids once for each axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Equal centroids are ordered
-by index. A split divides all three orders, and keeps them.
+Records are sorted by centroid once per axis, as [Wald and Havran 2006, Sec. 4.3] do for kd-trees. Ties are broken by
+index. A split divides all three sorted arrays and preserves their order.
 """
 
 from typing import NamedTuple
@@ -25,11 +24,11 @@ from .triangle_bounds import INF, checked, half_area, make_records, power_of_two
 # --- The full sweep ---------------------------------------------------------------------------------------------------
 
 
-SWEEP_WORDS = 8  # words of scratch memory for a record
+SWEEP_WORDS = 8  # words of scratch memory per record
 
 
 class SortedRecords(NamedTuple):
-    """The method of `sweep-sah`: the records sorted by centroid on each axis. A range has the same place in each."""
+    """The method of `sweep-sah`: the records sorted by centroid per axis. A range has the same place in each array."""
 
     x: np.ndarray  # (n, 8) float32
     y: np.ndarray  # (n, 8) float32
@@ -37,17 +36,17 @@ class SortedRecords(NamedTuple):
 
 
 class SortedSource(NamedTuple):
-    """Pointers of `Swept`."""
+    """Pointers to the arrays of `SortedRecords`."""
 
-    records: F32Ptr  # float32 *, in the order of x
+    records: F32Ptr  # float32 *, sorted by x
     y: F32Ptr  # float32 *
     z: F32Ptr  # float32 *
-    scratch: F32Ptr  # float32 *, 8 for each record of a range
+    scratch: F32Ptr  # float32 *, 8 per record of a range
 
 
 @inlined
 def _order(source, axis):
-    """The records, sorted on an axis."""
+    """The records sorted on an axis."""
     return source.records if axis == 0 else source.y if axis == 1 else source.z
 
 
@@ -58,7 +57,7 @@ def _centroid(records, i, axis):
 
 @kernel
 def _sweep(records, first, last, axis, scale, right, best):
-    """The cheaper of `best` and the best split of a range, sorted on `axis`."""
+    """The cheaper of `best` and the best split on `axis` of a range sorted on it."""
     # In: records, float32 *; first, last; axis; scale; best, the best `Split` so far
     # Scratch: right, float32 *, last - first
     box = splat8(INF)
@@ -76,16 +75,16 @@ def _sweep(records, first, last, axis, scale, right, best):
 
 @kernel
 def _divide_order(records, first, last, axis, centroid, index, scratch):
-    """Move the records before (centroid, index) on `axis` to the front. Both sides keep their order."""
+    """Move the records before (centroid, index) on `axis` to the front, preserving the order on both sides."""
     # In: first, last; axis, centroid, index: the first right record's axis, double centroid and index word
     # Out: records, float32 *, reordered
-    # Scratch: scratch, float32 *, 8 for each record
+    # Scratch: scratch, float32 *, 8 per record
     ids = as_i32(records)
     next_left, n_right = first, np.int64(0)
     for i in range(first, last):
         record, c = load8(records, i * 8), _centroid(records, i, axis)
         goes_left = c < centroid or (c == centroid and get(ids, i * 8 + 3) < index)
-        store(records, next_left * 8, record)  # overwrites only moved records; both stores are made each time
+        store(records, next_left * 8, record)  # overwrites only records that have moved; both stores are unconditional
         store(scratch, n_right * 8, record)
         next_left += np.int64(goes_left)
         n_right += np.int64(not goes_left)
@@ -136,9 +135,9 @@ def _divide(source, first, last, centroids, split):
 
 
 def _in_order(records, axis: int, threads: int):
-    """The records sorted by their centroids on an axis. Equal centroids are ordered by index."""
-    bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # -0 becomes +0
-    keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # as unsigned numbers, these have the floats' order
+    """The records sorted by centroid on an axis, with ties broken by index."""
+    bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # turns -0 into +0
+    keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # unsigned keys in the order of the floats
     order = radix_sort(keys, np.arange(len(records), dtype=np.int32), 32, threads)[1]
     out = aligned_empty(records.shape, "f4")
     return np.take(records, order, axis=0, out=out)
@@ -147,9 +146,9 @@ def _in_order(records, axis: int, threads: int):
 @kernel
 def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, scratch):
     """Worker: split ranges, and bound both sides of each."""
-    # In: method, `Swept`; ranges, (k, 2) first and last record; boxes, (k, 16); depth; scale
+    # In: method, `SortedRecords`; ranges, (k, 2) first and last record; boxes, (k, 16); depth; scale
     # Out: middles, (k,) first right record; sides, (k, 32) box and centroid box of both sides
-    # Scratch: scratch, the thread's own memory for `source_of`
+    # Scratch: scratch, per-thread memory for `source_of`
     for r in items(ticket):
         first, last = ranges[r]
         source, centroids = source_of(method, depth, ptr(scratch)), load8(boxes, r * 16 + 8)
@@ -165,7 +164,7 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
 
 
 def _split_by_sweep(method: SortedRecords, scale, threads: int):
-    """The `split_level` for `build_top` in which one thread splits a range."""
+    """The `split_level` of `build_top` that splits each range by one thread."""
 
     def split_level(ranges, boxes, depth):
         k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
@@ -190,7 +189,7 @@ def _split_by_sweep(method: SortedRecords, scale, threads: int):
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
-    """Build a BVH by the full sweep SAH; the same, bit for bit, for any number of threads.
+    """Build a BVH with the full SAH sweep. The tree is bitwise identical for any number of threads.
 
     Parameters, errors and the result are as for `binned_sah.build`.
     """
@@ -204,5 +203,5 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -
     settings = Settings(np.int64(max_leaf), power_of_two_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), _split_by_sweep(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, SWEEP_WORDS * largest_subtree(n), top, settings, threads)
-    del method, records  # room for the final nodes
+    del method, records  # frees memory for the final nodes
     return assemble(bvh, top, subtrees, threads)

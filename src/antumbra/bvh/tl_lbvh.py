@@ -1,19 +1,19 @@
-"""`tl-lbvh`: an LBVH optimised by treelet restructuring [Karras and Aila 2013, "Fast parallel construction of
-high-quality bounding volume hierarchies"].
+"""`tl-lbvh`: an LBVH optimised by treelet restructuring [Karras and Aila 2013].
 
-The input is an LBVH of one triangle a leaf. Several rounds restructure its nodes, each node after all nodes below it.
-Each round doubles the least number of triangles below a treated node. In the end, subtrees of few triangles become
-leaves where this is cheaper.
+After [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"]. The input is an
+LBVH with one triangle per leaf. Several rounds restructure its nodes, each node after all nodes below it. Each round
+doubles the minimum number of triangles below a treated node. Finally, subtrees of few triangles become leaves where
+this is cheaper.
 
-The tree is cut into parts, which threads treat alone, and a top, which follows when all parts are done. In each, nodes
-wait in a queue until the nodes below them are done. Nodes in the queue at the same time share no triangle, so sixteen
-are treated at once.
+The tree is cut into parts, which are treated by one thread each, and a top, which follows once all parts are done. In
+each, nodes are queued when the nodes below them are done. Nodes in the queue at the same time have no triangle in
+common, so sixteen are treated at once.
 
-Treelets. A treelet starts with one node. Its largest box is opened until seven boxes are left, the treelet's leaves.
-Dynamic programming over their 127 subsets finds the cheapest of all trees over them, which takes the treelet's place.
+Treelets. A treelet grows from one node by opening its largest box until there are seven boxes, the treelet's leaves.
+Dynamic programming over their 127 subsets finds the optimal tree over them, which replaces the treelet.
 
-Departure from the paper: it gives a treelet to a warp of threads. Here the dynamic programming goes through the subsets
-in the same order for all treelets, so each treelet takes one lane of a vector.
+Departure from the paper: there, a warp of threads treats one treelet. Here, each treelet takes one lane of a vector,
+since the dynamic programming visits the subsets in the same order for all treelets.
 """
 
 from typing import NamedTuple
@@ -84,34 +84,34 @@ _MINUS_ONE = np.float32(-1.0).view(np.int32)
 
 
 class TreePart(NamedTuple):
-    """A subtree: pointers to arrays that the index of a node indexes."""
+    """A subtree: pointers to arrays that are indexed by node."""
 
-    nodes: F32Ptr  # float32 *, 16 a node
+    nodes: F32Ptr  # float32 *, 16 per node
     links: I32Ptr  # int32 *, the same memory
-    facts: I32Ptr  # int32 *, 4 a node, of its subtree: COST, COUNT, NODES, HEIGHT
+    facts: I32Ptr  # int32 *, 4 per node, about its subtree: COST, COUNT, NODES, HEIGHT
     is_leaf: BoolPtr  # bool *: whether one leaf is cheaper than the subtree
-    rooms: I32Ptr  # int32 *: most inner nodes that a path down may have
+    rooms: I32Ptr  # int32 *: maximum inner nodes on a path down from the node
     parents: I32Ptr  # int32 *: the node's parent in this round; -1 for the root
-    pending: I32Ptr  # int32 *: children still to be treated before the node in this round
+    pending: I32Ptr  # int32 *: children to be treated before the node in this round
 
 
 COST = 0  # SAH cost, times half the area of the tree's root: a float32
 COUNT = 1  # triangles
 NODES = 2  # nodes that stay nodes
-HEIGHT = 3  # inner nodes on the longest path down, the node's own included
+HEIGHT = 3  # inner nodes on the longest path down, including the node itself
 
 
 class TreeletBatch(NamedTuple):
-    """Sixteen treelets, one a lane. The bits of a subset's index are its leaves."""
+    """Sixteen treelets, one per lane. The bits of a subset's index are its leaves."""
 
     pairs: F32Ptr  # float32 *, [lane][node][side]: boxes as eight words: lower x, y, z, -, upper x, y, z, -
     links: I32Ptr  # int32 *, [lane][node][side]
     inner: I32Ptr  # int32 *, [lane][node]: the opened nodes, the root first
     places: I32Ptr  # int32 *, [lane][leaf]: 2 * node + side
     areas: F32Ptr  # float32 *, [lane][leaf]: half the area of the box; _CLOSED for a triangle
-    facts: I32Ptr  # int32 *, [lane][leaf]: as in `TreePart`; the cost of a single triangle is negative: not yet known
+    facts: I32Ptr  # int32 *, [lane][leaf]: as in `TreePart`; a negative cost marks a single triangle, not yet priced
     boxes: F32Ptr  # float32 *: [leaf][lower and upper x, y, z][lane]
-    costs: F32Ptr  # float32 *, [subset][lane]: half the area, then the least cost of a tree
+    costs: F32Ptr  # float32 *, [subset][lane]: half the area, then the minimum cost of a tree
     counts: F32Ptr  # float32 *, [subset][lane]: triangles
     lefts: I32Ptr  # int32 *, [subset][lane]: subset of the left child, plus _LEAF if a leaf is cheaper
     unions: F32Ptr  # float32 *: boxes of all subsets of the first three leaves, then of the last four
@@ -119,7 +119,7 @@ class TreeletBatch(NamedTuple):
 
 @inlined
 def batch_at(memory):
-    """A batch in BATCH float32 of memory."""
+    """A batch in memory of BATCH float32."""
     words = as_i32(memory)
     boxes = ptr_at(memory, _BOXES)
     for k in range(0, _ROW * LEAVES, LANES):
@@ -134,14 +134,14 @@ def batch_at(memory):
 class TreeletSettings(NamedTuple):
     """Settings for all treelets of a tree."""
 
-    max_leaf: int  # most triangles of a leaf
-    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
-    rounds: int  # they treat nodes with at least 7, 14, 28, ... triangles
+    max_leaf: int  # maximum triangles in a leaf
+    scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
+    rounds: int  # rounds treat nodes with at least 7, 14, 28, ... triangles
 
 
 @inlined
 def areas_of_children(nodes, node, scale):
-    """Lanes 0 and 1: half the area of the left and right child's box. Lanes 2 and 3 have no meaning."""
+    """Half the area of the left and right child's box in lanes 0 and 1. Lanes 2 and 3 are meaningless."""
     x, y, z = load4(nodes, line_at(node)), load4(nodes, line_at(node) + 4), load4(nodes, line_at(node) + 8)
     x = (shuffle(x, 2, 3, 0, 1) - x) * scale
     y = (shuffle(y, 2, 3, 0, 1) - y) * scale
@@ -151,7 +151,7 @@ def areas_of_children(nodes, node, scale):
 
 @inlined
 def _open_largest_box(part, k, lane, batch, rules):
-    """Open the largest box of a treelet of k + 1 leaves."""
+    """Open the largest box of a treelet with k + 1 leaves."""
     links, places = ptr_at(batch.links, lane * 16), ptr_at(batch.places, lane * 8)
     areas = load8(batch.areas, lane * 8)
     opened_leaf = lowest_bit(bits(areas == reduce_max(areas)))
@@ -171,19 +171,19 @@ def _open_largest_box(part, k, lane, batch, rules):
 
 @kernel
 def form_treelets(part, roots, lanes, batch, rules):
-    """Form the treelets of `roots`: open the largest box until LEAVES are left [Karras and Aila 2013, Sec. 4.2]."""
+    """Form the treelets of `roots`: open the largest box until there are LEAVES [Karras and Aila 2013, Sec. 4.2]."""
     for lane in range(lanes):
         store(batch.areas, lane * 8, splat8(_CLOSED))
         put(batch.places, lane * 8, 2 * _INNER)  # a free place for the root, which is opened first
         put(batch.links, lane * 16 + 2 * _INNER, get(roots, lane))
     for k in range(_INNER):
-        for lane in range(lanes):  # interleaved: a step depends on its own lane's last step only
+        for lane in range(lanes):  # interleaved, since a step depends only on its own lane's previous step
             _open_largest_box(part, k, lane, batch, rules)
 
 
 @kernel
 def spread_treelets(part, root, lane, batch):
-    """Copy facts and boxes of a treelet's leaves to the arrays of the dynamic programming."""
+    """Copy the facts and boxes of a treelet's leaves to the arrays of the dynamic programming."""
     pairs, links = ptr_at(batch.pairs, lane * _INNER * 16), ptr_at(batch.links, lane * 16)
     facts = ptr_at(batch.facts, lane * 32)
     single = select(iota4() == np.int32(COUNT), splat4(np.int32(1)), np.int32(0))
@@ -195,7 +195,7 @@ def spread_treelets(part, root, lane, batch):
             put(batch.boxes, row + k * LANES, get(pairs, place * 8 + k))
             put(batch.boxes, row + (k + 3) * LANES, get(pairs, place * 8 + k + 4))
         link = np.int64(get(links, place))
-        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # for a triangle any node, without a branch
+        fact = load4(part.facts, (link if link >= 0 else root) * 4)  # any node for a triangle, which avoids a branch
         fact = select(splat4(np.int32(link)) >= 0, fact, single)
         store(facts, leaf * 4, fact)
         put(batch.costs, (1 << leaf) * LANES + lane, get(as_f32(facts), leaf * 4 + COST))
@@ -223,7 +223,7 @@ def _union_boxes(boxes, first, n, scale, unions):
 
 @kernel
 def price_subsets(batch, scale):
-    """Write half the area of every subset's box to `costs`. Single leaves keep a known cost."""
+    """Write half the area of every subset's box to `costs`. Single leaves keep their cost if it is known."""
     unions, high = batch.unions, ptr_at(batch.unions, 8 * _ROW)
     _union_boxes(batch.boxes, 0, 3, scale, unions)
     _union_boxes(batch.boxes, 3, 4, scale, high)
@@ -245,7 +245,7 @@ def price_subsets(batch, scale):
 
 @kernel
 def plan_treelets(batch, rules):
-    """Find the best of all trees over each subset [Karras and Aila 2013, Algorithm 2]."""
+    """Find the optimal tree over each subset [Karras and Aila 2013, Algorithm 2]."""
     costs, max_leaf = batch.costs, np.float32(rules.max_leaf)
     for subset in range(3, _SUBSETS):
         low = subset & -subset
@@ -270,15 +270,15 @@ def plan_treelets(batch, rules):
 
 @inlined
 def cost_of_best(batch, lane):
-    """The cost of the best tree over the leaves of a treelet."""
+    """The cost of the optimal tree over a treelet's leaves."""
     return get(batch.costs, _ALL * LANES + lane)
 
 
 @kernel
 def _list_inner_nodes(batch, lane, subsets, children):
-    """Write subsets and children of the best tree's inner nodes, parents first.
+    """Write the subsets and children of the optimal tree's inner nodes, parents first.
 
-    A child is a leaf of the treelet, or LEAVES + the index of an inner node.
+    A child is a leaf of the treelet, or LEAVES plus the index of an inner node.
     """
     put(subsets, 0, _ALL)
     n = 1
@@ -295,7 +295,7 @@ def _list_inner_nodes(batch, lane, subsets, children):
 
 @kernel
 def replace_treelets(part, lane, batch):
-    """Put the best tree in the treelet's place, unless a path becomes too long."""
+    """Replace the treelet by the optimal tree, unless a path would become too long."""
     subsets, children, links, facts = stack_i32(8), stack_i32(16), stack_i32(16), stack_i32(64)
     boxes, pair = stack_f32(128), stack_f32(16)
     inner = ptr_at(batch.inner, lane * 8)
@@ -336,8 +336,8 @@ def replace_treelets(part, lane, batch):
 # --- The builder ------------------------------------------------------------------------------------------------------
 
 
-_LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old: a margin above rounding
-_TOP = 4  # factor of the rounds in the top, whose nodes are few and large
+_LESS = np.float32(1.0 - 2.0**-18)  # a new treelet must cost less than this times the old cost, a rounding margin
+_TOP = 4  # multiplies the rounds in the top, whose nodes are few and large
 _STACK_SIZE = 2 * MAX_DEPTH + 2
 
 
@@ -351,7 +351,7 @@ def _area_of_node(nodes, node, scale):
 
 @kernel
 def _update_facts(part, node, rules):
-    """Compute the facts of a node from its children's facts, and return its cost."""
+    """Compute a node's facts from those of its children, and return its cost."""
     costs, areas = as_f32(part.facts), areas_of_children(part.nodes, node, rules.scale)
     count, cost, n_nodes, height = np.int64(0), np.float32(0.0), np.int64(1), np.int64(0)
     for side in range(2):
@@ -378,9 +378,9 @@ def _update_facts(part, node, rules):
 
 @kernel
 def _schedule(part, first, room, least, queue, stack):
-    """Queue the nodes without treated nodes below them, and return how many.
+    """Queue the nodes of this round that have none below them, and return their number.
 
-    This round treats only nodes with at least `least` triangles below.
+    A round treats only nodes above at least `least` triangles.
     """
     if get(part.facts, first * 4 + COUNT) < least:
         return 0
@@ -408,7 +408,7 @@ def _schedule(part, first, room, least, queue, stack):
 
 @kernel
 def _treat_queue(part, queue, n, batch, rules):
-    """Treat the `n` nodes in the queue, sixteen at once, then the nodes that waited for them."""
+    """Treat the `n` nodes in the queue, sixteen at once, and then the nodes that they block."""
     done = 0
     while done < n:
         lanes = min(LANES, n - done)
@@ -440,7 +440,7 @@ class TreeletTree(NamedTuple):
 
 @inlined
 def _part_of(work, numbers, first):
-    """The `TreePart` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 a node."""
+    """The `TreePart` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 per node."""
     return TreePart(
         ptr(work.nodes), as_i32(ptr(work.nodes)), ptr(work.facts), ptr(work.is_leaf),
         ptr_at(numbers, -first), ptr_at(numbers, numbers.shape[1] - first),
@@ -450,7 +450,7 @@ def _part_of(work, numbers, first):
 
 @kernel
 def _run_rounds(part, root, room, least, growth, queue, rules):
-    """Treat the nodes with at least `least` triangles below, then with `growth` times as many, and so on."""
+    """Treat the nodes above at least `least` triangles, then those above `growth` times as many, and so on."""
     batch, stack = batch_at(stack_f32(BATCH)), stack_i32(_STACK_SIZE)
     for _ in range(rules.rounds):
         ready = _schedule(part, root, room, least, queue, stack)
@@ -460,7 +460,7 @@ def _run_rounds(part, root, room, least, growth, queue, rules):
 
 @kernel
 def _restructure_parts(ticket, work, parts, rules):
-    """Worker: treat the nodes of each part. They are in depth-first order."""
+    """Worker: treat the nodes of each part, which are in depth-first order."""
     numbers = stack_array(np.int32, 4, PART)
     queue = ptr_at(numbers, 3 * numbers.shape[1])
     for p in items(ticket):
@@ -474,10 +474,10 @@ def _restructure_parts(ticket, work, parts, rules):
 
 @kernel
 def _restructure_top(work, nodes, least, rules, numbers):
-    """Treat the nodes of the top, all with at least `least` triangles below.
+    """Treat the nodes of the top, which are all above at least `least` triangles.
 
     nodes : (t,) int64, parents first
-    numbers : scratch memory, 4 int32 for each node of the tree
+    numbers : scratch memory, 4 int32 per node of the tree
     """
     part = _part_of(work, numbers, 0)
     for node in nodes[::-1]:
@@ -488,7 +488,8 @@ def _restructure_top(work, nodes, least, rules, numbers):
 def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     """Restructure the treelets of a BVH, and return the cheaper tree.
 
-    `bvh` has two triangles or more, one triangle a leaf, and nodes in depth-first order. Its arrays are overwritten.
+    `bvh` must have two triangles or more, one triangle per leaf, and nodes in depth-first order. Its arrays are
+    overwritten.
     """
     n = len(bvh.nodes)
     work = TreeletTree(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
@@ -496,7 +497,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     pieces = cut_tree(bvh)
     run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
     if len(pieces.numbers):
-        numbers = np.empty((4, n), np.int32)  # most of it is never touched
+        numbers = np.empty((4, n), np.int32)  # most of it stays untouched
         longer = rules._replace(rounds=np.int64(_TOP * rounds))
         _restructure_top(work, pieces.numbers, cutting.PART + 2, longer, numbers)
         pieces = cut_tree(bvh, work.facts[:, COUNT])
@@ -506,7 +507,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
 
 
 def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
-    """Build an LBVH and restructure its treelets; the same, bit for bit, for any number of threads.
+    """Build an LBVH and restructure its treelets. The tree is bitwise identical for any number of threads.
 
     Parameters, errors and boxes are as for `binned_sah.build`.
     """

@@ -1,12 +1,12 @@
-"""The frame of top-down builders: the subtrees that one thread builds alone, depth first and in place.
+"""The common part of top-down builders: subtrees that one thread each builds depth first, in place.
 
-All threads split the first levels together (`top_levels`). Then each thread builds ranges alone, largest first.
-`top_levels.assemble` puts the nodes in one array. The method splits ranges (`binned_split`).
+All threads split the top levels together (`top_levels`). Then each thread builds ranges alone, the largest first, and
+`top_levels.assemble` puts all nodes into one array. The builder's method splits ranges (`binned_split`).
 
-Optimal subtrees. Over up to four records, the tree of least SAH cost out of all trees is found. Most of a tree's nodes
-have at most four triangles below them. There binning is slow and finds little. With n <= 4 there are at most 11 subsets
-of two or more records. The best tree over each subset follows from the best trees over smaller ones [Karras and Aila
-2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
+Optimal subtrees. Most of a tree's nodes have at most four triangles below them, where binning is slow and finds little.
+For up to four records, the tree of minimum SAH cost among all trees is found instead. There are at most 11 subsets of
+two or more records, and the optimal tree over each follows from those over smaller subsets [Karras and Aila 2013, "Fast
+parallel construction of high-quality bounding volume hierarchies"].
 """
 
 from typing import NamedTuple
@@ -39,14 +39,14 @@ from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxe
 # --- Optimal subtrees -------------------------------------------------------------------------------------------------
 
 
-OPTIMAL_SIZE = 4  # records, at most
+OPTIMAL_SIZE = 4  # maximum records below an optimal subtree
 _SUBSETS = 1 << OPTIMAL_SIZE
 _SUBSET_BOXES = 8 * _SUBSETS
 _TODO = 2 * OPTIMAL_SIZE
 
 
 class SubsetPlans(NamedTuple):
-    """The best tree over each subset of the records. The bits of a subset's index are its records."""
+    """The optimal tree over each subset of the records. The bits of a subset's index are its records."""
 
     boxes: F32Ptr  # (16, 8) float32
     cost: F32Ptr  # (16,) float32
@@ -55,7 +55,7 @@ class SubsetPlans(NamedTuple):
 
 @kernel
 def _cheapest_halves(cost, subset):
-    """(cost, left child) of the cheapest division of a subset of two or more."""
+    """(cost, left child) of the cheapest division of a subset of two or more records."""
     low = subset & -subset
     others = subset ^ low
     best, best_half = INF, low
@@ -91,11 +91,11 @@ def _plan(records, first, n, max_leaf, scale, plans):
 
 @kernel
 def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_root):
-    """Write the best tree over 1 to SMALLEST records, and return the index of the next free node.
+    """Write the optimal tree over 1 to OPTIMAL_SIZE records, and return the index of the next free node.
 
-    A root is never a leaf.
+    The root of the whole tree is never a leaf.
     """
-    # In: records, float32 *, from which `n` count from `first` on; settings, max_leaf and scale; is_root, bool
+    # In: records, float32 *, of which `n` from `first` on are used; settings, max_leaf and scale; is_root, bool
     # Out: out, a `Tree`, nodes from `next_node` on; out.links[slot], the link to the tree
     plans = SubsetPlans(stack_f32(_SUBSET_BOXES), stack_f32(_SUBSETS), stack_i32(_SUBSETS))
     todo = stack_i32(_TODO)
@@ -135,25 +135,26 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
 _STACK_SIZE = MAX_DEPTH + 1  # ranges: one right child per level, and one left child
 _NUMBERS = 4 * _STACK_SIZE
 _BOXES = 16 * _STACK_SIZE
-_AHEAD = 8  # slots whose corners are fetched in advance
+_AHEAD = 8  # prefetch distance in slots
 
 
 class Settings(NamedTuple):
     """Settings for all ranges of a scene."""
 
     max_leaf: int
-    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
+    scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
 
 
 class Ranges(NamedTuple):
     """A stack of ranges to build."""
 
-    numbers: I32Ptr  # int32 *, 4 a range: first, last, depth, word of `links`
-    boxes: F32Ptr  # float32 *, 16 a range: box, centroid box
+    numbers: I32Ptr  # int32 *, 4 per range: first, last, depth, word of `links`
+    boxes: F32Ptr  # float32 *, 16 per range: box, centroid box
 
 
 @kernel
 def push_range(ranges, height, first, last, depth, slot, box, centroids):
+    """Push a range on the stack, and return the new height."""
     put(ranges.numbers, height * 4, first)
     put(ranges.numbers, height * 4 + 1, last)
     put(ranges.numbers, height * 4 + 2, depth)
@@ -165,7 +166,7 @@ def push_range(ranges, height, first, last, depth, slot, box, centroids):
 
 @kernel
 def _leaf_is_cheaper(n, depth, box, split, settings):
-    """Whether a leaf costs less than the split of a range; never for the root."""
+    """Whether a leaf is cheaper than the split of a range; never for the root."""
     if n > settings.max_leaf or depth == 0:
         return False
     area = half_area(box, settings.scale)
@@ -174,6 +175,7 @@ def _leaf_is_cheaper(n, depth, box, split, settings):
 
 @kernel
 def write_leaf(records, first, last, out, slot):
+    """Write the link to a leaf, and the triangles of its slots."""
     put(out.links, slot, bvh_link(first, last - first))
     for i in range(first, last):
         put(out.prim_ids, i, record_id(records, i))
@@ -193,7 +195,7 @@ def copy_corners(vertices, first, last, out):
 def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
     """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
 
-    Its nodes start at `next_node`, depth first. n records make at most n - 1 nodes.
+    Its nodes start at `next_node`, in depth-first order. n records make at most n - 1 nodes.
     """
     # In: source, of `source_of`; first, last, depth; box, centroids, f32x8; settings, `Settings`
     # Out: out, a `Tree`: nodes, links, prim_ids; out.links[word], the link to the tree
@@ -225,12 +227,12 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
 
 @overloaded("top_down")
 def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
-    """In kernels: build the tree over range s of the ranges that one thread builds, and return its number of nodes.
+    """In kernels: build the tree over range s of those below the top levels, and return its number of nodes.
 
-    The type of `settings` chooses the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
-    the link to the tree. The rest of node 0 is not written.
+    The type of `settings` selects the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
+    the link to the tree; nothing else of node 0 is written.
     """
-    # In: vertices, float32 *, 9 a triangle; source, first, last, depth, box, centroids, settings, as for `grow`
+    # In: vertices, float32 *, 9 per triangle; source, first, last, depth, box, centroids, settings, as for `grow`
     # Out: out, a `Tree`: nodes, links, prim_ids, corners
 
 
@@ -249,28 +251,28 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
 # --- All subtrees -----------------------------------------------------------------------------------------------------
 
 
-_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together
-_SMALL = 4096  # the top splits no range of fewer records: one thread builds it before others are awake
+_SUBTREES = 64  # the top levels split ranges of more than 1/64 of all records, so that threads finish together
+_SMALL = 4096  # the top levels split no smaller range: one thread builds it before others wake up
 
 
 def largest_subtree(n: int) -> int:
-    """The most records of a range that one thread builds alone, for `n` records in all."""
+    """The maximum number of records in a range that one thread builds alone, for `n` records in total."""
     return max(_SMALL, n // _SUBTREES)
 
 
 class _Memory(NamedTuple):
-    """A thread's memory for building a subtree."""
+    """One thread's memory for building a subtree."""
 
-    nodes: np.ndarray  # (largest, 16) float32: nodes of a subtree
+    nodes: np.ndarray  # (largest, 16) float32: the subtree's nodes
     scratch: np.ndarray  # (words,) float32, for `source_of`
 
 
 @kernel
 def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
     """Worker: build the subtrees in `order`, and copy the nodes of each to the next free place."""
-    # In: vertices; method, `Binned` or `Swept`; top, `UpperLevels`; order, (s,) int64; settings, of `build_range`
+    # In: vertices; method, `Binned` or `SortedRecords`; top, `UpperLevels`; order, (s,) int64; settings, as `build_range`
     # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
-    # Scratch: memory, the thread's own `_Memory`
+    # Scratch: memory, the per-thread `_Memory`
     part_nodes, scratch = memory.nodes, memory.scratch
     out = Tree(ptr(part_nodes), as_i32(part_nodes), ptr(bvh.prim_ids), ptr(bvh.corners))
     for k in items(ticket):
@@ -286,9 +288,9 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
 
 
 def build_below(flat, method, words: int, top: UpperLevels, settings, threads: int) -> tuple[Bvh, Subtrees]:
-    """Build the subtrees below the top over the triangles `flat`, (n, 9) float32. `assemble` completes the tree.
+    """Build the subtrees below the top levels over triangles `flat`, (n, 9) float32. `assemble` completes the tree.
 
-    words : float32 of scratch memory that `source_of` needs
+    words : number of float32 of scratch memory that `source_of` needs
     """
     n, s = len(flat), len(top.ranges)
     subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))

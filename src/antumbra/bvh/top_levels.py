@@ -1,10 +1,10 @@
-"""The first levels of a build, by all threads together [Wald 2007], and their assembly with the subtrees below.
+"""The top levels of a build, split by all threads together [Wald 2007], and their assembly with the subtrees below.
 
-The ranges of one level are cut into blocks of a fixed size. Threads bin the blocks. The bins of a range's blocks are
-joined, and its split is chosen. Then threads move each block's records, in order, to another array, at positions
-counted beforehand. The tree does not depend on which thread takes which block.
+The ranges of one level are cut into blocks of a fixed size, which threads bin. The bins of a range's blocks are joined
+to choose its split. Then threads move each block's records, in order, to another array, at positions counted
+beforehand. The tree does not depend on which thread processes which block.
 
-`assemble` joins the nodes of the top and of the subtrees in one array, in depth-first order.
+`assemble` joins the nodes of the top levels and of the subtrees in one array, in depth-first order.
 """
 
 from typing import NamedTuple
@@ -65,23 +65,25 @@ class Level(NamedTuple):
 
 
 class UpperLevels(NamedTuple):
-    """The nodes of the first levels, and the ranges that remain to build."""
+    """The nodes of the top levels, and the ranges below them that remain to be built."""
 
     boxes: np.ndarray  # (t, 2, 8) float32: boxes of both children
-    children: np.ndarray  # (t, 2) int64: index of a node of the top, or ~subtree
+    children: np.ndarray  # (t, 2) int64: index of a node of the top levels, or ~subtree
     ranges: np.ndarray  # (s, 3) int64: first, last, depth of each subtree
     range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
-    orders: np.ndarray | None = None  # (t,) int32: the first child, as in `Bvh`; None: UNORDERED
+    orders: np.ndarray | None = None  # (t,) int32: child orders, as in `Bvh`; None means UNORDERED
 
 
 @kernel
 def _bins_of_block(level, block):
+    """The `Bins` of a block."""
     row = ptr_at(level.bins, block * BIN_WORDS)
     return Bins(row, as_i32(ptr_at(row, BIN_BOXES)))
 
 
 @kernel
 def mapping_of_range(level, r):
+    """The `Mapping` of range r."""
     return make_mapping(load8(level.boxes, r * 16 + 8), level.ranges[r, 1] - level.ranges[r, 0])
 
 
@@ -108,7 +110,7 @@ def join_bins(level, first, last, n_bins, total):
 
 @kernel
 def _count_left(level, block, split, n_bins, middle):
-    """The number of a block's records that go left."""
+    """The number of records in a block that go left."""
     if split.axis < 0:
         return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
     bins, count = _bins_of_block(level, block), np.int64(0)
@@ -125,7 +127,7 @@ def blocks_of(level, r):
 
 @kernel
 def set_split(level, r, split):
-    """Store the split of range r, and the new positions of its blocks' records."""
+    """Store the split of range r, and the new positions of the records in its blocks."""
     n_bins, middle = mapping_of_range(level, r).n_bins, (level.ranges[r, 0] + level.ranges[r, 1]) >> 1
     block, end = blocks_of(level, r)
     next_left = level.ranges[r, 0]
@@ -156,6 +158,7 @@ def _choose_splits(level, depth, scale):
 
 @kernel
 def _move_block(source, target, level, block):
+    """Move one block's records, and bound both sides."""
     r, first, last = level.blocks[block]
     axis, bin_, middle = level.splits[r]
     mapping, limit = mapping_of_range(level, r), np.float32(bin_)
@@ -206,7 +209,7 @@ def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
 
 
 def split_by_bins(method: Binned, scale, threads):
-    """The `split_level` for `build_top` in which all threads bin the ranges of a level together."""
+    """The `split_level` of `build_top` that bins the ranges of a level by all threads together."""
 
     def split_level(ranges, boxes, depth):
         return split_blocks(method, ranges, boxes, depth, threads, lambda level: _choose_splits(level, depth, scale))
@@ -215,7 +218,7 @@ def split_by_bins(method: Binned, scale, threads):
 
 
 def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
-    """Bin the ranges of a level, let `choose` set their splits, and move their records. It returns as `split_level`."""
+    """Bin the ranges of a level, set their splits by `choose`, and move their records; return as `split_level` does."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
     level = _cut(ranges, boxes)
     run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
@@ -232,7 +235,7 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     box, centroids : (8,) float32
         Box and centroid box of all records.
     split_level : function of (k, 2) ranges, (k, 16) boxes, depth -> (k,) int64, (k, 32) float32
-        Splits these ranges. It returns the first right record of each, and the box and centroid box of both sides.
+        Splits these ranges. Returns the first right record of each, and the box and centroid box of both sides.
     """
     ranges, boxes = np.array([[0, n]]), np.concatenate([box, centroids])[None]
     depth, n_nodes, n_done = 0, 0, 0
@@ -263,15 +266,15 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
 
 
 class Subtrees(NamedTuple):
-    """The subtrees that threads have built below the top."""
+    """The subtrees that threads have built below the top levels."""
 
-    nodes: np.ndarray  # (m, 16) float32: subtree by subtree, depth first; in links, a subtree's first node is 1
+    nodes: np.ndarray  # (m, 16) float32: subtree by subtree, depth first; links number a subtree's nodes from 1
     shares: np.ndarray  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
 
 
 @kernel
 def _place(children, counts, node_at, subtree_at, stack):
-    """`place`; `stack` is scratch memory for one link more than the top has nodes."""
+    """`place`; `stack` is scratch memory for one more link than the top levels have nodes."""
     stack[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
@@ -289,22 +292,22 @@ def _place(children, counts, node_at, subtree_at, stack):
 
 
 def place(children, counts, node_at, subtree_at) -> int:
-    """Number all nodes in depth-first order, and return how many they are.
+    """Number all nodes in depth-first order, and return their total number.
 
-    children : links of the top, as in `UpperLevels`
+    children : links of the top levels, as in `UpperLevels`
     counts : (s,) nodes of each subtree
-    node_at, subtree_at : filled with the index of each node of the top, and of the first node of each subtree
+    node_at, subtree_at : output; the index of each node of the top levels, and of each subtree's first node
     """
     return _place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64))
 
 
 @kernel
 def join_boxes(children, roots, boxes):
-    """Fill the boxes of the top's children from the boxes of the subtrees' roots.
+    """Compute the child boxes of the top levels from the boxes of the subtrees' roots.
 
     children : as in `UpperLevels`, parents first
     roots : (s, 8) float32
-    boxes : (t, 2, 8) float32, filled
+    boxes : (t, 2, 8) float32, output
     """
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
@@ -318,7 +321,7 @@ def join_boxes(children, roots, boxes):
 
 @kernel
 def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
-    """Worker: copy the nodes of each subtree to their place, and shift their links."""
+    """Worker: copy each subtree's nodes to their place, and shift their links."""
     source, target = ptr(subtrees.nodes), ptr(nodes)
     for s in items(ticket):
         first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
@@ -330,7 +333,7 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
 
 
 def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
-    """(t, 16) float32: the nodes of the top."""
+    """(t, 16) float32: the nodes of the top levels."""
     t = len(top.children)
     lines = np.zeros((t, 16), np.float32)
     corners = np.concatenate([top.boxes[:, :, 0:3], -top.boxes[:, :, 4:7]], axis=1)
@@ -346,7 +349,7 @@ def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
 
 
 def assemble(bvh: Bvh, top: UpperLevels, subtrees: Subtrees, threads: int) -> Bvh:
-    """`bvh` with all nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
+    """`bvh` with all its nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")

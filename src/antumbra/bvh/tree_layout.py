@@ -1,10 +1,10 @@
-"""The final layout of a changed tree, and the frontier that cuts a tree into parts for threads.
+"""The final layout of a modified tree, and the frontier that cuts a tree into parts for threads.
 
-`relayout` turns a changed tree into a `Bvh` in depth-first order, with cheaper leaves, by all threads. Optimisers of
-finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best trees
-of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their positions.
+`relayout` turns a modified tree into a `Bvh` in depth-first order with cheaper leaves, by all threads; optimisers of
+finished trees use it. A subtree of few triangles becomes a leaf if that costs no more, by SAH, than the best trees of
+its children [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part determine the parts' positions.
 
-`cut_tree` cuts a tree into a top and many parts below it, on which threads can work apart.
+`cut_tree` cuts a tree into a top and many parts below it, which threads process independently.
 """
 
 from typing import NamedTuple
@@ -34,16 +34,16 @@ from .top_levels import place
 # --- Frontiers --------------------------------------------------------------------------------------------------------
 
 
-PART = 4096  # nodes in a part, at most; they fit in a second-level cache
+PART = 4096  # maximum nodes in a part, which fit in an L2 cache
 _FRONTIER_STACK = MAX_DEPTH + 2
 
 
 class TreeFrontier(NamedTuple):
-    """The top of a tree. It is a tree itself, whose leaves are the parts: ``links.bvh_link(part, 1)``."""
+    """The top of a tree: itself a tree, whose leaves are the parts, with the links ``bvh_link(part, 1)``."""
 
-    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is one part
+    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is only one part
     top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
-    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, depth
+    parts: np.ndarray  # (s, 3) int64: link to the part's root (a leaf if < 0), end of its nodes, depth
 
 
 @kernel
@@ -78,7 +78,7 @@ def _cut_tree(bvh, sizes, largest, cut):
 def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
     """Cut a BVH into parts of at most `PART` nodes.
 
-    sizes : (n_nodes,) number of nodes in each node's subtree, or None if nodes are in depth-first order
+    sizes : (n_nodes,) number of nodes in each node's subtree; None if the nodes are in depth-first order
 
     With None, a part's nodes are consecutive, from its root to its end.
     """
@@ -107,14 +107,14 @@ _STACK_SIZE = 2 * MAX_DEPTH + 2
 
 
 class LeafChoice(NamedTuple):
-    """The leaves and sizes chosen for a tree that is cut into s parts."""
+    """The chosen leaves and the resulting sizes of a tree that is cut into s parts."""
 
     is_leaf: np.ndarray  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
     sizes: np.ndarray  # (s, 2) int64: nodes and triangles of each part with these leaves
 
 
 class _CostStack(NamedTuple):
-    """A stack of subtrees: least SAH cost, triangles, nodes."""
+    """A stack of subtrees: minimum SAH cost, triangles, nodes."""
 
     costs: np.ndarray  # (k,) float64: SAH cost times half the area of the tree's root
     triangles: np.ndarray  # (k,) int64
@@ -145,7 +145,7 @@ def _price_node(tree, node, best, top, max_leaf):
 
 @kernel
 def _price(tree, root, max_leaf, is_leaf):
-    """Choose the nodes of a subtree that become leaves, and return its (nodes, triangles) with them."""
+    """Choose which nodes of a subtree become leaves, and return its resulting (nodes, triangles)."""
     stack, height = stack_array(np.int64, _STACK_SIZE), 1
     costs, triangles = stack_array(np.float64, _LEVELS), stack_array(np.int64, _LEVELS)
     best, top = _CostStack(costs, triangles, stack_array(np.int64, _LEVELS)), 0
@@ -156,7 +156,7 @@ def _price(tree, root, max_leaf, is_leaf):
             height -= 1
             is_leaf[~node], top = _price_node(tree, ~node, best, top, max_leaf)
             continue
-        stack[height - 1] = ~node  # visited again when its children are done
+        stack[height - 1] = ~node  # to be visited again after its children
         for side in range(2):
             link = np.int64(get(tree.links, link_at(node, side)))
             if link >= 0:
@@ -186,7 +186,10 @@ def _copy_slot(source, old, target, new):
 
 @kernel
 def _copy_leaf(source, link, stack, height, target, slot):
-    """Copy the triangles below a link to slots from `slot` on; returns the next free slot. Stacks above `height`."""
+    """Copy the triangles below a link to the slots from `slot` on, and return the next free slot.
+
+    It uses the stack above `height`.
+    """
     base = height
     stack[height, 0] = link
     height += 1
@@ -207,7 +210,7 @@ def _copy_leaf(source, link, stack, height, target, slot):
 
 @kernel
 def _fetch_part(source, root, queue):
-    """Prefetch a part's memory breadth first, long before `_copy_part` needs it."""
+    """Prefetch a part's memory breadth first, well before `_copy_part` needs it."""
     queue[0] = root
     n, done = 1 if root >= 0 else 0, 0
     while done < n:
@@ -228,8 +231,8 @@ def _fetch_part(source, root, queue):
 
 @kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
-    """Write a part from this node and this slot on, and return the link to it."""
-    stack = stack_array(np.int64, _STACK_SIZE, 2)  # link, where the new link goes
+    """Write a part from the given node and slot on, and return the link to it."""
+    stack = stack_array(np.int64, _STACK_SIZE, 2)  # link; word that takes the new link
     stack[0, 0], stack[0, 1] = root, -1
     height, first = 1, np.int64(node)
     while height > 0:
@@ -258,9 +261,9 @@ def _copy_part(source, root, is_leaf, target, node, slot):
 @kernel
 def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
     """Worker: write each part to its place, and store the link to it."""
-    # In: bvh; parts, of `Cut`; choice; at, (s, 2) first node and first slot of each part
+    # In: bvh; parts, of `TreeFrontier`; choice; at, (s, 2) first node and first slot of each part
     # Out: new, `Bvh`; links, (s,) int64 link to each part
-    # Scratch: queue, the thread's own int32, as many as a part has triangles
+    # Scratch: queue, per thread, an int32 for each triangle of the largest part
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
     for p in items(ticket):
         _fetch_part(source, parts[p, 0], queue)
@@ -268,7 +271,7 @@ def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
 
 
 def _slots_before(children, triangles):
-    """The first slot of each part, depth first."""
+    """The first slot of each part, in depth-first order."""
     ranks = np.empty(len(triangles), np.int64)
     place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), ranks)
     order = np.argsort(ranks)
@@ -285,21 +288,21 @@ def _links_of_top(children, node_at, to_parts):
 
 
 def cheapest_leaves(bvh: Bvh, cut: TreeFrontier, max_leaf: int, threads: int) -> LeafChoice:
-    """The leaves of at most `max_leaf` triangles that give a tree of two triangles or more its least cost."""
+    """The leaves of at most `max_leaf` triangles that minimise the cost of a tree of two triangles or more."""
     choice = LeafChoice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
     run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
     return choice
 
 
 def relayout(bvh: Bvh, cut: TreeFrontier, choice: LeafChoice, threads: int) -> Bvh:
-    """The final form of a tree of two triangles or more, depth first.
+    """The final form of a tree of two triangles or more, in depth-first order.
 
     Parameters
     ----------
     bvh : Bvh
         Its nodes may be in any order. Unused words may have any value.
-    cut : Cut
-        The cut of this tree. The nodes within a part, or within the top, may have been rearranged since.
+    cut : TreeFrontier
+        The frontier of this tree. The nodes within a part, or within the top, may have been rearranged since.
     """
     children = children_of_top(cut)
     node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)

@@ -1,7 +1,7 @@
-"""Make a wide BVH from a binary one, by a choice of the boxes to keep.
+"""Collapse a binary BVH to a wide one by choosing which boxes to keep.
 
-Dynamic programming finds the choice of least SAH cost [Ylitie et al. 2017, Sec. 3]. A test of eight boxes, or of eight
-triangles, costs one.
+Dynamic programming finds the choice of minimum SAH cost [Ylitie et al. 2017, Sec. 3], where testing eight boxes or
+eight triangles costs one.
 """
 
 import numpy as np
@@ -30,13 +30,13 @@ from .nodes import (
     wide_link,
 )
 
-_PARTS, _NODES = WIDTH + 1, MAX_DEPTH * WIDTH  # waiting at a time
+_PARTS, _NODES = WIDTH + 1, MAX_DEPTH * WIDTH  # stack sizes
 _NOWHERE = np.float32(3e38)  # lower planes of a missing child's box; its upper planes are the negative
 
 
 @inlined
 def _area_of_child(nodes, child):
-    """Half the area of the box of a child, 2 * node + side."""
+    """Half the area of the box of a child, given as 2 * node + side."""
     b = box_at(child >> 1, child & 1)
     x, y, z = sides(nodes, b, b)
     return x * (y + z) + y * z
@@ -55,7 +55,7 @@ def _divide(costs, node, parts):
 
 @kernel
 def _price(bvh, order, costs, counts):
-    """Fill, for each child (2 * node + side), its triangles, and costs[child, k] as at most k wide subtrees."""
+    """For each child (2 * node + side), fill its triangle count, and its cost as at most k wide subtrees, costs[child, k]."""
     nodes = ptr(bvh.nodes)
     for i in range(len(order) - 1, -1, -1):
         for child in range(2 * order[i], 2 * order[i] + 2):
@@ -73,7 +73,7 @@ def _price(bvh, order, costs, counts):
 
 @kernel
 def _children(bvh, costs, node, children):
-    """Write the children (2 * node + side) of a binary node's wide node to `found`, and return how many."""
+    """Write the children (2 * node + side) of a binary node's wide node to `children`, and return their number."""
     stack, parts = stack_array(np.int64, _PARTS), stack_array(np.int64, _PARTS)
     n_left = _divide(costs, node, WIDTH)[1]
     stack[0], parts[0], stack[1], parts[1] = 2 * node + 1, WIDTH - n_left, 2 * node, n_left
@@ -107,7 +107,7 @@ def _fill_node(bvh, child, lane, words, at):
 
 @kernel
 def _collapse(bvh, costs, counts, words, links, slots):
-    """Write the nodes, and the slots of each group's lanes; returns (number of nodes, number of groups)."""
+    """Write the nodes, and the slots of each group's lanes; return (number of nodes, number of groups)."""
     stack = stack_array(np.int64, _NODES, 2)  # binary node, wide node
     children = stack_array(np.int64, WIDTH)
     stack[0] = 0
@@ -140,7 +140,7 @@ def _collapse(bvh, costs, counts, words, links, slots):
 
 @kernel
 def _fill_groups(ticket, corners, slots, groups, areas):
-    """Worker: write the triangles of each group, lane by lane, and their total area."""
+    """Worker: write each group's triangles, lane by lane, and their total area."""
     values = ptr(corners)
     for group in items(ticket):
         for lane in range(WIDTH):
@@ -158,11 +158,13 @@ def _fill_groups(ticket, corners, slots, groups, areas):
 
 
 def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
-    """The wide BVH of a binary one, the same for any number of threads."""
+    """The wide BVH of a binary one, identical for any number of threads."""
     n = len(bvh.nodes)
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
     _price(bvh, parents_first(bvh.links), costs, counts)
-    words = aligned_empty(((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4")  # at most; not all is touched
+    words = aligned_empty(
+        ((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4"
+    )  # an upper bound; the rest stays untouched
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)
     nodes = words[: n_nodes * NODE_WORDS].reshape(-1, NODE_WORDS)
