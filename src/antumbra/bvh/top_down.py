@@ -270,7 +270,7 @@ class _Memory(NamedTuple):
 @kernel
 def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
     """Worker: build the subtrees in `order`, and copy the nodes of each to the next free place."""
-    # In: vertices; method, `Binned` or `SortedRecords`; top, `UpperLevels`; order, (s,) int64; settings, as `build_range`
+    # In: vertices; method, `Binned` or `SortedRecords`; top, `UpperLevels`; order, (s,) int64; settings
     # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
     # Scratch: memory, the per-thread `_Memory`
     part_nodes, scratch = memory.nodes, memory.scratch

@@ -55,7 +55,7 @@ def _divide(costs, node, parts):
 
 @kernel
 def _price(bvh, order, costs, counts):
-    """For each child (2 * node + side), fill its triangle count, and its cost as at most k wide subtrees, costs[child, k]."""
+    """Fill each child's (2 * node + side) triangle count, and costs[child, k], its cost as up to k wide subtrees."""
     nodes = ptr(bvh.nodes)
     for i in range(len(order) - 1, -1, -1):
         for child in range(2 * order[i], 2 * order[i] + 2):

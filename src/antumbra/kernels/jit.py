@@ -1,17 +1,17 @@
 """The decorators of compiled functions. Numba is imported only if something must be compiled.
 
-- `kernel` marks a function that Python or other kernels call.
+- `kernel` marks a function called by Python or by other kernels.
 - `inlined` marks a function that LLVM must inline into its callers.
-- `formula` marks an inlined function that Python may call too.
-- `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
+- `formula` marks an inlined function that Python can call too.
+- `overload` implements a plain function inside kernels, by the types of its arguments.
 
-A call from Python finds machine code by the kinds of its arguments (`marshalling`). It looks among the code that this
-process has loaded, then in packs and in the user's cache (`toolchain.kernel_cache`). If there is none, Numba compiles
-the kernel (`toolchain.compiling`).
+A call from Python selects machine code by the kinds of its arguments (`marshalling`): first among the code loaded into
+this process, then in packs and the user's cache (`toolchain.kernel_cache`). If there is none, Numba compiles the kernel
+(`toolchain.compiling`).
 
-The types of the fields of NamedTuples that kernels take (`F32Ptr`, `F32x16`, ...) are for readers. At run time each is
-`Any`. A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`.
-Numbers are ``int`` (int64), ``np.float32`` and so on.
+The field types of NamedTuples that kernels take (`F32Ptr`, `F32x16`, ...) are for readers; at run time each is `Any`. A
+pointer is an address, made from an array by `simd.ptr`. ``F32x4`` etc. are the vectors of `simd`. Numbers are ``int``
+(int64), ``np.float32`` and so on.
 """
 
 import functools
@@ -47,18 +47,18 @@ _lock = threading.RLock()
 
 
 class Above(NamedTuple):
-    """Functions of modules that import this one. `antumbra.kernels` sets them."""
+    """Functions of the toolchain, which imports this module. Set by `antumbra.kernels`."""
 
-    find: Callable | None  # `loading.find`: (kernel, key) -> function of packed words
+    find: Callable | None  # `kernel_cache.find`: (kernel, key) -> function of packed words
     type_of_function: Callable | None  # `compiling.type_of_function`: inlined function -> Numba's type
     type_of_global: Callable | None  # `compiling.type_of_global`: value -> Numba's type
 
 
-above = Above(None, None, None)  # `antumbra.kernels` replaces this when it is imported
+above = Above(None, None, None)  # replaced when `antumbra.kernels` is imported
 
 
 class inlined:
-    """Decorator of small functions on hot paths: LLVM inlines them always. Only kernels call them."""
+    """Decorator of small functions on hot paths, which LLVM always inlines. Only kernels can call them."""
 
     forced = True
 
@@ -72,7 +72,7 @@ class inlined:
 
     @property
     def _numba_type_(self):
-        """Numba reads this attribute for the type of a global."""
+        """The type of this object as a global, read by Numba."""
         return above.type_of_function(self)
 
     def __call__(self, *arguments):
@@ -80,24 +80,24 @@ class inlined:
 
 
 class formula(inlined):
-    """Decorator of inlined functions of plain arithmetic. Python may call them too, on numbers and on arrays."""
+    """Decorator of inlined functions of plain arithmetic. Python can call them too, on numbers and arrays."""
 
     def __call__(self, *arguments):
         return self.py_func(*arguments)
 
 
 class kernel(inlined):
-    """Decorator of compiled functions, which are kept on disk and run without the GIL.
+    """Decorator of compiled functions, which are cached on disk and run without the GIL.
 
-    Division follows IEEE 754. There is no fast-math and no allocation.
+    Division follows IEEE 754. Fast-math and allocation are not available.
 
-    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, tuples and
-    NamedTuples of them, and `arguments.Packed`. The result is a number, a boolean, None, or a tuple of them.
+    Arguments are C-contiguous or strided arrays in native byte order, numbers, booleans, None, tuples and NamedTuples of
+    these, and `marshalling.Packed`. The result is a number, a boolean, None, or a tuple of these.
 
     Raises
     ------
     TypeError
-        On an argument of another kind.
+        If an argument is of another kind.
     RuntimeError
         If the kernel raises.
     """
@@ -106,7 +106,7 @@ class kernel(inlined):
 
     def __init__(self, function):
         super().__init__(function)
-        self.found: dict[Key, Callable] = {}
+        self._functions: dict[Key, Callable] = {}
         self._codes: dict[str, Callable] = {}  # by the text of a key, which is the same for a `Packed` and its value
         code = function.__code__
         self._names = code.co_varnames[: code.co_argcount]
@@ -116,14 +116,14 @@ class kernel(inlined):
         if len(arguments) != len(self._names):
             arguments = self._completed(arguments, by_name)
         key, values = flatten(arguments)
-        code = self.found.get(key) or self._find(key)
+        code = self._functions.get(key) or self._find(key)
         return code(struct_of(key).pack(*values))
 
     def _completed(self, arguments, by_name):
-        """All arguments, including those given by name or by default."""
-        by_name_or_default = self._defaults | by_name
+        """All arguments, including those passed by name or by default."""
+        values_by_name = self._defaults | by_name
         try:
-            remaining = tuple(by_name_or_default.pop(name) for name in self._names[len(arguments) :])
+            remaining = tuple(values_by_name.pop(name) for name in self._names[len(arguments) :])
         except KeyError as error:
             raise TypeError(f"{self.__qualname__}() needs the argument {error}") from None
         if len(arguments) + len(remaining) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
@@ -136,25 +136,25 @@ class kernel(inlined):
             code = self._codes.get(text)
             if code is None:
                 code = self._codes[text] = above.find(self, text)
-            self.found[key] = code
+            self._functions[key] = code
         return code
 
 
 class _Choices(NamedTuple):
-    """The meanings of a plain function in kernels: functions that `overload` gave."""
+    """The implementations of a plain function in kernels, registered by `overload`."""
 
-    homes: tuple[str, ...]  # modules whose meanings are for any types
-    given: list  # the meanings from these modules
-    guests: list  # meanings from other modules, for their own NamedTuples
+    homes: tuple[str, ...]  # modules whose implementations are for any types
+    local: list[Callable]  # the implementations from these modules
+    guests: list[Callable]  # implementations from other modules, for their own NamedTuples
 
 
 _CHOICES = "_antumbra_choices"
 
 
 def overloaded(*modules: str):
-    """Decorator of a plain function whose meanings in kernels are in other modules, named relative to its package.
+    """Decorator of a plain function with implementations in other modules, named relative to its package.
 
-    The modules are imported before the function is compiled or digested, so both steps always know the same meanings.
+    The modules are imported before the function is compiled or digested, so both steps see the same implementations.
     """
 
     def add(stub):
@@ -166,17 +166,18 @@ def overloaded(*modules: str):
 
 
 def overload(stub: types.FunctionType):
-    """Decorator of a meaning of `stub` in kernels: a function of Numba's types that returns a function, or None.
+    """Decorator of an implementation of `stub` in kernels: a function of Numba's types that returns a function or None.
 
-    It does the same as ``numba.extending.overload``, without importing Numba. A module is a guest if it is neither the
-    stub's own nor named by the stub's `overloaded`. A guest's meaning is for NamedTuples that the guest itself defines,
-    and returns None for all other types. Only kernels that take such a tuple, or name its class, depend on the guest.
+    It does the same as ``numba.extending.overload`` without importing Numba. A module is a guest if it is neither the
+    stub's own nor named by the stub's `overloaded`. A guest's implementation is for NamedTuples that the guest itself
+    defines, and must return None for all other types. Only kernels that take such a tuple, or name its class, depend on
+    the guest.
     """
 
     def add(function):
         choices = _choices(stub) or vars(stub).setdefault(_CHOICES, _Choices((stub.__module__,), [], []))
         at_home = function.__module__ in (stub.__module__, *choices.homes)
-        (choices.given if at_home else choices.guests).append(function)
+        (choices.local if at_home else choices.guests).append(function)
         return function
 
     return add
@@ -187,23 +188,23 @@ def _choices(stub) -> _Choices | None:
 
 
 def overloads(stub) -> list:
-    """The meanings that the stub's module, and the modules that it names, gave by `overload`; else an empty list."""
+    """The implementations of a stub from its own module and from the modules that `overloaded` names; else none."""
     choices = _choices(stub)
     if choices is None:
         return []
     for module in choices.homes:
         importlib.import_module(module)
-    return choices.given
+    return choices.local
 
 
 def guest_overloads(stub) -> list:
-    """The meanings that guests gave by `overload`."""
+    """The implementations of a stub from guest modules."""
     choices = _choices(stub)
     return choices.guests if choices else []
 
 
 class Intrinsic:
-    """A placeholder for a name in a module that imports Numba, until a kernel that uses the name is compiled."""
+    """A placeholder for a name in a module that imports Numba, resolved when a kernel that uses it is compiled."""
 
     def __init__(self, module: str, name: str):
         self.module, self.name = module, name

@@ -1,7 +1,7 @@
-"""Loops of workers over the items of a ticket: iterators that Numba compiles to plain loops.
+"""The loops of workers over a ticket's items: iterators that Numba compiles to plain loops.
 
-`parallel` names them. This module imports Numba, so only the compiler imports it. A loop's state is two numbers on the
-stack, which LLVM keeps in registers.
+`parallel` exports them by name. This module imports Numba, so only the compiler imports it. A loop's state is two
+numbers on the stack, which LLVM keeps in registers.
 """
 
 from llvmlite import ir
@@ -13,11 +13,11 @@ from numba.extending import intrinsic, lower_builtin, register_model
 from .parallel import CHUNK, NEXT, STOP, N
 
 _I64 = ir.IntType(64)
-_ORDER = "monotonic"  # as in `simd.atomic_add`: no other memory is ordered
+_ORDER = "monotonic"  # as in `simd.atomic_add`: orders no other memory
 
 
 class _Loop(types.SimpleIteratorType):
-    """The type of a loop; `following` writes the code that finds its next value."""
+    """The type of a loop; `following` emits the code for its next value."""
 
     def __init__(self, name, value, following):
         super().__init__(name, value)
@@ -47,7 +47,7 @@ def _field(builder, ticket, field):
 
 
 def _take(builder, loop):
-    """Take the next share and write it to the loop's state: `parallel.take`. Return whether there was one."""
+    """Take the next share, as `parallel.take` does, and write it to the loop's state. Return whether there was one."""
     ticket, has_share = loop.ticket, cgutils.alloca_once_value(builder, ir.IntType(1)(0))
     stop = builder.atomic_rmw("or", _field(builder, ticket, STOP), _I64(0), _ORDER)
     with builder.if_then(builder.icmp_signed("==", stop, _I64(0))):

@@ -28,7 +28,7 @@ def _check_vector(function, v, *elements):
 
 
 def _check_common(function, args, *elements):
-    """The vector type that the arguments share."""
+    """The common vector type of the arguments."""
     vector = common_vector(args)
     if vector is None or vector.element not in elements:
         names = " or ".join(str(e) for e in elements)
@@ -110,15 +110,15 @@ def select(typingctx, mask, a, b):
 def _make_extremum(name, f32_name, i32_name):
     @intrinsic
     def extremum(typingctx, a, b):
-        """The smaller (`minimum`) or larger (`maximum`) of two lanes; unspecified where one is NaN."""
+        """The smaller (`minimum`) or larger (`maximum`) of two lanes; unspecified if one is NaN."""
         vector = _check_common(name, (a, b), types.float32, types.int32)
 
         def codegen(context, builder, sig, values):
             pair = as_vectors(context, builder, vector, (a, b), values)
             if vector.is_i32:
                 return call_llvm(builder, f"llvm.{i32_name}.{vector.suffix}", pair[0].type, pair)
-            # With nnan and nsz this is one instruction, also inside a masked select. select(a < b, a, b) is as
-            # good alone, but becomes logic on masks inside a masked select.
+            # With nnan and nsz this is one instruction, even inside a masked select. select(a < b, a, b) is as good
+            # on its own, but becomes mask logic inside a masked select.
             flags = ("nnan", "nsz")
             return call_llvm(builder, f"llvm.{f32_name}.{vector.suffix}", pair[0].type, pair, flags)
 
@@ -133,11 +133,11 @@ maximum = _make_extremum("maximum", "maxnum", "smax")
 
 @intrinsic
 def fma(typingctx, a, b, c):
-    """a * b + c, rounded once where the target has the instruction, else twice."""
+    """a * b + c, rounded once if the target has the instruction, otherwise twice."""
     vector = _check_common("fma", (a, b, c), types.float32)
 
     def codegen(context, builder, sig, values):
-        # Not llvm.fma: without the instruction that becomes one library call per lane, ten times slower.
+        # Not llvm.fma: without the instruction, that becomes one library call per lane, ten times as slow.
         args = as_vectors(context, builder, vector, (a, b, c), values)
         return call_llvm(builder, f"llvm.fmuladd.{vector.suffix}", args[0].type, args)
 
@@ -146,7 +146,7 @@ def fma(typingctx, a, b, c):
 
 @intrinsic
 def absolute(typingctx, a):
-    """The absolute value. The most negative int32 has no counterpart and stays as it is."""
+    """The absolute value. The most negative int32 has no counterpart and stays unchanged."""
     _check_vector("absolute", a, types.float32, types.int32)
 
     def codegen(context, builder, sig, values):
@@ -160,7 +160,7 @@ def absolute(typingctx, a):
 
 @intrinsic
 def square_root(typingctx, a):
-    """The square root, correctly rounded as IEEE 754 says; NaN for negative lanes."""
+    """The square root, correctly rounded (IEEE 754); NaN for negative lanes."""
     _check_vector("square_root", a, types.float32)
 
     def codegen(context, builder, sig, values):
@@ -171,7 +171,7 @@ def square_root(typingctx, a):
 
 @intrinsic
 def flip_sign(typingctx, a, s):
-    """`a`, negated in the lanes where the sign bit of `s` is set (so -0.0 flips); both f32."""
+    """`a`, negated in the lanes where the sign bit of `s` is set, including -0.0; both f32."""
     vector = _check_common("flip_sign", (a, s), types.float32)
 
     def codegen(context, builder, sig, values):
@@ -315,7 +315,7 @@ def _make_reduction(name, f32_name, i32_name):
     def reduction(typingctx, v):
         """The smallest (`reduce_min`) or largest (`reduce_max`) lane, unspecified if one is NaN.
 
-        `reduce_and` gives the bits that all lanes of an i32 vector share.
+        `reduce_and` gives the bits common to all lanes of an i32 vector.
         """
         _check_vector(name, v, *((types.float32, types.int32) if f32_name else (types.int32,)))
 
@@ -373,7 +373,7 @@ def highest_bit(typingctx, x):
 def product_error(typingctx, a, b, product):
     """a b - product, exactly, where `product` is the float64 product of two float64 numbers.
 
-    The numbers must stay within 1e-150 .. 1e150, or be 0.
+    The magnitudes must lie within 1e-150 .. 1e150, or be 0.
     """
     if (a, b, product) != (types.float64,) * 3:
         reject("product_error", a, b, product, cure="needs three float64")

@@ -1,8 +1,8 @@
-"""Load and store vectors and scalars: arrays, raw pointers, memory on the stack. Bounds are not checked.
+"""Loads and stores of vectors and scalars: arrays, raw pointers, memory on the stack. Bounds are not checked.
 
-`a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`,
-`as_i32` or `stack_*`. `i` is the index of an element, from the first one. A negative `i` is an address before
-the first element: it does not wrap around.
+`a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`, `as_i32` or
+`stack_*`. `i` is the flat index of an element. A negative `i` does not wrap around, but is an address before the first
+element.
 """
 
 from math import prod
@@ -107,7 +107,7 @@ def load16x3(typingctx, a, i):
 
 @intrinsic
 def gather(typingctx, a, i):
-    """Elements of `a` at the i32 indices `i`, one a lane. All lanes are loaded."""
+    """Elements of `a` at the i32 indices `i`, one per lane. All lanes are loaded."""
     _check("gather", a)
     if not (isinstance(i, Vector) and i.element == types.int32):
         reject("gather", a, i, cure="the indices must be a vector of int32")
@@ -250,12 +250,12 @@ as_i32 = _make_cast("as_i32", types.int32)
 def _make_stack(name, element):
     @intrinsic(prefer_literal=True)
     def stack(typingctx, n):
-        """`n` elements (a literal or a module constant) of this function's own stack, aligned to 64 bytes."""
+        """`n` elements (a literal or a module constant) on this function's stack, aligned to 64 bytes."""
         if not isinstance(n, types.IntegerLiteral) or n.literal_value < 1:
             reject(name, n, cure="the size must be a positive literal or a module-level constant")
 
         def codegen(context, builder, sig, values):
-            # Not cgutils.alloca_once: that clears the memory on every entry to the function.
+            # Not cgutils.alloca_once, which clears the memory on every entry to the function.
             with builder.goto_entry_block():
                 memory = builder.alloca(ir.ArrayType(context.get_data_type(element), n.literal_value), name=name)
             memory.align = _STACK_ALIGNMENT
@@ -274,7 +274,7 @@ stack_i64 = _make_stack("stack_i64", types.int64)
 
 @intrinsic(prefer_literal=True)
 def stack_array(typingctx, dtype, n, m=None):
-    """An array of shape (n,) or (n, m) on this function's own stack, aligned to 64 bytes, not cleared.
+    """An array of shape (n,) or (n, m) on this function's stack, aligned to 64 bytes, not cleared.
 
     `dtype` is a NumPy scalar type such as ``np.int64``; `n` and `m` are literals or module constants.
     """
@@ -306,7 +306,7 @@ def stack_array(typingctx, dtype, n, m=None):
 
 @intrinsic
 def prefetch(typingctx, p, i):
-    """Prefetch the cache line of element i. Any address is allowed, even one outside the array."""
+    """Prefetch the cache line of element i. Any address is allowed, even outside the array."""
     _check("prefetch", p, i)
 
     def codegen(context, builder, sig, values):
@@ -339,5 +339,5 @@ atomic_or = _make_atomic("atomic_or", "or", types.int32)
 atomic_and = _make_atomic("atomic_and", "and", types.int32)
 """Atomic update of element i by `x`: `atomic_add` of an int64 array, `atomic_or` and `atomic_and` of an int32 array.
 
-They return the element's old value. They order no other memory: other threads may see earlier writes late.
+They return the element's old value. They do not order other memory accesses: other threads may see earlier writes later.
 """

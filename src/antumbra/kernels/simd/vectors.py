@@ -1,10 +1,10 @@
 """The vector types, the conversion of arguments to vectors, and Python's operators on vectors.
 
-A vector is a *value* to Numba, as a float is. It has no address, is never boxed for Python, and lives in a
-register. LLVM splits a vector that is wider than the target's registers.
+To Numba, a vector is a *value*, like a float. It has no address, is never boxed for Python, and lives in a register.
+LLVM splits vectors that are wider than the target's registers.
 
-Operators. Each lowers to one LLVM instruction. A scalar is repeated in all lanes. The operators use templates and
-`lower_builtin`. `numba.extending.overload` would compile a separate function for every operator and pair of types.
+Each operator lowers to one LLVM instruction and broadcasts scalars. Operators use templates and `lower_builtin`, because
+`numba.extending.overload` would compile a separate function for every operator and pair of types.
 """
 
 import operator
@@ -80,17 +80,17 @@ mask4, mask8, mask16 = (Vector(types.boolean, lanes) for lanes in (4, 8, 16))
 
 
 def reject(function, *args, cure) -> NoReturn:
-    """Raise a typing error of `function` that names the argument types and the cure."""
+    """Raise a typing error for `function` that names the argument types and the cure."""
     raise errors.TypingError(f"antumbra.kernels.simd.{function}({', '.join(str(a) for a in args)}): {cure}")
 
 
 def accepts(vector, arg):
-    """Whether `arg` is `vector` itself or a scalar that can be repeated in its lanes."""
+    """Whether `arg` is `vector` itself or a scalar that can be broadcast to it."""
     return arg == vector or isinstance(arg, _SCALARS[vector.element])
 
 
 def common_vector(args):
-    """The one vector type among the arguments, if all others are scalars that can be repeated to it; else None."""
+    """The only vector type among the arguments, if all others are scalars that can be broadcast to it; else None."""
     vectors = {arg for arg in args if isinstance(arg, Vector)}
     if len(vectors) != 1:
         return None
@@ -107,7 +107,7 @@ def repeat(builder, value, lanes):
 
 
 def as_vectors(context, builder, vector, arg_types, values):
-    """The values as `vector`s. Scalars are converted to the element type and repeated."""
+    """The values as `vector`s. Scalars are converted to the element type and broadcast."""
     return [
         value if arg == vector else repeat(builder, context.cast(builder, value, arg, vector.element), vector.lanes)
         for arg, value in zip(arg_types, values)
@@ -125,7 +125,7 @@ def call_llvm(builder, name, result, args, fastmath=()):
 
 
 def _binary(op, emit, *elements, inplace=None, compares=False):
-    """Define `op` and its in-place form for vectors of `elements`; `emit(builder, vector, a, b)` makes the code."""
+    """Define `op` and its in-place form for vectors of `elements`; `emit(builder, vector, a, b)` emits the code."""
 
     class Binary(AbstractTemplate):
         def generic(self, args, kws):
@@ -173,7 +173,7 @@ def _method(real=None, i32=None):
 
 
 def _comparison(symbol):
-    """An emitter of comparisons. Like Python's floats, a NaN lane compares false, except for ``!=``, which is true."""
+    """An emitter of comparisons. As for Python's floats, a NaN lane compares false, except for ``!=``, which is true."""
 
     def emit(builder, vector, a, b):
         if vector.is_i32:
