@@ -1,4 +1,4 @@
-"""Checked arguments for the public face: each function returns the value in one form, or raises an `InputError`."""
+"""Argument checks for the public API: each function returns the value in one form, or raises an `InputError`."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -13,24 +13,24 @@ from .errors import InputError
 
 T = TypeVar("T")
 
-_LONGEST = 60  # characters of a value in a message
+_LONGEST = 60  # maximum characters of a value in a message
 _NO_NUMBERS = str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating, np.datetime64, np.timedelta64
 _ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]": "be a number from {} to {}"}
-"""How messages write intervals."""
+"""Intervals in the words of messages."""
 
 
 def spelling_hint(name, known: Iterable[str]) -> str:
-    """``"did you mean 'x'? "`` if a known name is like `name`, else nothing: for errors about unknown names."""
+    """``"did you mean 'x'? "`` if a known name is similar to `name`, else an empty string; for unknown-name errors."""
     text, names = str(name), list(known)
     matches = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
     return f"did you mean {matches[0]!r}? " if matches else ""
 
 
 def quoted(value) -> str:
-    """A wrong value as messages show it: its repr on one line, cut where it becomes long."""
+    """The repr of a wrong value for a message, on one line and truncated."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # of another library's object, or of a whole number with thousands of digits
+    except Exception:  # of another library's object, or of an integer with thousands of digits
         text = f"a {type(value).__name__}"
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
@@ -39,7 +39,7 @@ def quoted(value) -> str:
 
 
 def is_number(value) -> bool:
-    """Whether a value may be one real number. Texts, truth values and arrays with axes are none."""
+    """Whether a value may be a single real number. Strings, booleans and arrays with axes are not."""
     return not isinstance(value, _NO_NUMBERS) and getattr(value, "ndim", 0) == 0
 
 
@@ -56,7 +56,7 @@ def whole_number(value, what: str, low: int, high: int) -> int:
 def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
     """Convert `value` to a float; InputError naming `what` unless it lies between `low` and `high`.
 
-    ends : whether the limits are allowed, as intervals are written: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
+    ends : whether the limits are allowed, in interval notation: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
     """
     x = float("nan")
     if is_number(value):
@@ -73,7 +73,7 @@ def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: s
 
 
 def byte_count(value, what: str, low: int, high: int = 1 << 60) -> int:
-    """As `whole_number`, of a number of bytes: the message writes ``100M``, as the command line does."""
+    """`whole_number` for a number of bytes, with a message in units such as ``100M``, like the command line."""
     with suppress(InputError):
         return whole_number(value, what, low, high)
     shown_value = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
@@ -100,7 +100,7 @@ def flag(value, what: str) -> bool:
 
 
 def choice(value, what: str, names: Iterable[str | None]) -> Any:
-    """`value`, if it is one of `names`; otherwise an InputError that names `what` and all of them."""
+    """`value` if it is one of `names`; otherwise an InputError that names `what` and all of them."""
     known = list(names)
     if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
         return value
@@ -111,14 +111,14 @@ def choice(value, what: str, names: Iterable[str | None]) -> Any:
 
 
 def text(value, what: str) -> str:
-    """`value`, if it is a str; otherwise an InputError that names `what`."""
+    """`value` if it is a str; otherwise an InputError that names `what`."""
     if isinstance(value, str):
         return value
     raise InputError(f"{what} is {quoted(value)}; it must be a text")
 
 
 def instance(value, kind: type[T], what: str, cure: str = "") -> T:
-    """`value`, if it is of a kind; otherwise an InputError that names `what`, the kind and the cure."""
+    """`value` if it is an instance of `kind`; otherwise an InputError that names `what`, the kind and the cure."""
     if isinstance(value, kind):
         return value
     name = f"an antumbra.{kind.__name__}" if kind.__module__.startswith("antumbra.") else f"a {kind.__name__}"
@@ -126,7 +126,7 @@ def instance(value, kind: type[T], what: str, cure: str = "") -> T:
 
 
 def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
-    """A list of objects of a kind, from several or from one; otherwise an InputError as from `instance`."""
+    """A list of instances of `kind`, from one or several; otherwise an InputError as from `instance`."""
     if isinstance(value, kind):
         return [value]
     parts = parts_of(value)
@@ -136,7 +136,7 @@ def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
 
 
 def parts_of(value) -> list | None:
-    """The parts of an iterable; None of texts, and of what has no parts."""
+    """The items of an iterable as a list; None for strings and for values that are not iterable."""
     if isinstance(value, (str, bytes)):
         return None
     try:
@@ -146,7 +146,7 @@ def parts_of(value) -> list | None:
 
 
 def path_of(value, what: str) -> Path:
-    """`value` as a `Path`; InputError naming `what` unless it is a text or a path that the system can take."""
+    """`value` as a `Path`; InputError naming `what` unless it is a string or a path that the system accepts."""
     try:
         name = os.fspath(value)
     except TypeError:
@@ -162,9 +162,9 @@ def path_of(value, what: str) -> Path:
 
 
 def as_array(value, what: str) -> np.ndarray:
-    """A numpy view (or copy) of numbers, or of an array of another library in host memory.
+    """A NumPy view (or copy) of numbers, or of another library's array in host memory.
 
-    Libraries give arrays by ``numpy()`` (Open3D takes a second for a million rays through DLPack) or by DLPack.
+    Arrays are converted by their ``numpy()``, or else through DLPack, which takes Open3D a second for a million rays.
     """
     if type(value) is np.ndarray and value.dtype.kind in "fiu":
         return value
@@ -182,7 +182,7 @@ def as_array(value, what: str) -> np.ndarray:
 
 def _of_library(value, what: str):
     if hasattr(value, "numpy") and not isinstance(value, type):
-        with suppress(Exception):  # such as torch's, of tensors on another device; DLPack explains it
+        with suppress(Exception):  # e.g. torch tensors on another device, for which DLPack has the better message
             return value.numpy()
     if not hasattr(value, "__dlpack__"):
         return value
@@ -215,7 +215,7 @@ def points(value, what: str) -> np.ndarray:
 
 
 def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
-    """(..., 3) float64 of length 1, of finite vectors of any length: also of those whose square no float holds.
+    """(..., 3) float64: finite vectors normalised, even those whose squared length overflows or underflows.
 
     Raises
     ------
@@ -230,12 +230,12 @@ def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
         problem = "is zero" if np.isfinite(largest.reshape(-1)[at]) else "has NaN or infinity"
         where = "" if v.ndim == 1 else f" {at}"
         raise InputError(f"{what}{where} {problem}; {cure or 'give it a direction'}")
-    v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which changes no bit of the result
+    v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which does not change the result
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def listed(value: Sequence, what: str, count: int) -> list:
-    """The parts of a value of `count` parts, such as a pair; otherwise an InputError that names `what`."""
+    """The items of a value of `count` items, such as a pair; otherwise an InputError that names `what`."""
     parts = parts_of(value)
     if parts is None or len(parts) != count:
         raise InputError(f"{what} is {quoted(value)}; it must be {count} values")

@@ -1,8 +1,8 @@
-"""Progress of long work. The library itself prints nothing, except a bar in a terminal or a notebook.
+"""Progress of long work. The library prints nothing except a bar in a terminal or a notebook.
 
-- A function that the caller gave (`progress_listener`, `with_progress`) gets all progress; False gets none.
-- Else terminals and notebooks show a bar after a second.
-- Begin and end of long work go to the logger ``antumbra``, at level INFO. Warnings go there too.
+- A listener set by the caller (`progress_listener`, `with_progress`) receives all progress; False turns it off.
+- Otherwise terminals and notebooks show a bar after a second.
+- Start and end of long work are logged to ``antumbra`` at level INFO, as are warnings at their level.
 """
 
 import logging
@@ -24,7 +24,7 @@ ProgressCallback = Callable[[int, int], Any]
 """Function of (amount done, total amount)."""
 
 Progress = ProgressListener | bool | None
-"""What the keyword ``progress`` of a job takes, see `followed`."""
+"""Values of the keyword ``progress`` of a job, see `with_progress`."""
 
 LOG = logging.getLogger("antumbra")
 
@@ -32,15 +32,15 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
-_shown: list[str] = []  # names of the work that is shown now, by a bar or by a listener
+_active: list[str] = []  # names of the work currently shown by a bar or a listener
 _DELAY = 1.0  # seconds before a bar appears
-_EVERY = 0.1  # seconds between two states of a bar
+_EVERY = 0.1  # seconds between updates of a bar
 _WIDTH = 24  # characters of a bar
 
 
 @contextmanager
 def progress_listener(listener: ProgressListener) -> Iterator[None]:
-    """Within the context, progress goes to `say`, and no bar appears."""
+    """Within the context, progress goes to `listener`, and no bar appears."""
     token = _listener.set(listener)
     try:
         yield
@@ -53,10 +53,10 @@ def ignore_progress(what: str, done: int, total: int) -> None:
 
 
 def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator of a function with a keyword ``progress``, through which callers follow its work.
+    """Decorator of a function with a keyword ``progress``, which it need not read itself.
 
-    A function of (text, done, total): it gets the progress of everything within. False: nothing is shown. None or
-    True: a bar, where a person watches. The decorated function itself need not read the keyword.
+    A function of (text, done, total) receives the progress of everything within. False shows nothing. None or True
+    shows a bar in terminals and notebooks.
     """
 
     @wraps(job)
@@ -71,9 +71,9 @@ def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator of a function whose keyword ``progress`` takes a function of (done, total), or None.
+    """Decorator of a function whose keyword ``progress`` is a function of (done, total) or None.
 
-    It may now be False too: nothing is shown, not even by what the function calls. True is the same as None.
+    It also allows False, which shows nothing, not even from functions called within. True is the same as None.
     """
 
     @wraps(job)
@@ -86,7 +86,7 @@ def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def _checked_progress(progress) -> Any:
-    """A function, False or None; InputError for anything else but True."""
+    """`progress`, with True replaced by None; InputError unless it is a function, a bool or None."""
     if progress is None or isinstance(progress, bool):
         return None if progress else progress
     if not callable(progress):
@@ -96,13 +96,13 @@ def _checked_progress(progress) -> Any:
 
 @contextmanager
 def report_progress(what: str) -> Iterator[ProgressCallback]:
-    """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
+    """Log the start and end of work. The context's value is a function that reports (done, total)."""
     start = perf_counter()
     LOG.info("%s ...", what)
     with _busy(what):
         if listener := _listener.get():
             yield lambda done, total: listener(what, done, total)
-        elif _watched():
+        elif _is_interactive():
             bar = ProgressBar(what, _DELAY)
             with bar.appearing():
                 yield bar
@@ -114,16 +114,16 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
 def show_progress(
     what: str, progress: ProgressCallback | bool | None = None
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """Show work that may be short and is too small for the log.
+    """Show the progress of work that may be short and is not worth logging.
 
-    progress : the keyword of a `hushed` function; a function is the context's value
+    progress : the keyword of a `with_quiet_progress` function; if it is a function, it is the context's value
 
-    Otherwise the context's value is a function that hears (done, total). It is None if nobody watches, or if the work
-    is part of other work that is shown.
+    Otherwise the context's value is a function of (done, total), or None if output is not interactive or the work is
+    part of other work that is shown.
     """
     if callable(progress):
         return nullcontext(progress)
-    return nullcontext() if _listener.get() or _shown or not _watched() else _short(what)
+    return nullcontext() if _listener.get() or _active or not _is_interactive() else _short(what)
 
 
 @contextmanager
@@ -138,7 +138,7 @@ def _short(what: str) -> Iterator[ProgressCallback]:
 
 
 def split_progress(report: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
-    """A function of (done, total) for `count` runs, one after the other. `done` restarts in each run.
+    """A function of (done, total) for `count` consecutive runs, in each of which `done` starts again.
 
     All runs together are piece `index` of `of` pieces.
     """
@@ -155,7 +155,7 @@ def split_progress(report: ProgressCallback | None, count: int, index: int = 0, 
 
 
 class ProgressBar:
-    """A line on standard error that is written anew again and again; notebooks show it as terminals do.
+    """A progress line on standard error that is updated in place, in terminals and notebooks alike.
 
     what : name of the work
     delay : seconds before the line appears
@@ -172,7 +172,7 @@ class ProgressBar:
 
     @contextmanager
     def appearing(self) -> Iterator[None]:
-        """Within the context, the line appears after the delay even if nothing is reported; then it is removed."""
+        """Within the context, the line appears after the delay even without reports; it is removed on exit."""
         timer = Timer(self._next, self._draw)
         timer.daemon = True
         timer.start()
@@ -206,14 +206,14 @@ class ProgressBar:
 
 @contextmanager
 def _busy(what: str) -> Iterator[None]:
-    _shown.append(what)
+    _active.append(what)
     try:
         yield
     finally:
-        _shown.remove(what)
+        _active.remove(what)
 
 
-def _watched() -> bool:
-    """Whether standard error is a terminal, or the output of a notebook's cell."""
+def _is_interactive() -> bool:
+    """Whether standard error is a terminal or the output of a notebook cell."""
     stream = sys.stderr
     return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))

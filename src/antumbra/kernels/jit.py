@@ -91,8 +91,8 @@ class kernel(inlined):
 
     Division follows IEEE 754. Fast-math and allocation are not available.
 
-    Arguments are C-contiguous or strided arrays in native byte order, numbers, booleans, None, tuples and NamedTuples of
-    these, and `marshalling.Packed`. The result is a number, a boolean, None, or a tuple of these.
+    Arguments are C-contiguous or strided arrays in native byte order, numbers, booleans, None, tuples and NamedTuples
+    of these, and `marshalling.Packed`. The result is a number, a boolean, None, or a tuple of these.
 
     Raises
     ------

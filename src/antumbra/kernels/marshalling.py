@@ -1,9 +1,9 @@
 """Marshalling: arguments and results of kernels as 8-byte words.
 
-A *key* lists the kinds of the arguments, one token for each scalar, array, None, and begin or end of a tuple. The key
-chooses the machine code and the packing of the values.
+A *key* lists the kinds of the arguments: one token for each scalar, array, None, and start or end of a tuple. The key
+selects the machine code and the packing of the values.
 
-What is an argument of many calls, such as a tree, is `Packed` once. A kernel takes it in place of the value.
+A value that many calls take, such as a tree, can be flattened once to a `Packed`, which kernels accept in its place.
 """
 
 import ctypes
@@ -16,13 +16,13 @@ from importlib import import_module
 import numpy as np
 
 Key = tuple["str | Key", ...]
-"""Tokens. Those of a `Packed` are a tuple of their own."""
+"""Tokens. Those of a `Packed` form a nested tuple."""
 
 SCALARS = {
     "b": "?7x", "f": "f4x", "d": "d",
     "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q",
 }  # fmt: skip
-"""Token of a scalar: format by which `struct` packs it into a word."""
+"""The format by which `struct` packs a scalar into a word, for each token."""
 
 _TOKENS: dict[type, str] = {
     bool: "b", np.bool_: "b", int: "i", float: "d",
@@ -39,7 +39,7 @@ _classes: dict[str, type] = {}
 
 @cache
 def _opening(cls: type) -> str:
-    """The token that begins a tuple of a class."""
+    """The token that starts a tuple of a class."""
     if cls is tuple:
         return "("
     name = f"{cls.__module__}:{cls.__qualname__}"
@@ -48,12 +48,12 @@ def _opening(cls: type) -> str:
 
 
 def class_of(name: str) -> type:
-    """The class that ``module:qualname`` names."""
+    """The class named ``module:qualname``."""
     return _classes.get(name) or import_object(name)
 
 
 def import_object(name: str):
-    """The object that ``module:qualname`` names."""
+    """The object named ``module:qualname``."""
     module, _, qualname = name.partition(":")
     return reduce(getattr, qualname.split("."), import_module(module))
 
@@ -68,11 +68,11 @@ def _array_token(array: np.ndarray) -> str:
     return f"{'A' if flags.writeable else 'R'}[{dtype.str[1:]},{array.ndim},{layout}]"
 
 
-_array_tokens: dict[tuple, str] = {}  # by all that `_array_token` reads
+_array_tokens: dict[tuple, str] = {}  # by everything that `_array_token` reads
 
 
 def _address_in_header(array: np.ndarray) -> int:
-    """The address of an array's first element, from the first field of NumPy's ABI; eight times as fast as NumPy."""
+    """The address of an array's first element, from the first field of NumPy's ABI; eight times as fast as by NumPy."""
     return _word_at(id(array) + _HEADER).value
 
 
@@ -97,7 +97,7 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
 
 
 def flatten(arguments: tuple) -> tuple[Key, list]:
-    """The key of arguments, and their values. The values of an array are its address, shape and strides."""
+    """The key of arguments, and their flat values. Those of an array are its address, shape and strides."""
     key: list[str | Key] = []
     values: list = []
     for argument in arguments:
@@ -146,16 +146,16 @@ class ArgumentForm:
         self._struct = struct_of(self.key)
 
     def pack(self, *values) -> "Packed":
-        """A `Packed` of flat values: of an array its address, shape and strides. They must outlive it."""
+        """A `Packed` of flat values; those of an array are its address, shape and strides. Arrays must outlive it."""
         return Packed(self.key, self._struct.pack(*values))
 
 
 class Packed:
-    """An argument of kernels that is flattened already.
+    """A kernel argument that is already flattened.
 
     key : its tokens
-    words : its values, packed
-    value : what it was made from, if that must live as long
+    words : its packed values
+    value : the original value, if it must be kept alive
     """
 
     __slots__ = ("key", "value", "words")
@@ -165,13 +165,13 @@ class Packed:
 
 
 def packed(value) -> Packed:
-    """A value, flattened. It keeps the value's arrays alive, which kernels read and write as ever."""
+    """A value, flattened. It keeps the value's arrays alive, which kernels read and write as usual."""
     key, values = flatten((value,))
     return Packed(key, struct_of(key).pack(*values), value)
 
 
 def text_of(key: Key) -> str:
-    """All tokens of a key: the same for a `Packed` and for its value."""
+    """All tokens of a key as text, which is the same for a `Packed` and for its value."""
     return " ".join(token if isinstance(token, str) else text_of(token) for token in key)
 
 

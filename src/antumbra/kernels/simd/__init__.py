@@ -1,8 +1,8 @@
 """Vectors of 4, 8 or 16 numbers as values inside Numba kernels.
 
 Numba leaves vectorisation to LLVM, which cannot vectorise a traversal because of its branches. This package makes
-vectors explicit: an ``f32x8`` is eight float32 in one register, and ``a + b`` of two of them is one instruction. Kernels
-hold vectors in local variables and tuples, and pass them to other kernels. Python sees only arrays.
+vectors explicit: an ``f32x8`` is eight float32 in one register, and ``a + b`` of two of them is one instruction.
+Kernels hold vectors in local variables and tuples, and pass them to other kernels. Python sees only arrays.
 
 - `vectors`: the types, the conversion of arguments to vectors, and Python's operators on vectors
 - `lanes`: operations on the lanes of vectors, on the bits of an int64, and the rounding error of a product

@@ -339,5 +339,5 @@ atomic_or = _make_atomic("atomic_or", "or", types.int32)
 atomic_and = _make_atomic("atomic_and", "and", types.int32)
 """Atomic update of element i by `x`: `atomic_add` of an int64 array, `atomic_or` and `atomic_and` of an int32 array.
 
-They return the element's old value. They do not order other memory accesses: other threads may see earlier writes later.
+They return the element's old value. They order no other memory accesses: other threads may see earlier writes late.
 """

@@ -3,8 +3,8 @@
 To Numba, a vector is a *value*, like a float. It has no address, is never boxed for Python, and lives in a register.
 LLVM splits vectors that are wider than the target's registers.
 
-Each operator lowers to one LLVM instruction and broadcasts scalars. Operators use templates and `lower_builtin`, because
-`numba.extending.overload` would compile a separate function for every operator and pair of types.
+Each operator lowers to one LLVM instruction and broadcasts scalars. Operators use templates and `lower_builtin`,
+because `numba.extending.overload` would compile a separate function for every operator and pair of types.
 """
 
 import operator
@@ -173,7 +173,7 @@ def _method(real=None, i32=None):
 
 
 def _comparison(symbol):
-    """An emitter of comparisons. As for Python's floats, a NaN lane compares false, except for ``!=``, which is true."""
+    """An emitter of comparisons. As in Python, a NaN lane compares false, except for ``!=``, which is true."""
 
     def emit(builder, vector, a, b):
         if vector.is_i32:

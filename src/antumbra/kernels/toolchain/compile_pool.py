@@ -1,7 +1,12 @@
-"""A pool of processes that compile kernels, as many as there are cores.
+"""A pool of processes that compile kernels, one per core.
 
-Each process reads one request a line and answers with null or an error message. It imports Numba without scipy's
-linear algebra, which starts faster.
+Numba types and lowers in Python, under one lock per process, so threads would wait for each other. Each process takes
+the next kernel when its previous one is done. The longest kernels go first, so that all processes finish at about the
+same time. Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+
+Each process reads one request per line and answers with null or an error message. A request is JSON: the kernel's name,
+the kinds of its arguments, and the processor levels. Processes import Numba without scipy's linear algebra, which
+starts faster.
 """
 
 import json
@@ -23,13 +28,13 @@ from .kernel_cache import KernelFolder, cache_folder
 
 
 def import_numba() -> None:
-    """Import Numba's array functions, but not scipy's linear algebra behind them, whose import takes 0.2 s.
+    """Import Numba's array functions without scipy's linear algebra behind them, whose import takes 0.2 s.
 
-    It is for processes that only compile, since Numba then refuses np.dot in kernels. No kernel multiplies matrices.
+    Use it only in compiling processes, since Numba then rejects np.dot in kernels. No kernel multiplies matrices.
     """
     if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
         return
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails at once
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # importing it now fails at once
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
@@ -40,10 +45,10 @@ def import_numba() -> None:
 
 
 def serve() -> None:
-    """Serve `crew.compile_all` until it closes the pipe. This process ignores Ctrl-C: the caller ends it."""
+    """Serve `compile_kernels` until it closes the pipe. This process ignores Ctrl-C, since the caller ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # other output must not be taken for an answer
+    os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
     from .kernel_cache import KernelFolder, cache_folder, load_or_compile
     from .kernel_digest import kernel_digest
@@ -77,12 +82,12 @@ class KernelRequest(NamedTuple):
     """A kernel to compile: its name, and the kinds of its arguments."""
 
     kernel: str  # module:qualname
-    key: str  # kinds of the arguments, separated by blanks
-    seconds: float = 0.0  # expected time to compile
+    key: str  # kinds of the arguments, separated by spaces
+    seconds: float = 0.0  # expected compile time
 
 
 class _CompileProcess(threading.Thread):
-    """One compiling process, and the thread that sends it requests."""
+    """A compiling process, and the thread that sends it requests."""
 
     def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
         super().__init__(daemon=True)
@@ -93,10 +98,10 @@ class _CompileProcess(threading.Thread):
 
     def run(self):
         try:
-            self._say(sys.path)
+            self._send(sys.path)
             while True:
                 request = self._work.get_nowait()
-                self._say([request.kernel, request.key, self._levels])
+                self._send([request.kernel, request.key, self._levels])
                 answer = self._process.stdout.readline()
                 self._done.put((request, json.loads(answer) if answer else "the compiling process ended"))
         except Empty:
@@ -106,7 +111,7 @@ class _CompileProcess(threading.Thread):
         finally:
             self._done.put(None)
 
-    def _say(self, message) -> None:
+    def _send(self, message) -> None:
         self._process.stdin.write(json.dumps(message) + "\n")
         self._process.stdin.flush()
 
@@ -123,21 +128,22 @@ def compile_kernels(
     processes: int | None = None,
     levels: Sequence[str] | None = None,
 ) -> list[str]:
-    """Compile the kernels that the user's cache lacks, and keep them there.
+    """Compile the kernels that are missing from the user's cache, and store them there.
 
     Parameters
     ----------
-    wanted : iterable of Wanted
-    progress : function of (kernels done, kernels), called in this thread, optional
+    requests : iterable of KernelRequest
+    progress : function of (kernels done, kernels), optional
+        Called in the calling thread.
     processes : int, optional
-        None means one for each core that this process may use.
+        None means one per core available to this process.
     levels : sequence of str, optional
-        Levels of processors; None means this processor's. Numba's part of the work is done once.
+        Processor levels; None means that of this processor. Numba's part of the work is done once for all levels.
 
     Returns
     -------
     list of str
-        Error messages, one for each failed kernel. A call of such a kernel compiles it again, and raises.
+        Error messages, one per failed kernel. Calling such a kernel compiles it again, and raises.
     """
     ordered = sorted(set(requests), key=lambda each: -each.seconds)
     work: SimpleQueue = SimpleQueue()
@@ -164,7 +170,7 @@ def _wait(done: SimpleQueue, n_running: int, total: int, progress: PoolProgress 
         if progress is not None:
             progress(n_done, total)
         try:
-            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is heard
+            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is handled
         except Empty:
             continue
         if answer is None:

@@ -1,8 +1,8 @@
-"""Compile a kernel to machine code by Numba and LLVM. This module is imported only when something must be compiled.
+"""Compilation of a kernel to machine code by Numba and LLVM; imported only when something must be compiled.
 
-Entry. Python calls one function of a kernel, ``int64 f(words*, words*)``. It reads the arguments from 8-byte words
-(`marshalling.flatten`), calls the kernel, and writes the result as words. The result is 0, or Numba's status if the
-kernel raised.
+Python calls one entry function per kernel, ``int64 f(words*, words*)``. It reads the arguments from 8-byte words
+(`marshalling.flatten`), calls the kernel, and writes the result as words. It returns 0, or Numba's status if the kernel
+raised.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,7 +29,7 @@ WORD = ir.IntType(64)
 
 
 class _Words:
-    """8-byte words in memory, one after the other."""
+    """Sequential access to 8-byte words in memory."""
 
     def __init__(self, context, builder, pointer):
         self.context, self.builder, self._pointer, self._at = context, builder, pointer, 0
@@ -100,7 +100,7 @@ class _Words:
 
 
 def entry_library(context, lowered: Lowered, symbol: str) -> Library:
-    """The library of the function `symbol`, which Python calls."""
+    """The library of a kernel's entry function, named `symbol`."""
     library = Library(context.codegen(), symbol)
     module = library.create_ir_module("entry")
     words = WORD.as_pointer()
@@ -134,7 +134,7 @@ _RUNTIME = "NRT_", "numba_", "Py", "_Py"
 
 
 class KernelSize(NamedTuple):
-    """The size of a kernel's linked IR, before LLVM optimises."""
+    """The size of a kernel's linked IR before LLVM's optimisation."""
 
     functions: int
     instructions: int
@@ -164,7 +164,7 @@ def _type(token: str, tokens: Iterator[str]) -> types.Type:
 
 
 def result_spec(kind: types.Type) -> Spec:
-    """The `arguments.Spec` of a result type: it tells `arguments.Result` how to build the value."""
+    """The `marshalling.Spec` of a result type, from which `marshalling.ResultReader` builds the value."""
     if isinstance(kind, types.BaseTuple):
         cls = getattr(kind, "instance_class", tuple)
         name = None if cls is tuple else f"{cls.__module__}:{cls.__qualname__}"
@@ -188,15 +188,15 @@ def type_of_global(value) -> types.Type:
         return cpu_target.typing_context.resolve_value_type(value)
 
 
-_known: dict[object, object] = {}
+_registered: dict[object, object] = {}
 
 
-def _tell_numba_of_overloads(kernel: inlined, key: str) -> None:
+def _register_overloads(kernel: inlined, key: str) -> None:
     from .kernel_digest import homes_of, reached
 
     for function in reached(kernel.py_func, homes_of(key)):
-        if function not in _known and (overloads(function) or guest_overloads(function)):
-            _known[function] = part = generic_part(function)
+        if function not in _registered and (overloads(function) or guest_overloads(function)):
+            _registered[function] = part = generic_part(function)
             cpu_target.typing_context.insert_global(function, part.type)
 
 
@@ -205,8 +205,8 @@ def _tell_numba_of_overloads(kernel: inlined, key: str) -> None:
 
 @global_compiler_lock
 def lower_kernel(kernel: kernel, key: str, symbol: str):
-    """(LLVM module of all that a kernel reaches, `Spec` of its result)."""
-    _tell_numba_of_overloads(kernel, key)
+    """(LLVM module of everything that a kernel reaches, `Spec` of its result)."""
+    _register_overloads(kernel, key)
     context = cpu_target.target_context
     context.refresh()
     with kept_as_ir(context), numba_patches():
@@ -227,7 +227,7 @@ def outside(module) -> list[str]:
 
 
 def compile_kernel(kernel: kernel, key: str, digest: str, levels: Sequence[str]) -> list[KernelCode]:
-    """Machine code of a kernel for the argument kinds of `key`, one for each level in `levels`.
+    """Machine code of a kernel for the argument kinds of `key`, one object per level in `levels`.
 
     Raises
     ------

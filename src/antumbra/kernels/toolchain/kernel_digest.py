@@ -1,17 +1,17 @@
-"""Kernel digests: of a kernel's code, and of all functions and constants that it reaches.
+"""Kernel digests, over a kernel's code and all functions and constants that it reaches.
 
 A *part* is a function that Numba compiles or calls: a kernel, an inlined function, or an overload and its callees. The
-digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it names.
-It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and the
-fields of its arguments' classes.
+digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it names,
+but not line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and the fields of
+its arguments' classes.
 
-Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
-version, and on no path or time. A value of an unknown kind is an error, because its changes would go unnoticed.
+Since Numba compiles bytecode, the digest changes exactly when Numba's input changes. It depends on Python's version,
+but not on paths or times. A value of an unknown kind is an error, because its changes would go unnoticed.
 
-Definitions in source. Modules that import Numba are not imported for a digest. Their definitions are read from the
-source. The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all
-names in these statements, in other modules of the package too. What a decorator registers for a class, such as the code
-of an iterator, is part of the class. Comments and docstrings do not count.
+Definitions in source. Modules that import Numba are not imported to compute a digest; their definitions are read from
+source. The digest of a name covers the statements that define it and, recursively, the definitions of all names in
+these statements, in any module of the package. Whatever a decorator registers for a class, such as the code of an
+iterator, is part of the class. Comments and docstrings are ignored.
 """
 
 import ast
@@ -35,11 +35,11 @@ from ..marshalling import class_of
 
 SIMD = "antumbra.kernels.simd"
 _IMPLIED = (f"{SIMD}.vectors",)
-"""Numba learns from this module the meaning of ``a + b`` for vectors. No kernel names them."""
+"""Modules that register ``a + b`` etc. for vectors with Numba. Kernels depend on them without naming them."""
 
 
 class _Module:
-    """The top-level statements of a module, by the names that they define."""
+    """The top-level statements of a module, by the names they define."""
 
     def __init__(self, name: str):
         tree = ast.parse(_source(name))
@@ -65,7 +65,7 @@ def _source(name: str) -> str:
 
 
 def _is_text(node: ast.stmt) -> bool:
-    """Is it a docstring, of the module or of the constant above it?"""
+    """Whether a statement is a docstring, of the module or of the constant above it."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
@@ -88,7 +88,7 @@ _module = cache(_Module)
 
 
 def _collect(module: str, name: str, definitions: dict[tuple[str, str], str]) -> None:
-    """Add to `found` the statements that define a name, and the definitions of all names in them."""
+    """Add to `definitions` the statements that define a name, and the definitions of all names in them."""
     if (module, name) in definitions:
         return
     defining = _module(module)
@@ -129,7 +129,7 @@ _PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]
 
 
 class _DigestPart:
-    """One function's share of a digest.
+    """One function's contribution to a digest.
 
     text : the bytes to digest
     reached : the functions that the function names
@@ -199,13 +199,13 @@ class _DigestPart:
             self.reached += [value, *overloads(value)]
 
     def _numba(self, name: str, value: object) -> None:
-        """Add an object of Numba. An intrinsic or a function that Numba compiles counts by its Python function."""
+        """Add an object of Numba. Intrinsics and compiled functions are represented by their Python functions."""
         function = getattr(value, "py_func", getattr(value, "_defn", None))
         self._add(name, _name_of(type(value)), "" if function else str(value))
         self.reached += [function] if isinstance(function, types.FunctionType) else []
 
     def _module(self, name: str, value: types.ModuleType) -> None:
-        """Add a module: its name, and the attributes that the function may name. Foreign modules count by name."""
+        """Add a module: its name and the attributes that the function may name; of foreign modules, only the name."""
         self._add(name, "module", value.__name__)
         if value.__name__.partition(".")[0] not in _FOREIGN:
             for attribute in sorted(self._attributes & vars(value).keys()):
@@ -219,7 +219,7 @@ class _DigestPart:
 
 
 def _globals_of(code: types.CodeType) -> set[str]:
-    """The globals that a code object names. Attributes may have the same names, and do not count."""
+    """The globals that a code object names. Attributes of the same names are not counted."""
     names, extension = set(), 0
     for operation, argument in zip(code.co_code[::2], code.co_code[1::2]):
         argument |= extension
@@ -234,36 +234,36 @@ def _name_of(cls: type) -> str:
 
 
 def class_text(cls: type) -> tuple:
-    """A class as kernels see it: its name, and a NamedTuple's fields and defaults."""
+    """A class as kernels see it: its name, and the fields and defaults of a NamedTuple."""
     return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
 
 
-class _Known(NamedTuple):
-    """The result of a `_Part`, cached."""
+class _PartDigest(NamedTuple):
+    """The cached digest of a `_DigestPart`."""
 
     digest: bytes
     reached: list[types.FunctionType]
     homes: set[str]
 
 
-_parts: dict[types.FunctionType, _Known] = {}
+_parts: dict[types.FunctionType, _PartDigest] = {}
 
 
-def _part(function: types.FunctionType) -> _Known:
+def _part(function: types.FunctionType) -> _PartDigest:
     cached = _parts.get(function)
     if cached is None:
         part = _DigestPart(function)
         digest = blake2b(digest_size=16)
         for text in part.text:
             digest.update(len(text).to_bytes(4, "little") + text)
-        cached = _parts[function] = _Known(digest.digest(), part.reached, part.homes)
+        cached = _parts[function] = _PartDigest(digest.digest(), part.reached, part.homes)
     return cached
 
 
 def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
-    """All functions that a function reaches, itself included.
+    """All functions that a function reaches, including itself.
 
-    homes : modules of the argument classes; the guest overloads of these modules count
+    homes : modules of the argument classes, whose guest overloads are included
     """
     functions, todo, homes, stubs = {function}, [function], set(homes), []
     while todo:
@@ -283,7 +283,7 @@ def _closure(function: types.FunctionType, homes: frozenset[str]) -> bytes:
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
-    """The name of a kernel's machine code for the argument kinds of `key`: 32 digits, the same for all processors."""
+    """The key of a kernel's machine code for the argument kinds of `key`: 32 digits, identical for all processors."""
     digest = blake2b(f"{_PYTHON}\n{kernel.name}\n{key}\n".encode(), digest_size=16)
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())

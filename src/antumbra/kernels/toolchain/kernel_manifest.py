@@ -1,6 +1,11 @@
-"""The kernels that each job calls, recorded in ``needs.json``, and packs of their machine code for wheels.
+"""The manifest of the kernels that each job calls, ``needs.json``, and packs of their machine code for wheels.
 
-``python -m antumbra.kernels.toolchain.kernel_manifest`` compiles a pack for each processor level.
+The manifest has the kernels with their sizes and, for each job, the indices of its kernels, which several processes
+compile before the job runs. ``scripts/record_kernels.py`` writes it, and a test compares it with the kernels that jobs
+call. Kernels that are not recorded are compiled on their first call.
+
+``python -m antumbra.kernels.toolchain.kernel_manifest`` compiles all recorded kernels to one pack per processor level.
+LLVM can also compile for levels that this machine cannot run. The command marks such packs, since they are untested.
 """
 
 import argparse
@@ -24,7 +29,7 @@ MANIFEST = Path(__file__).parents[1] / "needs.json"
 
 
 class KernelManifest(NamedTuple):
-    """The contents of the files."""
+    """The contents of manifest files."""
 
     kernels: list[KernelRequest]
     jobs: dict[str, list[int]]  # name of a job: indices into `kernels`
@@ -34,7 +39,7 @@ _files = [MANIFEST]
 
 
 def add_manifest(file: Path) -> None:
-    """Read another file too, with kernels that another package adds, such as `antumbra.papers`."""
+    """Add a manifest file, with the kernels of another package such as `antumbra.papers`."""
     if file not in _files:
         _files.append(file)
         recorded_kernels.cache_clear()
@@ -42,12 +47,12 @@ def add_manifest(file: Path) -> None:
 
 @cache
 def recorded_kernels() -> KernelManifest:
-    """The contents of all files. A missing file counts as empty."""
+    """The contents of all added files. A missing file counts as empty."""
     return read_manifests(*_files)
 
 
 def read_manifests(*files: Path) -> KernelManifest:
-    """The needs that some files hold. Missing files hold none."""
+    """The joint contents of manifest files. A missing file counts as empty."""
     kernels: list[KernelRequest] = []
     jobs: dict[str, list[int]] = {}
     for file in files:
@@ -61,7 +66,7 @@ def read_manifests(*files: Path) -> KernelManifest:
 
 
 def package_manifest() -> KernelManifest:
-    """The contents of all such files in this package, also of parts that nobody has added; each kernel once."""
+    """The kernels of all manifest files in this package, even of those not added; each kernel once."""
     manifest = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
     return KernelManifest(list({(each.kernel, each.key): each for each in manifest.kernels}.values()), {})
 
@@ -76,12 +81,12 @@ def kernels_of_job(name: str) -> set[KernelRequest] | None:
 
 
 def make_packs(out: Path, levels: list[str]) -> list[Path]:
-    """Compile all recorded kernels for `levels`, write one pack for each level, and return their paths.
+    """Compile all recorded kernels for `levels`, write one pack per level, and return their paths.
 
     Raises
     ------
     RuntimeError
-        If a kernel cannot be compiled. Nothing is written then.
+        If a kernel cannot be compiled. No pack is written in that case.
     """
     requests = package_manifest().kernels
     digests = [kernel_digest(import_object(each.kernel), each.key) for each in requests]

@@ -1,14 +1,14 @@
 """Numba's front end: kernels, inlined functions and overloads, compiled for argument types to LLVM IR.
 
-A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and C,
-parallel loops, object mode, and memory managed by reference counts.
+Parts. A part replaces Numba's dispatcher. It omits features that kernels do not need: entry points for Python and C,
+parallel loops, object mode, and reference-counted memory.
 
-Libraries. Numba's own library optimises every function, links it with its callees and makes machine code of it. Only
-kernels that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+Libraries. Numba's own library optimises every function, links it with its callees and emits its machine code, which
+only kernels called from Python need. Here, a library is the IR of one function and a list of the libraries it calls.
 
-Patches. Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated
-questions. The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not
-change. A change that does not fit the installed version is left out.
+Patches. Numba types and lowers in Python, and for kernels of many small functions it spends most of that time
+recomputing the same results. The patches do not change any result of Numba. They are undone afterwards, so other uses
+of Numba are not affected. A patch that does not apply to the installed version is skipped.
 """
 
 import gc
@@ -55,7 +55,7 @@ def _changed(owner, name: str, value) -> Iterator[None]:
 
 @contextmanager
 def _without_collection() -> Iterator[None]:
-    """Turn off garbage collection, which takes a seventh of all time: Numba makes many long-lived objects."""
+    """Turn off garbage collection, which takes 1/7 of the time because Numba creates many long-lived objects."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -70,13 +70,13 @@ _resolve = functions.BaseFunction.get_call_type
 
 
 def _remembered_call_type(self, context, args, kws):
-    """The result type of a builtin function, asked once for each list of argument types."""
+    """The result type of a builtin function, resolved once per list of argument types."""
     if kws:
         return _resolve(self, context, args, kws)
-    question = (id(self), len(self.templates), tuple(args))
-    known = _remembered.get(question)
+    cache_key = (id(self), len(self.templates), tuple(args))
+    known = _remembered.get(cache_key)
     if known is None:
-        known = _remembered[question] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
+        known = _remembered[cache_key] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
     return known[1]
 
 
@@ -84,7 +84,7 @@ _LEAVES = {str, int, float, bool, type(None), ir.Loc}
 
 
 def _variables(values, variables: list) -> list:
-    """Append the variables among `values` to `found`. Values that hold no variables are skipped."""
+    """Append the variables among `values` to `variables`. Values without variables are skipped."""
     for value in values:
         kind = type(value)
         if kind is ir.Var:
@@ -107,7 +107,7 @@ def _list_vars(self):
 
 
 _CHANGES = (
-    (event, "broadcast", lambda event: None),  # no listener needs Numba's events
+    (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
     (functions.BaseFunction, "get_call_type", _remembered_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),
@@ -120,7 +120,7 @@ _NO_ERROR = "i32 0"
 
 
 class Library(codegen.CodeLibrary):
-    """The code of one function, kept as IR. It takes the place of Numba's own `CodeLibrary`."""
+    """The code of one function, kept as IR. It replaces Numba's own `CodeLibrary`."""
 
     def __init__(self, codegen, name):
         super().__init__(codegen, name)
@@ -138,7 +138,7 @@ class Library(codegen.CodeLibrary):
         self._modules.append(module)
 
     def never_fails(self, name: str) -> bool:
-        """Whether a function of this library only ever returns the status "no error": it never raises."""
+        """Whether a function of this library never raises: whether it always returns the status "no error"."""
         function = self._modules[0].get_function(name)
         ends = (list(block.instructions)[-1] for block in function.blocks)
         returned = (next(end.operands) for end in ends if end.opcode == "ret")
@@ -147,7 +147,7 @@ class Library(codegen.CodeLibrary):
     def linked(self, visible: str | None = None) -> llvm.ModuleRef:
         """One module of this library and of all libraries that it reaches.
 
-        Only the function `visible` is visible from outside; with None, every function is.
+        Only the function `visible` is externally visible; with None, every function is.
         """
         linked = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
         for library in self._closure():
@@ -161,7 +161,7 @@ class Library(codegen.CodeLibrary):
         return linked
 
     def _closure(self) -> list[codegen.CodeLibrary]:
-        """All libraries that this one reaches, itself first."""
+        """All libraries that this one reaches, starting with itself."""
         libraries, todo = {self: None}, [self]
         while todo:
             for library in todo.pop()._callees:
@@ -170,7 +170,7 @@ class Library(codegen.CodeLibrary):
                     todo += [library] if isinstance(library, Library) else []
         return list(libraries)
 
-    # Numba calls the methods below if a function from elsewhere calls one that was compiled here.
+    # Numba calls the methods below if a function compiled elsewhere calls one compiled here.
 
     def finalize(self):
         self._finalized = True
@@ -192,7 +192,7 @@ class Library(codegen.CodeLibrary):
 
 
 def _simplify(codegen, module: llvm.ModuleRef) -> None:
-    """Run LLVM's function passes. Smaller IR pays, since a function is linked into many kernels."""
+    """Run LLVM's function passes. Smaller IR pays off, since a function is linked into many kernels."""
     passes, builder = codegen._function_pass_manager()
     for function in module.functions:
         if not function.is_declaration:
@@ -204,19 +204,19 @@ def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
     copy = module.clone()
     for function in copy.functions:
         if not function.is_declaration and function.linkage == llvm.Linkage.external:
-            function.linkage = "weak_odr"  # not "linkonce": LLVM drops that if nothing uses the function yet
+            function.linkage = "weak_odr"  # not "linkonce", which LLVM drops while nothing uses the function
     return copy
 
 
 def _executable(library, fndesc, environment):
-    """A placeholder for Numba's function that Python can call. Nobody calls it."""
+    """A placeholder for Numba's function that Python could call. It is never called."""
     name = fndesc.qualname.rpartition(".")[2]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
 
 
 @contextmanager
 def kept_as_ir(context) -> Iterator[None]:
-    """Within the context, all code that Numba compiles goes into this module's libraries, Numba's own functions too.
+    """Within the context, all code that Numba compiles, including Numba's own functions, becomes a `Library`.
 
     Call it under Numba's compiler lock, since it changes Numba's behaviour.
     """
@@ -250,7 +250,7 @@ _PASSES = (
 
 
 class _Passes(compiler_machinery.PassManager):
-    """Runs passes without Numba's timing, events and checks of each pass."""
+    """Runs passes without Numba's timing, events and checks."""
 
     def _runPass(self, index, each, state):
         each.analysis = self._analysis
@@ -276,13 +276,13 @@ class Lowered(NamedTuple):
 
 
 class CompiledPart:
-    """A function that other compiled functions call; Numba takes it for a dispatcher."""
+    """A function that other compiled functions call, and that Numba treats as a dispatcher."""
 
     def __init__(self, py_func: Callable, choose: Callable, forced: bool):
         self.py_func, self._choose, self._forced = py_func, choose, forced
         self._signature = pysignature(py_func)
         self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
-        self.is_compiling = 0  # Numba reads this for functions that call themselves
+        self.is_compiling = 0  # read by Numba for recursive functions
         self.type = types.Dispatcher(self)
 
     def __repr__(self):
@@ -309,7 +309,7 @@ class CompiledPart:
         return [lowered.signature for lowered in self.lowered.values()]
 
     def lower(self, args: tuple[types.Type, ...]) -> Lowered:
-        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `library.kept_as_ir`."""
+        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `kept_as_ir`."""
         lowered = self.lowered.get(args)
         if lowered is None:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
@@ -330,7 +330,7 @@ class CompiledPart:
 
 
 def _call_of(fndesc, library: Library):
-    """What callers of a function run: Numba's `user_function`, without the test for errors if it never raises."""
+    """The implementation of a call: Numba's `user_function`, without the error check if the callee never raises."""
     if isinstance(fndesc.restype, types.Optional) or not library.never_fails(fndesc.llvm_func_name):
         return user_function(fndesc, [library])
 
@@ -366,7 +366,7 @@ def part_of(function: inlined) -> CompiledPart:
 
 
 def generic_part(stub: Callable) -> CompiledPart:
-    """The part of a function with overloads: Numba compiles the first overload that knows the types."""
+    """The part of a function with overloads, which compiles the first overload that accepts the types."""
 
     def choose(args):
         homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}
