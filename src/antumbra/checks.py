@@ -114,7 +114,7 @@ def text(value, what: str) -> str:
     """`value` if it is a str; otherwise an InputError that names `what`."""
     if isinstance(value, str):
         return value
-    raise InputError(f"{what} is {quoted(value)}; it must be a text")
+    raise InputError(f"{what} is {quoted(value)}; it must be a string")
 
 
 def instance(value, kind: type[T], what: str, cure: str = "") -> T:

@@ -7,6 +7,7 @@ small ranges get fewer bins, and ranges of at most four records get the optimal 
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.parallel import thread_count
 from .binned_split import BIN_WORDS, binned
@@ -23,7 +24,7 @@ def _compile_top() -> None:
     build_top(2, *make_records(PAIR, method.records, 1), 1, split_by_bins(method, np.float32(1.0), 1))
 
 
-def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """Build a BVH by binned SAH. The tree is bitwise identical for any number of threads.
 
     Parameters

@@ -8,6 +8,7 @@ functions here at compile time.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, F32x4, I32Ptr, kernel, overload, overloaded
 from ..kernels.simd import (
@@ -37,8 +38,8 @@ from .triangle_bounds import INF, half_area
 class Split(NamedTuple):
     """The split of a range. `axis` is -1 if no split has a finite cost and the range is halved."""
 
-    axis: int
-    place: int  # the first bin (`bsah`) or the first record (`sweep-sah`) on the right
+    axis: np.int64
+    place: np.int64  # the first bin (`bsah`) or the first record (`sweep-sah`) on the right
     cost: np.float32  # sum over both sides of half the area times the number of records
 
 
@@ -107,8 +108,8 @@ class Binned(NamedTuple):
     these levels, it stays where it is.
     """
 
-    records: np.ndarray  # (n, 8) float32
-    spare: np.ndarray  # (n, 8) float32
+    records: NDArray[np.float32]  # (n, 8) float32
+    spare: NDArray[np.float32]  # (n, 8) float32
 
 
 def binned(n: int) -> Binned:

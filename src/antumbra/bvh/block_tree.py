@@ -8,6 +8,7 @@ much as culling one triangle against 16 frusta.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -18,6 +19,7 @@ from .nodes import (
     LINK,
     MAX_DEPTH,
     ROWS,
+    Bvh,
     aligned_empty,
     block_link,
     bvh_leaf,
@@ -42,13 +44,17 @@ class BlockTree(NamedTuple):
     rays for its cost (`child_order`).
     """
 
-    nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
-    links: np.ndarray  # (m, 16) int32, the same memory
-    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; unused lanes repeat the first triangle
-    bounds: np.ndarray  # (b, 8) float32: centre and half extents of each block's box: x, y, z and an unused word each
-    slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`; -1 in unused lanes
-    prim_ids: np.ndarray  # (n,) int32, as in the `Bvh`
-    corners: np.ndarray  # (n, 9) float32, as in the `Bvh`
+    nodes: NDArray[np.float32]  # (m, 16) float32, 64-byte aligned
+    links: NDArray[np.int32]  # (m, 16) int32, the same memory
+    blocks: NDArray[
+        np.float32
+    ]  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; unused lanes repeat the first triangle
+    bounds: NDArray[
+        np.float32
+    ]  # (b, 8) float32: centre and half extents of each block's box: x, y, z and an unused word each
+    slots: NDArray[np.int32]  # (b, 16) int32: slot in `corners` and `prim_ids`; -1 in unused lanes
+    prim_ids: NDArray[np.int32]  # (n,) int32, as in the `Bvh`
+    corners: NDArray[np.float32]  # (n, 9) float32, as in the `Bvh`
 
 
 class BlockPointers(NamedTuple):
@@ -167,7 +173,7 @@ def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, ar
                 put(rows, row_at(block, 6 + k) + lane, v2 - v0)
 
 
-def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
+def block_tree(bvh: Bvh, threads: int | None = None, block: int = BLOCK) -> BlockTree:
     """The `BlockTree` of a `Bvh`: leaves and subtrees of at most `block` (1 to 16) triangles become blocks."""
     count = len(bvh.nodes)
     below = np.empty(count, np.int32)

@@ -19,6 +19,7 @@ after it.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
@@ -125,7 +126,7 @@ def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
             swap_children(words, node)
 
 
-def order_for_bundles(nodes, links, areas) -> None:
+def order_for_bundles(nodes: NDArray[np.float32], links: NDArray[np.int32], areas: NDArray[np.float64]) -> None:
     """In all nodes of a `BlockTree`, put the child that blocks more rays for its cost to a bundle first.
 
     A bundle is wide, so small boxes cost it more than their surface suggests: it enters every box closer than its
@@ -243,7 +244,7 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
         _arrange(words, at, lanes, n, copy)
 
 
-def order_wide_children(nodes, areas) -> None:
+def order_wide_children(nodes: NDArray[np.float32], areas: NDArray[np.float64]) -> None:
     """Sort the children of every node of a `WideBvh` by their chance to block a ray for its cost, best last.
 
     areas : (n_groups,) total area of each group's triangles

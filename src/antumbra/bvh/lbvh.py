@@ -12,6 +12,7 @@ in the final array.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -28,7 +29,7 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from .morton_sort import grid_of, radix_sort, write_codes
+from .morton_sort import Codes, grid_of, radix_sort, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, bvh_link, link_at, tree_of
 from .top_down import largest_subtree
 from .top_levels import UpperLevels, join_boxes, place, top_lines
@@ -45,20 +46,20 @@ _AHEAD = 64  # prefetch distance in triangles
 class SortedTriangles(NamedTuple):
     """Triangles in the order of their codes."""
 
-    codes: np.ndarray  # (n,) int32 or int64
-    ids: np.ndarray  # (n,) int32: the triangle of each slot
+    codes: NDArray[Codes]  # (n,) int32 or int64
+    ids: NDArray[np.int32]  # (n,) int32: the triangle of each slot
     drop: np.int64  # number of low bits of the codes to ignore
 
 
 class MortonForest(NamedTuple):
     """The subtrees below the top levels."""
 
-    ranges: np.ndarray  # (s, 2) int64: first and last slot
-    counts: np.ndarray  # (s,) int64: number of nodes
-    places: np.ndarray  # (s,) int64: first node
-    roots: np.ndarray  # (s, 8) float32: box of the root
-    links: np.ndarray  # (s,) int64: link to the root
-    heights: np.ndarray  # (s,) int64: nodes on the longest path
+    ranges: NDArray[np.int64]  # (s, 2) int64: first and last slot
+    counts: NDArray[np.int64]  # (s,) int64: number of nodes
+    places: NDArray[np.int64]  # (s,) int64: first node
+    roots: NDArray[np.float32]  # (s, 8) float32: box of the root
+    links: NDArray[np.int64]  # (s,) int64: link to the root
+    heights: NDArray[np.int64]  # (s,) int64: nodes on the longest path
 
 
 @inlined
@@ -114,7 +115,7 @@ def _cut_top(codes, drop, largest, children, ranges):
     return t, s
 
 
-def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray, np.ndarray]:
+def cut_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(children, ranges) of the nodes over more than `largest` triangles, as in `UpperLevels`; parents first."""
     capacity = len(codes) // largest * _LEVELS + 1
     children, ranges = np.empty((capacity, 2), np.int64), np.empty((capacity + 1, 2), np.int64)
@@ -210,7 +211,7 @@ def _depth(children, forest, heights):
     return heights[0] if len(children) else forest.heights[0]
 
 
-def _emit(flat, source: SortedTriangles, max_leaf: int, threads: int):
+def _emit(flat: NDArray[np.float32], source: SortedTriangles, max_leaf: int, threads: int) -> tuple[Bvh, int]:
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
     children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
@@ -225,10 +226,10 @@ def _emit(flat, source: SortedTriangles, max_leaf: int, threads: int):
     top = UpperLevels(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
-    return bvh, _depth(children, forest, np.zeros(t, np.int64))
+    return bvh, int(_depth(children, forest, np.zeros(t, np.int64)))
 
 
-def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
+def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
     """Build a BVH from Morton codes. The tree is bitwise identical for any number of threads.
 
     Parameters
@@ -247,7 +248,7 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     n = len(flat)
     if n < 2:
         return tiny(flat)
-    max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
+    max_leaf = min(max_leaf, n - 1)  # the root is never a leaf
     codes, ids = by_codes(flat, bits, threads)
     bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
@@ -256,15 +257,16 @@ def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, b
     return bvh
 
 
-def by_codes(flat, bits: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
+def by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[NDArray[Codes], NDArray[np.int32]]:
     """(codes, ids), (n,) each: the triangles `flat`, (n, 9) float32, sorted by codes of `bits` bits per axis."""
     n = len(flat)
-    codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
+    codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)
+    ids = np.empty(n, np.int32)
     centroids = scene_bounds(flat, threads)[1]
     run(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
     return radix_sort(codes, ids, 3 * bits, threads)
 
 
-def build63(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+def build63(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """`build` with 63-bit codes."""
     return build(vertices, threads, max_leaf, 21)

@@ -8,9 +8,10 @@ keys, computes the first position of each (digit, part) by prefix sums, and move
 stable, so its result does not depend on parts or threads.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
@@ -22,16 +23,18 @@ from .triangle_bounds import double_centroid_of
 
 _TEN = np.int32(1023)
 
+Codes: TypeAlias = np.int32 | np.int64
+
 
 class Grid(NamedTuple):
     """Maps twice a centroid to its cell: truncate((c - origin) * factor)."""
 
-    origin: np.ndarray  # (4,) float32
+    origin: NDArray[np.float32]  # (4,) float32
     factor: np.float32  # 0 if all centroids (nearly) coincide
     last: np.int32  # the last cell on each axis
 
 
-def grid_of(centroids, bits: int) -> Grid:
+def grid_of(centroids: NDArray[np.float32], bits: int) -> Grid:
     """The grid over a centroid box, with 2 ** bits cubic cells along its longest side."""
     lower, upper = centroids[:4], -centroids[4:]
     with np.errstate(over="ignore", divide="ignore"):
@@ -123,7 +126,9 @@ def _scatter(ticket, keys, values, shift, places, to_keys, to_values):
             put(out_v, at, get(v, i))
 
 
-def radix_sort(keys, values, bits: int, threads: int):
+def radix_sort(
+    keys: NDArray[Codes], values: NDArray[np.int32], bits: int, threads: int
+) -> tuple[NDArray[Codes], NDArray[np.int32]]:
     """(keys, values) sorted by key in ascending order. Equal keys keep their order.
 
     Parameters

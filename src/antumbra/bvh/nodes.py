@@ -14,9 +14,10 @@ Wide nodes. A node has eight children, and a leaf up to eight triangles. One ray
 `wide_bvh.widen` collapses any builder's binary `Bvh` to this form.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, formula, inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array, stack_i32
@@ -36,21 +37,21 @@ class BvhLeaf(NamedTuple):
     """The triangles in a leaf of a `Bvh`."""
 
     first: int  # slot
-    count: int
+    count: int  # type: ignore[assignment]  # hides tuple.count
 
 
 class BlockLeaf(NamedTuple):
     """A leaf of a `BlockTree`."""
 
     block: int
-    count: int
+    count: int  # type: ignore[assignment]  # hides tuple.count
 
 
 class WideLeaf(NamedTuple):
     """A leaf of a `WideBvh`."""
 
     group: int
-    count: int
+    count: int  # type: ignore[assignment]  # hides tuple.count
 
 
 @formula
@@ -196,10 +197,10 @@ class Bvh(NamedTuple):
     ray enters.
     """
 
-    nodes: np.ndarray  # (n_nodes, 16) float32, 64-byte aligned
-    links: np.ndarray  # (n_nodes, 16) int32, the same memory
-    prim_ids: np.ndarray  # (n,) int32, slot -> triangle index
-    corners: np.ndarray  # (n, 9) float32, slot -> the triangle's three vertices (a copy in leaf order)
+    nodes: NDArray[np.float32]  # (n_nodes, 16) float32, 64-byte aligned
+    links: NDArray[np.int32]  # (n_nodes, 16) int32, the same memory
+    prim_ids: NDArray[np.int32]  # (n,) int32, slot -> triangle index
+    corners: NDArray[np.float32]  # (n, 9) float32, slot -> the triangle's three vertices (a copy in leaf order)
 
 
 class Tree(NamedTuple):
@@ -235,13 +236,13 @@ def _write_parents_first(links, order):
     return n
 
 
-def parents_first(links: np.ndarray) -> np.ndarray:
+def parents_first(links: NDArray[np.int32]) -> NDArray[np.int32]:
     """(m,) int32: the inner nodes of a `Bvh`, depth first; parents precede children, and left precedes right."""
     order = np.empty(len(links), np.int32)
     return order[: _write_parents_first(links, order)]
 
 
-def boxes_of(nodes: np.ndarray) -> np.ndarray:
+def boxes_of(nodes: NDArray[np.float32]) -> NDArray[np.float32]:
     """(m, 2, 3) float32: lower and upper corners of the boxes around both children of `nodes`, (m, 16)."""
     planes = nodes[:, :12].reshape(-1, 3, 2, 2)  # axis, bound, child
     return np.stack([planes[:, :, 0].min(2), planes[:, :, 1].max(2)], 1)
@@ -288,7 +289,7 @@ def middle_and_half(low, high):
     return middle, half * np.float32(1.0 + 2.0**-22)
 
 
-def aligned_empty(shape: tuple[int, ...], dtype: str) -> np.ndarray:
+def aligned_empty(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
     """An uninitialised C-contiguous array, aligned to 64 bytes."""
     dt = np.dtype(dtype)
     size = int(np.prod(shape)) * dt.itemsize
@@ -329,10 +330,10 @@ class WideBvh(NamedTuple):
     from `count` on are zero.
     """
 
-    nodes: np.ndarray  # (n_nodes, 64) float32, 64-byte aligned
-    links: np.ndarray  # (n_nodes, 64) int32, the same memory
-    groups: np.ndarray  # (n_groups, 80) float32, 64-byte aligned; at least one
-    slots: np.ndarray  # (n_groups, 8) int32: lane -> slot of the binary BVH; -1 in unused lanes
+    nodes: NDArray[np.float32]  # (n_nodes, 64) float32, 64-byte aligned
+    links: NDArray[np.int32]  # (n_nodes, 64) int32, the same memory
+    groups: NDArray[np.float32]  # (n_groups, 80) float32, 64-byte aligned; at least one
+    slots: NDArray[np.int32]  # (n_groups, 8) int32: lane -> slot of the binary BVH; -1 in unused lanes
     reach: np.float32  # largest magnitude of a coordinate of the root's boxes; 0 without triangles
     bvh: Bvh  # the binary BVH
 

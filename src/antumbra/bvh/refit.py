@@ -13,6 +13,7 @@ slots keep their order, so their new numbers are prefix sums, and threads write 
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
@@ -116,7 +117,7 @@ def _refit_parts(ticket, vertices, bvh, parts, new, flags, boxes):
         store(boxes, p * 8, box)
 
 
-def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
+def refit(bvh: Bvh, vertices: NDArray[np.float32], threads: int | None = None) -> Bvh:
     """The same tree with the boxes of moved triangles. The result is bitwise identical for any number of threads.
 
     Parameters
@@ -142,7 +143,7 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 
-def boxes_of_subset(bvh: Bvh, flags: np.ndarray, threads: int) -> Bvh:
+def boxes_of_subset(bvh: Bvh, flags: NDArray[np.bool_], threads: int) -> Bvh:
     """The same tree, of two triangles or more, with boxes that bound only the flagged triangles.
 
     flags : (n,) bool, by slot
@@ -152,7 +153,9 @@ def boxes_of_subset(bvh: Bvh, flags: np.ndarray, threads: int) -> Bvh:
     return _refit_triangles(bvh, bvh.corners, bvh.corners, flags, threads)
 
 
-def _refit_triangles(bvh: Bvh, flat, corners, flags, threads) -> Bvh:
+def _refit_triangles(
+    bvh: Bvh, flat: NDArray[np.float32], corners: NDArray[np.float32], flags: NDArray[np.bool_] | None, threads: int
+) -> Bvh:
     """`refit`, or `boxes_of_subset` if `flags` is not None. The new tree takes over `corners`."""
     pieces = cut_tree(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
@@ -176,12 +179,12 @@ class DeformingTree:
     Refitting is exact: it affects the speed of a query, never its result.
     """
 
-    def __init__(self, build: Callable, limit: float = LIMIT):
+    def __init__(self, build: Callable[[NDArray[np.float32], int | None], Bvh], limit: float = LIMIT) -> None:
         self.build, self.limit = build, limit
         self.bvh: Bvh | None = None
         self.cost = 0.0  # of the tree when it was built
 
-    def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
+    def update(self, vertices: NDArray[np.float32], threads: int | None = None) -> Bvh:
         """The BVH of these triangles. Raises the same errors as a builder."""
         old = self.bvh  # read once: another thread may replace it
         if old is not None and len(old.prim_ids) == len(vertices):
@@ -240,14 +243,14 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
                 put(out.links, link_at(new_node, side), link)
 
 
-def _numbers(flags: np.ndarray) -> np.ndarray:
+def _numbers(flags: NDArray[np.bool_]) -> NDArray[np.int32]:
     """(n + 1,) int32: the number of set flags before each position."""
     numbers = np.zeros(len(flags) + 1, np.int32)
     np.cumsum(flags, out=numbers[1:])
     return numbers
 
 
-def filter_tree(bvh: Bvh, triangles: np.ndarray, threads: int) -> Bvh:
+def filter_tree(bvh: Bvh, triangles: NDArray[np.integer], threads: int) -> Bvh:
     """The tree of a subset of the triangles, without the nodes that then have fewer than two children.
 
     Parameters

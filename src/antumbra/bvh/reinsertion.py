@@ -13,6 +13,7 @@ a move that no longer pays off is undone. So the result is bitwise identical for
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -50,11 +51,11 @@ _LEAST = np.float32(2.0**-16)  # minimum gain of a move, relative to the subtree
 class LooseTree(NamedTuple):
     """A tree of m nodes and m + 1 leaves in a form that allows moves. Items are the nodes, then the leaves."""
 
-    parents: np.ndarray  # (2 m + 1,) int32: item; -1 for the root, item 0
-    children: np.ndarray  # (m, 2) int32: items
-    heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
-    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `triangle_bounds`, with half the area in the fourth lane
-    links: np.ndarray  # (m + 1,) int32: links to the leaves
+    parents: NDArray[np.int32]  # (2 m + 1,) int32: item; -1 for the root, item 0
+    children: NDArray[np.int32]  # (m, 2) int32: items
+    heights: NDArray[np.int32]  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
+    boxes: NDArray[np.float32]  # (2 m + 1, 8) float32: as in `triangle_bounds`, with half the area in the fourth lane
+    links: NDArray[np.int32]  # (m + 1,) int32: links to the leaves
     scale: np.float32  # see `top_down.Settings`
 
 
@@ -135,8 +136,8 @@ class InsertionPlace(NamedTuple):
     """The best place found for an item."""
 
     gain: np.float32  # decrease of the tree's SAH cost, times half the area of its root
-    place: int  # its new sibling; -1 if it stays
-    visits: int  # number of places tried
+    place: np.int64  # its new sibling; -1 if it stays
+    visits: np.int64  # number of places tried
 
 
 @kernel
@@ -290,7 +291,7 @@ def _make_loose(bvh: Bvh) -> LooseTree:
     return loose
 
 
-def _largest_leaf(links) -> int:
+def _largest_leaf(links: NDArray[np.int32]) -> int:
     ends = links[:, CHILDREN]
     return int(bvh_leaf(ends[is_leaf(ends)]).count.max())
 

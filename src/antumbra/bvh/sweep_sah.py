@@ -10,6 +10,7 @@ index. A split divides all three sorted arrays and preserves their order.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -18,7 +19,7 @@ from .binned_split import Split, divide, find_split, must_halve, no_split, sourc
 from .morton_sort import radix_sort
 from .nodes import Bvh, aligned_empty
 from .top_down import Settings, build_below, largest_subtree
-from .top_levels import assemble, build_top
+from .top_levels import SplitLevel, assemble, build_top
 from .triangle_bounds import INF, checked, half_area, make_records, power_of_two_for, range_bounds, tiny, width
 
 # --- The full sweep ---------------------------------------------------------------------------------------------------
@@ -30,9 +31,9 @@ SWEEP_WORDS = 8  # words of scratch memory per record
 class SortedRecords(NamedTuple):
     """The method of `sweep-sah`: the records sorted by centroid per axis. A range has the same place in each array."""
 
-    x: np.ndarray  # (n, 8) float32
-    y: np.ndarray  # (n, 8) float32
-    z: np.ndarray  # (n, 8) float32
+    x: NDArray[np.float32]  # (n, 8) float32
+    y: NDArray[np.float32]  # (n, 8) float32
+    z: NDArray[np.float32]  # (n, 8) float32
 
 
 class SortedSource(NamedTuple):
@@ -134,7 +135,7 @@ def _divide(source, first, last, centroids, split):
 # --- The builder ------------------------------------------------------------------------------------------------------
 
 
-def _in_order(records, axis: int, threads: int):
+def _in_order(records: NDArray[np.float32], axis: int, threads: int) -> NDArray[np.float32]:
     """The records sorted by centroid on an axis, with ties broken by index."""
     bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # turns -0 into +0
     keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # unsigned keys in the order of the floats
@@ -163,10 +164,12 @@ def _split_ranges(ticket, method, ranges, boxes, depth, scale, middles, sides, s
         middles[r] = middle
 
 
-def _split_by_sweep(method: SortedRecords, scale, threads: int):
+def _split_by_sweep(method: SortedRecords, scale: np.float32, threads: int) -> SplitLevel:
     """The `split_level` of `build_top` that splits each range by one thread."""
 
-    def split_level(ranges, boxes, depth):
+    def split_level(
+        ranges: NDArray[np.int64], boxes: NDArray[np.float32], depth: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         k, words = len(ranges), SWEEP_WORDS * int((ranges[:, 1] - ranges[:, 0]).max())
         middles, sides = np.empty(k, np.int64), np.empty((k, 32), np.float32)
         make_scratch = lambda: (np.empty(words, np.float32),)
@@ -188,7 +191,7 @@ def _split_by_sweep(method: SortedRecords, scale, threads: int):
     return split_level
 
 
-def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """Build a BVH with the full SAH sweep. The tree is bitwise identical for any number of threads.
 
     Parameters, errors and the result are as for `binned_sah.build`.

@@ -19,6 +19,7 @@ since the dynamic programming visits the subsets in the same order for all treel
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import BoolPtr, F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -134,9 +135,9 @@ def batch_at(memory):
 class TreeletSettings(NamedTuple):
     """Settings for all treelets of a tree."""
 
-    max_leaf: int  # maximum triangles in a leaf
+    max_leaf: np.int64  # maximum triangles in a leaf
     scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
-    rounds: int  # rounds treat nodes with at least 7, 14, 28, ... triangles
+    rounds: np.int64  # rounds treat nodes with at least 7, 14, 28, ... triangles
 
 
 @inlined
@@ -433,9 +434,9 @@ def _treat_queue(part, queue, n, batch, rules):
 class TreeletTree(NamedTuple):
     """A tree under optimisation."""
 
-    nodes: np.ndarray  # (n, 16) float32
-    facts: np.ndarray  # (n, 4) int32: see `TreePart`
-    is_leaf: np.ndarray  # (n,) bool
+    nodes: NDArray[np.float32]  # (n, 16) float32
+    facts: NDArray[np.int32]  # (n, 4) int32: see `TreePart`
+    is_leaf: NDArray[np.bool_]  # (n,) bool
 
 
 @inlined
@@ -506,7 +507,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     return relayout(bvh, pieces, LeafChoice(work.is_leaf, sizes), threads)
 
 
-def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
+def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4) -> Bvh:
     """Build an LBVH and restructure its treelets. The tree is bitwise identical for any number of threads.
 
     Parameters, errors and boxes are as for `binned_sah.build`.

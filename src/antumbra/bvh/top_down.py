@@ -9,9 +9,10 @@ two or more records, and the optimal tree over each follows from those over smal
 parallel construction of high-quality bounding volume hierarchies"].
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, kernel, overload, overloaded
 from ..kernels.parallel import items, new_ticket, run
@@ -141,7 +142,7 @@ _AHEAD = 8  # prefetch distance in slots
 class Settings(NamedTuple):
     """Settings for all ranges of a scene."""
 
-    max_leaf: int
+    max_leaf: np.int64
     scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
 
 
@@ -263,8 +264,8 @@ def largest_subtree(n: int) -> int:
 class _Memory(NamedTuple):
     """One thread's memory for building a subtree."""
 
-    nodes: np.ndarray  # (largest, 16) float32: the subtree's nodes
-    scratch: np.ndarray  # (words,) float32, for `source_of`
+    nodes: NDArray[np.float32]  # (largest, 16) float32: the subtree's nodes
+    scratch: NDArray[np.float32]  # (words,) float32, for `source_of`
 
 
 @kernel
@@ -287,9 +288,13 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
         subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, LINK)
 
 
-def build_below(flat, method, words: int, top: UpperLevels, settings, threads: int) -> tuple[Bvh, Subtrees]:
+def build_below(
+    flat: NDArray[np.float32], method: Any, words: int, top: UpperLevels, settings: Any, threads: int
+) -> tuple[Bvh, Subtrees]:
     """Build the subtrees below the top levels over triangles `flat`, (n, 9) float32. `assemble` completes the tree.
 
+    method : `Binned`, `SortedRecords` or another method (`binned_split`)
+    settings : of a type for which `build_range` is implemented
     words : number of float32 of scratch memory that `source_of` needs
     """
     n, s = len(flat), len(top.ranges)

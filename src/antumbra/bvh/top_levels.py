@@ -7,9 +7,11 @@ beforehand. The tree does not depend on which thread processes which block.
 `assemble` joins the nodes of the top levels and of the subtrees in one array, in depth-first order.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -51,27 +53,32 @@ from .triangle_bounds import INF, double_centroid
 
 BLOCK = 4096  # records
 
+SplitLevel: TypeAlias = Callable[
+    [NDArray[np.int64], NDArray[np.float32], int], tuple[NDArray[np.int64], NDArray[np.float32]]
+]
+"""A function that splits the ranges of a level, see `build_top`."""
+
 
 class Level(NamedTuple):
     """The ranges of records that are split at one level, and their blocks. `last` is one past the end."""
 
-    ranges: np.ndarray  # (k, 3) int64: first, last, first block
-    boxes: np.ndarray  # (k, 16) float32: box, centroid box
-    splits: np.ndarray  # (k, 3) int64: axis or -1, bin, first record on the right
-    blocks: np.ndarray  # (m, 3) int64: range, first, last
-    bins: np.ndarray  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
-    places: np.ndarray  # (m, 2) int64: new positions of the block's first left and first right record
-    sides: np.ndarray  # (m, 32) float32: box and centroid box of the left records, then of the right
+    ranges: NDArray[np.int64]  # (k, 3) int64: first, last, first block
+    boxes: NDArray[np.float32]  # (k, 16) float32: box, centroid box
+    splits: NDArray[np.int64]  # (k, 3) int64: axis or -1, bin, first record on the right
+    blocks: NDArray[np.int64]  # (m, 3) int64: range, first, last
+    bins: NDArray[np.float32]  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
+    places: NDArray[np.int64]  # (m, 2) int64: new positions of the block's first left and first right record
+    sides: NDArray[np.float32]  # (m, 32) float32: box and centroid box of the left records, then of the right
 
 
 class UpperLevels(NamedTuple):
     """The nodes of the top levels, and the ranges below them that remain to be built."""
 
-    boxes: np.ndarray  # (t, 2, 8) float32: boxes of both children
-    children: np.ndarray  # (t, 2) int64: index of a node of the top levels, or ~subtree
-    ranges: np.ndarray  # (s, 3) int64: first, last, depth of each subtree
-    range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
-    orders: np.ndarray | None = None  # (t,) int32: child orders, as in `Bvh`; None means UNORDERED
+    boxes: NDArray[np.float32]  # (t, 2, 8) float32: boxes of both children
+    children: NDArray[np.int64]  # (t, 2) int64: index of a node of the top levels, or ~subtree
+    ranges: NDArray[np.int64]  # (s, 3) int64: first, last, depth of each subtree
+    range_boxes: NDArray[np.float32]  # (s, 16) float32: box, centroid box
+    orders: NDArray[np.int32] | None = None  # (t,) int32: child orders, as in `Bvh`; None means UNORDERED
 
 
 @kernel
@@ -190,7 +197,7 @@ def _move_blocks(ticket, source, target, level):
         _move_block(source, target, level, block)
 
 
-def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
+def _cut(ranges: NDArray[np.int64], boxes: NDArray[np.float32]) -> Level:
     """The `Level` of ranges, (k, 2) first and last record, cut into blocks."""
     counts = -(-(ranges[:, 1] - ranges[:, 0]) // BLOCK)
     start = np.cumsum(counts) - counts
@@ -208,16 +215,25 @@ def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
     )
 
 
-def split_by_bins(method: Binned, scale, threads):
+def split_by_bins(method: Binned, scale: np.float32, threads: int) -> SplitLevel:
     """The `split_level` of `build_top` that bins the ranges of a level by all threads together."""
 
-    def split_level(ranges, boxes, depth):
+    def split_level(
+        ranges: NDArray[np.int64], boxes: NDArray[np.float32], depth: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         return split_blocks(method, ranges, boxes, depth, threads, lambda level: _choose_splits(level, depth, scale))
 
     return split_level
 
 
-def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
+def split_blocks(
+    method: Binned,
+    ranges: NDArray[np.int64],
+    boxes: NDArray[np.float32],
+    depth: int,
+    threads: int,
+    choose: Callable[[Level], object],
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Bin the ranges of a level, set their splits by `choose`, and move their records; return as `split_level` does."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
     level = _cut(ranges, boxes)
@@ -227,7 +243,9 @@ def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
     return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
 
 
-def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
+def build_top(
+    n: int, box: NDArray[np.float32], centroids: NDArray[np.float32], largest: int, split_level: SplitLevel
+) -> UpperLevels:
     """Split `n` records until each range has at most `largest`.
 
     Parameters
@@ -243,7 +261,7 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     while True:
         large = ranges[:, 1] - ranges[:, 0] > largest
         children.append(np.where(large, n_nodes + np.cumsum(large) - 1, ~(n_done + np.cumsum(~large) - 1)))
-        k, small = np.count_nonzero(large), np.count_nonzero(~large)
+        k, small = int(np.count_nonzero(large)), int(np.count_nonzero(~large))
         done.append(np.column_stack([ranges[~large], np.full(small, depth)]))
         done_boxes.append(boxes[~large])
         n_nodes, n_done = n_nodes + k, n_done + small
@@ -268,8 +286,10 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
 class Subtrees(NamedTuple):
     """The subtrees that threads have built below the top levels."""
 
-    nodes: np.ndarray  # (m, 16) float32: subtree by subtree, depth first; links number a subtree's nodes from 1
-    shares: np.ndarray  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
+    nodes: NDArray[
+        np.float32
+    ]  # (m, 16) float32: subtree by subtree, depth first; links number a subtree's nodes from 1
+    shares: NDArray[np.int64]  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
 
 
 @kernel
@@ -291,14 +311,16 @@ def _place(children, counts, node_at, subtree_at, stack):
     return position
 
 
-def place(children, counts, node_at, subtree_at) -> int:
+def place(
+    children: NDArray[np.int64], counts: NDArray[np.int64], node_at: NDArray[np.int64], subtree_at: NDArray[np.int64]
+) -> int:
     """Number all nodes in depth-first order, and return their total number.
 
     children : links of the top levels, as in `UpperLevels`
     counts : (s,) nodes of each subtree
     node_at, subtree_at : output; the index of each node of the top levels, and of each subtree's first node
     """
-    return _place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64))
+    return int(_place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64)))
 
 
 @kernel
@@ -332,7 +354,7 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
                     links[at + i, LINK + side] += at - 1
 
 
-def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
+def top_lines(top: UpperLevels, node_at: NDArray[np.int64], subtree_links: NDArray[np.int64]) -> NDArray[np.float32]:
     """(t, 16) float32: the nodes of the top levels."""
     t = len(top.children)
     lines = np.zeros((t, 16), np.float32)

@@ -10,6 +10,7 @@ its children [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each par
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -41,9 +42,9 @@ _FRONTIER_STACK = MAX_DEPTH + 2
 class TreeFrontier(NamedTuple):
     """The top of a tree: itself a tree, whose leaves are the parts, with the links ``bvh_link(part, 1)``."""
 
-    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is only one part
-    top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
-    parts: np.ndarray  # (s, 3) int64: link to the part's root (a leaf if < 0), end of its nodes, depth
+    numbers: NDArray[np.int64]  # (t,) int64: nodes of the top, parents first; empty if there is only one part
+    top: NDArray[np.float32]  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
+    parts: NDArray[np.int64]  # (s, 3) int64: link to the part's root (a leaf if < 0), end of its nodes, depth
 
 
 @kernel
@@ -75,7 +76,7 @@ def _cut_tree(bvh, sizes, largest, cut):
     return n_top, n_parts
 
 
-def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
+def cut_tree(bvh: Bvh, sizes: NDArray[np.integer] | None = None) -> TreeFrontier:
     """Cut a BVH into parts of at most `PART` nodes.
 
     sizes : (n_nodes,) number of nodes in each node's subtree; None if the nodes are in depth-first order
@@ -92,7 +93,7 @@ def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
     return TreeFrontier(frontier.numbers[:n_top], top[:n_top], frontier.parts[:n_parts])
 
 
-def children_of_top(cut: TreeFrontier) -> np.ndarray:
+def children_of_top(cut: TreeFrontier) -> NDArray[np.int64]:
     """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
     links = cut.top.view(np.int32)[:, CHILDREN].astype(np.int64)
     return np.where(links >= 0, links, ~bvh_leaf(links).first)
@@ -109,16 +110,16 @@ _STACK_SIZE = 2 * MAX_DEPTH + 2
 class LeafChoice(NamedTuple):
     """The chosen leaves and the resulting sizes of a tree that is cut into s parts."""
 
-    is_leaf: np.ndarray  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
-    sizes: np.ndarray  # (s, 2) int64: nodes and triangles of each part with these leaves
+    is_leaf: NDArray[np.bool_]  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
+    sizes: NDArray[np.int64]  # (s, 2) int64: nodes and triangles of each part with these leaves
 
 
 class _CostStack(NamedTuple):
     """A stack of subtrees: minimum SAH cost, triangles, nodes."""
 
-    costs: np.ndarray  # (k,) float64: SAH cost times half the area of the tree's root
-    triangles: np.ndarray  # (k,) int64
-    nodes: np.ndarray  # (k,) int64
+    costs: NDArray[np.float64]  # (k,) float64: SAH cost times half the area of the tree's root
+    triangles: NDArray[np.int64]  # (k,) int64
+    nodes: NDArray[np.int64]  # (k,) int64
 
 
 @kernel
@@ -270,7 +271,7 @@ def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
         links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
 
 
-def _slots_before(children, triangles):
+def _slots_before(children: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
     """The first slot of each part, in depth-first order."""
     ranks = np.empty(len(triangles), np.int64)
     place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), ranks)
@@ -280,7 +281,9 @@ def _slots_before(children, triangles):
     return slots
 
 
-def _links_of_top(children, node_at, to_parts):
+def _links_of_top(
+    children: NDArray[np.int64], node_at: NDArray[np.int64], to_parts: NDArray[np.int64]
+) -> NDArray[np.int64]:
     links = np.empty(children.shape, np.int64)
     links[children >= 0] = node_at[children[children >= 0]]
     links[children < 0] = to_parts[~children[children < 0]]

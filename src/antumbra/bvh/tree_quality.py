@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
@@ -33,7 +34,7 @@ class TreeStatistics(NamedTuple):
     nodes: int  # inner nodes
     leaves: int
     depth: int  # inner nodes on the longest path from the root
-    leaf_sizes: np.ndarray  # (MAX_LEAF + 1,) int64: [k] leaves have k triangles
+    leaf_sizes: NDArray[np.int64]  # (MAX_LEAF + 1,) int64: [k] leaves have k triangles
     bytes_per_triangle: float
 
 
@@ -157,7 +158,7 @@ def _check_arrays(bvh: Bvh, n: int) -> None:
         raise ValueError("links and nodes must be the same memory, aligned to 64 bytes")
 
 
-def validate(bvh: Bvh, vertices: np.ndarray) -> None:
+def validate(bvh: Bvh, vertices: NDArray[np.float32]) -> None:
     """Check that `bvh` is a valid BVH of the triangles `vertices`, (n, 3, 3) float32.
 
     In a valid BVH:

@@ -8,6 +8,7 @@ so one `minimum` joins two boxes. A *record* is the box of one triangle with the
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
@@ -171,7 +172,7 @@ PAIR = np.array([[0, 0, 0, 1, 0, 0, 0, 1, 0], [2, 2, 2, 3, 2, 2, 2, 3, 2]], np.f
 _CORNERS = [0, 1, 2, 4, 5, 6]  # the coordinate words of a box
 
 
-def checked(vertices, max_leaf) -> np.ndarray:
+def checked(vertices: object, max_leaf: int) -> NDArray[np.float32]:
     """The vertices, checked, as (n, 9) float32."""
     vertices = np.asarray(vertices)
     if vertices.ndim != 3 or vertices.shape[1:] != (3, 3) or vertices.dtype != np.float32:
@@ -183,7 +184,9 @@ def checked(vertices, max_leaf) -> np.ndarray:
     return np.ascontiguousarray(vertices).reshape(-1, 9)
 
 
-def _bounds(worker, flat, threads, *args):
+def _bounds(
+    worker: kernel, flat: NDArray[np.float32], threads: int, *args: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(box, centroid box) of all triangles, bounded in chunks by `worker`."""
     parts = np.empty((-(-len(flat) // TRIANGLES_PER_SHARE), PART), np.float32)
     run(worker, threads, new_ticket(len(flat), TRIANGLES_PER_SHARE), flat, *args, parts)
@@ -194,17 +197,19 @@ def _bounds(worker, flat, threads, *args):
     return bounds[:8], bounds[8:]
 
 
-def scene_bounds(flat, threads):
+def scene_bounds(flat: NDArray[np.float32], threads: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(box, centroid box) of all triangles `flat`, (n, 9) float32."""
     return _bounds(bound_triangles, flat, threads)
 
 
-def make_records(flat, records, threads):
+def make_records(
+    flat: NDArray[np.float32], records: NDArray[np.float32], threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Fill `records`, (n, 8) float32, and return (box, centroid box) of all triangles."""
     return _bounds(write_records, flat, threads, records)
 
 
-def power_of_two_for(box) -> np.float32:
+def power_of_two_for(box: NDArray[np.float32]) -> np.float32:
     """A power of two that scales the largest coordinate to about 1."""
     largest = float(np.abs(box[_CORNERS]).max())
     return np.float32(2.0 ** min(126, -math.frexp(largest)[1]))
@@ -216,7 +221,7 @@ def scale_of(bvh: Bvh) -> np.float32:
     return power_of_two_for(np.resize(np.append(largest, 0), 8))
 
 
-def tiny(flat) -> Bvh:
+def tiny(flat: NDArray[np.float32]) -> Bvh:
     """The BVH of at most one triangle, (n, 9) float32. Coordinates are checked as in larger scenes."""
     scene_bounds(flat, 1)
     n = len(flat)

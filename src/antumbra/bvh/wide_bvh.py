@@ -163,19 +163,21 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
     _price(bvh, parents_first(bvh.links), costs, counts)
     words = aligned_empty(
-        ((1 + np.count_nonzero(counts > WIDTH)) * NODE_WORDS,), "f4"
+        ((1 + int(np.count_nonzero(counts > WIDTH))) * NODE_WORDS,), "f4"
     )  # an upper bound; the rest stays untouched
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)
     nodes = words[: n_nodes * NODE_WORDS].reshape(-1, NODE_WORDS)
     if n_groups == 0:
         slots[:WIDTH] = -1
-    slots = slots[: max(1, n_groups) * WIDTH].reshape(-1, WIDTH).copy()
-    groups = aligned_empty((len(slots), GROUP_WORDS), "f4")
-    areas = np.zeros(len(slots))
-    run(_fill_groups, thread_count(threads), new_ticket(len(slots), 1024), bvh.corners, slots, groups, areas)
+    group_slots = slots[: max(1, n_groups) * WIDTH].reshape(-1, WIDTH).copy()
+    groups = aligned_empty((len(group_slots), GROUP_WORDS), "f4")
+    areas = np.zeros(len(group_slots))
+    run(
+        _fill_groups, thread_count(threads), new_ticket(len(group_slots), 1024), bvh.corners, group_slots, groups, areas
+    )
     order_wide_children(nodes, areas)
     planes = nodes[0, :LINKS].reshape(3, 2, WIDTH)
     is_child = planes[0, 0] <= planes[0, 1]
     reach = np.abs(planes[:, :, is_child]).max(initial=np.float32(0.0))
-    return WideBvh(nodes, nodes.view(np.int32), groups, slots, reach, bvh)
+    return WideBvh(nodes, nodes.view(np.int32), groups, group_slots, reach, bvh)

@@ -11,12 +11,14 @@
 - `toolchain/`: digests, compilation, the cache of machine code, compilation ahead of time
 """
 
+from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 from . import jit
 
 
-def _late(module: str, name: str):
+def _late(module: str, name: str) -> Callable[..., Any]:
     """A function whose module is imported on its first call, because importing Numba is slow."""
     return lambda *arguments: getattr(import_module(f"{__name__}.{module}"), name)(*arguments)
 

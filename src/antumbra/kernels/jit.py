@@ -19,7 +19,7 @@ import importlib
 import threading
 import types
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from .marshalling import Key, flatten, struct_of, text_of
 
@@ -43,18 +43,26 @@ F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take bot
 # --- Decorators -------------------------------------------------------------------------------------------------------
 
 
+_F = TypeVar("_F", bound=Callable[..., Any])
+
 _lock = threading.RLock()
 
 
 class Above(NamedTuple):
     """Functions of the toolchain, which imports this module. Set by `antumbra.kernels`."""
 
-    find: Callable | None  # `kernel_cache.find`: (kernel, key) -> function of packed words
-    type_of_function: Callable | None  # `compiling.type_of_function`: inlined function -> Numba's type
-    type_of_global: Callable | None  # `compiling.type_of_global`: value -> Numba's type
+    find: Callable[
+        ["kernel", str], Callable[[bytes], Any]
+    ]  # `kernel_cache.find`: (kernel, key) -> function of packed words
+    type_of_function: Callable[["inlined"], Any]  # `compiling.type_of_function`: inlined function -> Numba's type
+    type_of_global: Callable[[object], Any]  # `compiling.type_of_global`: value -> Numba's type
 
 
-above = Above(None, None, None)  # replaced when `antumbra.kernels` is imported
+def _unset(*arguments: Any) -> Any:
+    raise RuntimeError("import antumbra.kernels first")
+
+
+above = Above(_unset, _unset, _unset)  # replaced when `antumbra.kernels` is imported
 
 
 class inlined:
@@ -62,8 +70,10 @@ class inlined:
 
     forced = True
 
-    def __init__(self, function):
-        self.py_func = function
+    __qualname__: str
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.py_func: Any = function  # a function = function
         functools.update_wrapper(self, function)
 
     @property
@@ -71,18 +81,18 @@ class inlined:
         return f"{self.py_func.__module__}:{self.py_func.__qualname__}"
 
     @property
-    def _numba_type_(self):
+    def _numba_type_(self) -> Any:
         """The type of this object as a global, read by Numba."""
         return above.type_of_function(self)
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
 
 
 class formula(inlined):
     """Decorator of inlined functions of plain arithmetic. Python can call them too, on numbers and arrays."""
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         return self.py_func(*arguments)
 
 
@@ -104,22 +114,24 @@ class kernel(inlined):
 
     forced = False
 
-    def __init__(self, function):
+    def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._functions: dict[Key, Callable] = {}
-        self._codes: dict[str, Callable] = {}  # by the text of a key, which is the same for a `Packed` and its value
+        self._functions: dict[Key, Callable[[bytes], Any]] = {}
+        self._codes: dict[
+            str, Callable[[bytes], Any]
+        ] = {}  # by the text of a key, which is the same for a `Packed` and its value
         code = function.__code__
         self._names = code.co_varnames[: code.co_argcount]
         self._defaults = dict(zip(self._names[::-1], (function.__defaults__ or ())[::-1]))
 
-    def __call__(self, *arguments, **by_name):
+    def __call__(self, *arguments: Any, **by_name: Any) -> Any:
         if len(arguments) != len(self._names):
             arguments = self._completed(arguments, by_name)
         key, values = flatten(arguments)
         code = self._functions.get(key) or self._find(key)
         return code(struct_of(key).pack(*values))
 
-    def _completed(self, arguments, by_name):
+    def _completed(self, arguments: tuple[Any, ...], by_name: dict[str, Any]) -> tuple[Any, ...]:
         """All arguments, including those passed by name or by default."""
         values_by_name = self._defaults | by_name
         try:
@@ -130,7 +142,7 @@ class kernel(inlined):
             raise TypeError(f"{self.__qualname__}() takes the arguments {', '.join(self._names)}")
         return arguments + remaining
 
-    def _find(self, key):
+    def _find(self, key: Key) -> Callable[[bytes], Any]:
         with _lock:
             text = text_of(key)
             code = self._codes.get(text)
@@ -144,20 +156,20 @@ class _Choices(NamedTuple):
     """The implementations of a plain function in kernels, registered by `overload`."""
 
     homes: tuple[str, ...]  # modules whose implementations are for any types
-    local: list[Callable]  # the implementations from these modules
-    guests: list[Callable]  # implementations from other modules, for their own NamedTuples
+    local: list[Callable[..., Any]]  # the implementations from these modules
+    guests: list[Callable[..., Any]]  # implementations from other modules, for their own NamedTuples
 
 
 _CHOICES = "_antumbra_choices"
 
 
-def overloaded(*modules: str):
+def overloaded(*modules: str) -> Callable[[_F], _F]:
     """Decorator of a plain function with implementations in other modules, named relative to its package.
 
     The modules are imported before the function is compiled or digested, so both steps see the same implementations.
     """
 
-    def add(stub):
+    def add(stub: _F) -> _F:
         package = stub.__module__.rpartition(".")[0]
         setattr(stub, _CHOICES, _Choices(tuple(f"{package}.{module}" for module in modules), [], []))
         return stub
@@ -165,7 +177,7 @@ def overloaded(*modules: str):
     return add
 
 
-def overload(stub: types.FunctionType):
+def overload(stub: Callable[..., Any]) -> Callable[[_F], _F]:
     """Decorator of an implementation of `stub` in kernels: a function of Numba's types that returns a function or None.
 
     It does the same as ``numba.extending.overload`` without importing Numba. A module is a guest if it is neither the
@@ -174,7 +186,7 @@ def overload(stub: types.FunctionType):
     the guest.
     """
 
-    def add(function):
+    def add(function: _F) -> _F:
         choices = _choices(stub) or vars(stub).setdefault(_CHOICES, _Choices((stub.__module__,), [], []))
         at_home = function.__module__ in (stub.__module__, *choices.homes)
         (choices.local if at_home else choices.guests).append(function)
@@ -183,11 +195,11 @@ def overload(stub: types.FunctionType):
     return add
 
 
-def _choices(stub) -> _Choices | None:
+def _choices(stub: object) -> _Choices | None:
     return vars(stub).get(_CHOICES) if isinstance(stub, types.FunctionType) else None
 
 
-def overloads(stub) -> list:
+def overloads(stub: object) -> list[Callable[..., Any]]:
     """The implementations of a stub from its own module and from the modules that `overloaded` names; else none."""
     choices = _choices(stub)
     if choices is None:
@@ -197,7 +209,7 @@ def overloads(stub) -> list:
     return choices.local
 
 
-def guest_overloads(stub) -> list:
+def guest_overloads(stub: object) -> list[Callable[..., Any]]:
     """The implementations of a stub from guest modules."""
     choices = _choices(stub)
     return choices.guests if choices else []
@@ -206,16 +218,16 @@ def guest_overloads(stub) -> list:
 class Intrinsic:
     """A placeholder for a name in a module that imports Numba, resolved when a kernel that uses it is compiled."""
 
-    def __init__(self, module: str, name: str):
+    def __init__(self, module: str, name: str) -> None:
         self.module, self.name = module, name
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"{self.module}.{self.name}"
 
     @property
-    def _numba_type_(self):
+    def _numba_type_(self) -> Any:
         return above.type_of_global(getattr(importlib.import_module(self.module), self.name))
 
     @property
-    def __doc__(self):
+    def __doc__(self) -> Any:  # type: ignore[override]
         return getattr(importlib.import_module(self.module), self.name).__doc__

@@ -291,9 +291,9 @@ def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
 
 def emit_object(module: llvm.ModuleRef, level: str) -> bytes:
     """The object file of a module."""
-    return _target_machine(level).emit_object(module)
+    return bytes(_target_machine(level).emit_object(module))
 
 
 def emit_assembly(module: llvm.ModuleRef, level: str) -> str:
     """The assembly code of a module."""
-    return _target_machine(level).emit_assembly(module)
+    return str(_target_machine(level).emit_assembly(module))

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import cache, reduce
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def class_of(name: str) -> type:
     return _classes.get(name) or import_object(name)
 
 
-def import_object(name: str):
+def import_object(name: str) -> Any:
     """The object named ``module:qualname``."""
     module, _, qualname = name.partition(":")
     return reduce(getattr, qualname.split("."), import_module(module))
@@ -68,7 +69,7 @@ def _array_token(array: np.ndarray) -> str:
     return f"{'A' if flags.writeable else 'R'}[{dtype.str[1:]},{array.ndim},{layout}]"
 
 
-_array_tokens: dict[tuple, str] = {}  # by everything that `_array_token` reads
+_array_tokens: dict[tuple[np.dtype[Any], int, int], str] = {}  # by everything that `_array_token` reads
 
 
 def _address_in_header(array: np.ndarray) -> int:
@@ -77,7 +78,7 @@ def _address_in_header(array: np.ndarray) -> int:
 
 
 def _address_by_numpy(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
+    return int(array.__array_interface__["data"][0])
 
 
 _word_at, _HEADER = ctypes.c_size_t.from_address, object.__basicsize__
@@ -96,16 +97,16 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
     return dtype, int(ndim), layout, token[0] == "A"
 
 
-def flatten(arguments: tuple) -> tuple[Key, list]:
+def flatten(arguments: tuple[Any, ...]) -> tuple[Key, list[Any]]:
     """The key of arguments, and their flat values. Those of an array are its address, shape and strides."""
     key: list[str | Key] = []
-    values: list = []
+    values: list[Any] = []
     for argument in arguments:
         _flatten(argument, key, values)
     return tuple(key), values
 
 
-def _flatten(x, key, values):
+def _flatten(x: Any, key: list[str | Key], values: list[Any]) -> None:
     kind = type(x)
     if kind is Packed:
         key.append(x.key)
@@ -141,11 +142,11 @@ class ArgumentForm:
 
     __slots__ = ("_struct", "key")
 
-    def __init__(self, example):
+    def __init__(self, example: object) -> None:
         self.key, _ = flatten((example,))
         self._struct = struct_of(self.key)
 
-    def pack(self, *values) -> "Packed":
+    def pack(self, *values: Any) -> "Packed":
         """A `Packed` of flat values; those of an array are its address, shape and strides. Arrays must outlive it."""
         return Packed(self.key, self._struct.pack(*values))
 
@@ -160,11 +161,11 @@ class Packed:
 
     __slots__ = ("key", "value", "words")
 
-    def __init__(self, key: Key, words: bytes, value: object = None):
+    def __init__(self, key: Key, words: bytes, value: object = None) -> None:
         self.key, self.words, self.value = key, words, value
 
 
-def packed(value) -> Packed:
+def packed(value: object) -> Packed:
     """A value, flattened. It keeps the value's arrays alive, which kernels read and write as usual."""
     key, values = flatten((value,))
     return Packed(key, struct_of(key).pack(*values), value)
@@ -189,19 +190,19 @@ def _packing(token: str | Key) -> str:
     return SCALARS.get(token, "")
 
 
-Spec = str | list
+Spec = str | list[Any]
 """The kind of a result: a scalar's token, `NONE`, or [class name (None for a plain tuple), specs of the items]."""
 
 
 class ResultReader:
     """Builds a kernel's result from the words that it wrote."""
 
-    def __init__(self, spec: Spec):
+    def __init__(self, spec: Spec) -> None:
         self._struct = struct.Struct("<" + "".join(_forms(spec)))
         self._build = _builder(spec)
         self.size = max(self._struct.size, 8)
 
-    def __call__(self, memory: ctypes.Array):
+    def __call__(self, memory: "ctypes.Array[ctypes.c_char]") -> object:
         return self._build(iter(self._struct.unpack_from(memory)))
 
 
@@ -213,7 +214,7 @@ def _forms(spec: Spec) -> Iterator[str]:
             yield from _forms(item)
 
 
-def _builder(spec: Spec) -> Callable[[Iterator], object]:
+def _builder(spec: Spec) -> Callable[[Iterator[Any]], Any]:
     if isinstance(spec, str):
         return (lambda words: None) if spec == NONE else next
     parts = [_builder(item) for item in spec[1]]

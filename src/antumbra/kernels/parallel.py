@@ -26,6 +26,7 @@ from contextlib import suppress
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .jit import Intrinsic, kernel
@@ -36,7 +37,7 @@ __all__ = [
     "thread_count",
 ]  # fmt: skip
 
-Ticket: TypeAlias = np.ndarray
+Ticket: TypeAlias = NDArray[np.int64]
 """(5,) int64: the fields below."""
 
 NEXT = 0  # first item not yet taken by a thread; exceeds N at the end
@@ -91,7 +92,7 @@ each share, such as a row of partial sums.
 def take(ticket):
     """The first of the next ``ticket[CHUNK]`` items; -1 if none is left or `STOP` is set."""
     # Adding 0 reads STOP from memory each time; LLVM could hoist a plain read out of the worker's loop.
-    if atomic_add(ticket, STOP, 0) != 0:  # type: ignore[call-arg]  # mypy counts the typing context
+    if atomic_add(ticket, STOP, 0) != 0:
         return np.int64(-1)
     first = atomic_add(ticket, NEXT, ticket[CHUNK])
     return first if first < ticket[N] else np.int64(-1)
@@ -100,13 +101,21 @@ def take(ticket):
 class _ParallelRun:
     """One `run`: the worker, its arguments, and the outcome in each thread."""
 
-    def __init__(self, worker, ticket, args, own, n_threads):
+    def __init__(
+        self,
+        worker: Callable[..., object],
+        ticket: Ticket,
+        args: tuple[Any, ...],
+        own: Callable[[], Iterable[Any]],
+        n_threads: int,
+    ) -> None:
         self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
         self.begun: list[None] = []  # one None per thread that has begun; list.append is atomic
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = queue.SimpleQueue()  # receives an item when the last thread has finished
 
-    def work(self):
+    def work(self) -> BaseException | None:
+        """Run the worker in this thread; return its exception, if any."""
         self.begun.append(None)
         try:
             self.worker(self.ticket, *self.args, *self.own())
@@ -115,7 +124,8 @@ class _ParallelRun:
             return error
         return None
 
-    def finish(self, outcome):
+    def finish(self, outcome: BaseException | None) -> None:
+        """Store the outcome of this thread, and wake the caller if it is the last."""
         self.outcomes.append(outcome)
         if len(self.outcomes) >= self.n_threads:
             self.wake.put(None)
@@ -124,11 +134,11 @@ class _ParallelRun:
 class _Thread:
     """A thread that waits for jobs. It is in `_idle` while it has none."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.inbox: queue.SimpleQueue[_ParallelRun] = queue.SimpleQueue()
         threading.Thread(target=self._serve, name="antumbra", daemon=True).start()
 
-    def _serve(self):
+    def _serve(self) -> None:
         while True:
             job = self.inbox.get()
             outcome = job.work()
@@ -155,11 +165,11 @@ def _wait(job: _ParallelRun, seconds: float) -> None:
 
 
 def run(
-    worker: Callable,
+    worker: Callable[..., object],
     n_threads: int,
     ticket: Ticket,
-    *args,
-    own: Callable[[], Iterable] = tuple,
+    *args: Any,
+    own: Callable[[], Iterable[Any]] = tuple,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Call ``worker(ticket, *args, *own())`` in `n_threads` threads at once, and wait until all have returned.
