@@ -1,13 +1,14 @@
 """Argument checks for the public API: each function returns the value in one form, or raises an `InputError`."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 
@@ -19,14 +20,14 @@ _ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]
 """Intervals in the words of messages."""
 
 
-def spelling_hint(name, known: Iterable[str]) -> str:
+def spelling_hint(name: object, known: Iterable[str]) -> str:
     """``"did you mean 'x'? "`` if a known name is similar to `name`, else an empty string; for unknown-name errors."""
     text, names = str(name), list(known)
     matches = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
     return f"did you mean {matches[0]!r}? " if matches else ""
 
 
-def quoted(value) -> str:
+def quoted(value: object) -> str:
     """The repr of a wrong value for a message, on one line and truncated."""
     try:
         text = " ".join(repr(value).split())
@@ -38,12 +39,12 @@ def quoted(value) -> str:
 # --- Numbers ----------------------------------------------------------------------------------------------------------
 
 
-def is_number(value) -> bool:
+def is_number(value: object) -> bool:
     """Whether a value may be a single real number. Strings, booleans and arrays with axes are not."""
     return not isinstance(value, _NO_NUMBERS) and getattr(value, "ndim", 0) == 0
 
 
-def whole_number(value, what: str, low: int, high: int) -> int:
+def whole_number(value: Any, what: str, low: int, high: int) -> int:
     """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
     if is_number(value):
         with suppress(TypeError, ValueError, ArithmeticError):
@@ -53,7 +54,7 @@ def whole_number(value, what: str, low: int, high: int) -> int:
     raise InputError(f"{what} is {quoted(value)}; it must be a whole number from {low} to {high}")
 
 
-def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
+def number(value: Any, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
     """Convert `value` to a float; InputError naming `what` unless it lies between `low` and `high`.
 
     ends : whether the limits are allowed, in interval notation: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
@@ -72,7 +73,7 @@ def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: s
     raise InputError(f"{what} is {quoted(value)}; it must {requirement}")
 
 
-def byte_count(value, what: str, low: int, high: int = 1 << 60) -> int:
+def byte_count(value: Any, what: str, low: int, high: int = 1 << 60) -> int:
     """`whole_number` for a number of bytes, with a message in units such as ``100M``, like the command line."""
     with suppress(InputError):
         return whole_number(value, what, low, high)
@@ -92,14 +93,14 @@ def _in_words(n: int) -> str:
 # --- Strings and objects ----------------------------------------------------------------------------------------------
 
 
-def flag(value, what: str) -> bool:
+def flag(value: Any, what: str) -> bool:
     """`value` as a bool; InputError naming `what` unless it is True or False."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     raise InputError(f"{what} is {quoted(value)}; it must be True or False")
 
 
-def choice(value, what: str, names: Iterable[str | None]) -> Any:
+def choice(value: Any, what: str, names: Iterable[str | None]) -> Any:
     """`value` if it is one of `names`; otherwise an InputError that names `what` and all of them."""
     known = list(names)
     if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
@@ -110,14 +111,14 @@ def choice(value, what: str, names: Iterable[str | None]) -> Any:
     raise InputError(f"{what} is {quoted(value)}; {hint}it must be {listed}")
 
 
-def text(value, what: str) -> str:
+def text(value: Any, what: str) -> str:
     """`value` if it is a str; otherwise an InputError that names `what`."""
     if isinstance(value, str):
         return value
     raise InputError(f"{what} is {quoted(value)}; it must be a string")
 
 
-def instance(value, kind: type[T], what: str, cure: str = "") -> T:
+def instance(value: object, kind: type[T], what: str, cure: str = "") -> T:
     """`value` if it is an instance of `kind`; otherwise an InputError that names `what`, the kind and the cure."""
     if isinstance(value, kind):
         return value
@@ -125,7 +126,7 @@ def instance(value, kind: type[T], what: str, cure: str = "") -> T:
     raise InputError(f"{what} must be {name}, not {type(value).__name__}{f'; {cure}' if cure else ''}")
 
 
-def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
+def items(value: Any, kind: type[T], what: str, cure: str = "") -> list[T]:
     """A list of instances of `kind`, from one or several; otherwise an InputError as from `instance`."""
     if isinstance(value, kind):
         return [value]
@@ -135,7 +136,7 @@ def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
     return [instance(each, kind, what, cure) for each in parts]
 
 
-def parts_of(value) -> list | None:
+def parts_of(value: Any) -> list[Any] | None:
     """The items of an iterable as a list; None for strings and for values that are not iterable."""
     if isinstance(value, (str, bytes)):
         return None
@@ -145,7 +146,7 @@ def parts_of(value) -> list | None:
         return None
 
 
-def path_of(value, what: str) -> Path:
+def path_of(value: Any, what: str) -> Path:
     """`value` as a `Path`; InputError naming `what` unless it is a string or a path that the system accepts."""
     try:
         name = os.fspath(value)
@@ -161,7 +162,7 @@ def path_of(value, what: str) -> Path:
 # --- Arrays -----------------------------------------------------------------------------------------------------------
 
 
-def as_array(value, what: str) -> np.ndarray:
+def as_array(value: Any, what: str) -> NDArray[Any]:
     """A NumPy view (or copy) of numbers, or of another library's array in host memory.
 
     Arrays are converted by their ``numpy()``, or else through DLPack, which takes Open3D a second for a million rays.
@@ -180,7 +181,7 @@ def as_array(value, what: str) -> np.ndarray:
     return array
 
 
-def _of_library(value, what: str):
+def _of_library(value: Any, what: str) -> Any:
     if hasattr(value, "numpy") and not isinstance(value, type):
         with suppress(Exception):  # e.g. torch tensors on another device, for which DLPack has the better message
             return value.numpy()
@@ -192,7 +193,7 @@ def _of_library(value, what: str):
         raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
 
 
-def vector(value, what: str) -> np.ndarray:
+def vector(value: Any, what: str) -> NDArray[np.float64]:
     """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
     try:
         v = as_array(value, what).astype(np.float64)
@@ -203,7 +204,7 @@ def vector(value, what: str) -> np.ndarray:
     return v
 
 
-def points(value, what: str) -> np.ndarray:
+def points(value: Any, what: str) -> NDArray[np.float64]:
     """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
     array = as_array(value, what).astype(np.float64)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -214,7 +215,7 @@ def points(value, what: str) -> np.ndarray:
     return array
 
 
-def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
+def unit_vectors(vectors: NDArray[Any], what: str, cure: str = "") -> NDArray[np.float64]:
     """(..., 3) float64: finite vectors normalised, even those whose squared length overflows or underflows.
 
     Raises
@@ -231,10 +232,11 @@ def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
         where = "" if v.ndim == 1 else f" {at}"
         raise InputError(f"{what}{where} {problem}; {cure or 'give it a direction'}")
     v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which does not change the result
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    unit: NDArray[np.float64] = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return unit
 
 
-def listed(value: Sequence, what: str, count: int) -> list:
+def listed(value: Any, what: str, count: int) -> list[Any]:
     """The items of a value of `count` items, such as a pair; otherwise an InputError that names `what`."""
     parts = parts_of(value)
     if parts is None or len(parts) != count:

@@ -11,7 +11,7 @@ class InputError(ValueError):
     The command line prints the message without a traceback and exits with code 2.
     """
 
-    def __init__(self, message: str = ""):
+    def __init__(self, message: str = "") -> None:
         super().__init__(one_line(message))
 
 

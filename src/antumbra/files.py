@@ -127,8 +127,8 @@ def lock(descriptor: int) -> None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return
     try:
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    except OSError as error:  # Windows does not tell why
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except OSError as error:  # Windows does not report why
         raise BlockingIOError(*error.args) from error
 
 
@@ -305,7 +305,7 @@ def _remove_abandoned_folders(parent: str) -> None:
                     _remove_folder_if_abandoned(entry.path)
 
 
-def _is_own(entry: os.DirEntry) -> bool:
+def _is_own(entry: os.DirEntry[str]) -> bool:
     return not hasattr(os, "getuid") or entry.stat(follow_symlinks=False).st_uid == os.getuid()
 
 
@@ -386,7 +386,7 @@ LEAST_BYTES = 1 << 16
 _UNSUPPORTED = errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS
 
 
-def checked_output(path, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Path:
+def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Path:
     """Check, before long work begins, that a file of one of these kinds can be written; return `path` as a `Path`.
 
     Parameters
@@ -422,7 +422,7 @@ def checked_output(path, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Pa
     return path
 
 
-def checked_folder(path, parents: bool = False) -> Path:
+def checked_folder(path: object, parents: bool = False) -> Path:
     """Check, before long work begins, that a folder exists or can be made, and can be written in.
 
     parents : whether the folders around it are made too
@@ -478,7 +478,7 @@ def reserve(descriptor: int, size: int) -> None:
 
 
 @contextmanager
-def atomic_output(path, *, durable: bool = False) -> Iterator[Path]:
+def atomic_output(path: str | os.PathLike[str], *, durable: bool = False) -> Iterator[Path]:
     """Yield a temporary name beside `path`; on exit without an exception the temporary file replaces `path`.
 
     durable : wait until the disk has the new name, so that not even a power failure undoes it

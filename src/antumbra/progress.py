@@ -85,7 +85,7 @@ def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     return run
 
 
-def _checked_progress(progress) -> Any:
+def _checked_progress(progress: Any) -> Any:
     """`progress`, with True replaced by None; InputError unless it is a function, a bool or None."""
     if progress is None or isinstance(progress, bool):
         return None if progress else progress
@@ -161,7 +161,7 @@ class ProgressBar:
     delay : seconds before the line appears
     """
 
-    def __init__(self, what: str, delay: float):
+    def __init__(self, what: str, delay: float) -> None:
         self._what, self._start, self._next = what, perf_counter(), delay
         self._length, self._share, self._lock = 0, 0.0, Lock()
 

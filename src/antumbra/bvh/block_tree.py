@@ -73,9 +73,14 @@ class BlockPointers(NamedTuple):
 def block_pointers(tree):
     """`BlockPointers` of a `BlockTree`."""
     return BlockPointers(
-        ptr(tree.nodes), ptr(tree.links), ptr(tree.blocks), ptr(tree.bounds), ptr(tree.slots), ptr(tree.prim_ids),
+        ptr(tree.nodes),
+        ptr(tree.links),
+        ptr(tree.blocks),
+        ptr(tree.bounds),
+        ptr(tree.slots),
+        ptr(tree.prim_ids),
         ptr(tree.corners),
-    )  # fmt: skip
+    )
 
 
 @inlined

@@ -194,9 +194,15 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
     for s in items(ticket):
         first, last = forest.ranges[s]
         box, link, height = _build_subtree(
-            ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
-            forest.places[s] + forest.counts[s], out,
-        )  # fmt: skip
+            ptr(vertices),
+            ptr(source.codes),
+            source.drop,
+            max_leaf,
+            first,
+            last,
+            forest.places[s] + forest.counts[s],
+            out,
+        )
         store(forest.roots, s * 8, box)
         forest.links[s], forest.heights[s] = link, height
 

@@ -355,6 +355,12 @@ class WideTree(NamedTuple):
 def wide_tree_of(wide):
     """Pointers to the arrays of a `WideBvh`, which must outlive them."""
     return WideTree(
-        ptr(wide.nodes), ptr(wide.links), ptr(wide.groups), ptr(wide.slots), ptr(wide.bvh.prim_ids),
-        ptr(wide.bvh.corners), wide.reach, tree_of(wide.bvh),
-    )  # fmt: skip
+        ptr(wide.nodes),
+        ptr(wide.links),
+        ptr(wide.groups),
+        ptr(wide.slots),
+        ptr(wide.bvh.prim_ids),
+        ptr(wide.bvh.corners),
+        wide.reach,
+        tree_of(wide.bvh),
+    )

@@ -126,10 +126,18 @@ def batch_at(memory):
     for k in range(0, _ROW * LEAVES, LANES):
         store(boxes, k, splat16(np.float32(0.0)))  # for lanes without a treelet
     return TreeletBatch(
-        memory, ptr_at(words, _LINKS), ptr_at(words, _NODES), ptr_at(words, _PLACES), ptr_at(memory, _AREAS),
-        ptr_at(words, _FACTS), boxes,
-        ptr_at(memory, _COSTS), ptr_at(memory, _COUNTS), ptr_at(words, _LEFTS), ptr_at(memory, _UNIONS),
-    )  # fmt: skip
+        memory,
+        ptr_at(words, _LINKS),
+        ptr_at(words, _NODES),
+        ptr_at(words, _PLACES),
+        ptr_at(memory, _AREAS),
+        ptr_at(words, _FACTS),
+        boxes,
+        ptr_at(memory, _COSTS),
+        ptr_at(memory, _COUNTS),
+        ptr_at(words, _LEFTS),
+        ptr_at(memory, _UNIONS),
+    )
 
 
 class TreeletSettings(NamedTuple):
@@ -443,10 +451,14 @@ class TreeletTree(NamedTuple):
 def _part_of(work, numbers, first):
     """The `TreePart` of a tree's nodes from `first` on; `numbers` is scratch memory, 3 int32 per node."""
     return TreePart(
-        ptr(work.nodes), as_i32(ptr(work.nodes)), ptr(work.facts), ptr(work.is_leaf),
-        ptr_at(numbers, -first), ptr_at(numbers, numbers.shape[1] - first),
+        ptr(work.nodes),
+        as_i32(ptr(work.nodes)),
+        ptr(work.facts),
+        ptr(work.is_leaf),
+        ptr_at(numbers, -first),
+        ptr_at(numbers, numbers.shape[1] - first),
         ptr_at(numbers, 2 * numbers.shape[1] - first),
-    )  # fmt: skip
+    )
 
 
 @kernel

@@ -24,7 +24,7 @@ _FAULTS = (
     "node {node}: the {side} leaf has a slot that another leaf also has",
     "node {node}: the {side} box is not the bounds of the triangles in its leaf",
     "node {node}: the {side} box is not the bounds of the two boxes below it",
-)  # fmt: skip
+)
 _NO_NODE, _SHARED, _DEEP, _MISSING, _NOT_EMPTY, _BEYOND, _TWICE, _LEAF_BOX, _INNER_BOX = range(1, len(_FAULTS))
 
 

@@ -162,15 +162,15 @@ def widen(bvh: Bvh, threads: int | None = None) -> WideBvh:
     n = len(bvh.nodes)
     costs, counts = np.empty((2 * n, WIDTH), np.float32), np.empty(2 * n, np.int32)
     _price(bvh, parents_first(bvh.links), costs, counts)
-    words = aligned_empty(
-        ((1 + int(np.count_nonzero(counts > WIDTH))) * NODE_WORDS,), "f4"
-    )  # an upper bound; the rest stays untouched
+    max_nodes = 1 + int(np.count_nonzero(counts > WIDTH))  # unused memory stays untouched
+    words = aligned_empty((max_nodes * NODE_WORDS,), "f4")
     slots = np.empty((n + 1) * WIDTH, np.int32)
     n_nodes, n_groups = _collapse(bvh, costs, counts, words, words.view(np.int32), slots)
     nodes = words[: n_nodes * NODE_WORDS].reshape(-1, NODE_WORDS)
     if n_groups == 0:
         slots[:WIDTH] = -1
     group_slots = slots[: max(1, n_groups) * WIDTH].reshape(-1, WIDTH).copy()
+    del slots
     groups = aligned_empty((len(group_slots), GROUP_WORDS), "f4")
     areas = np.zeros(len(group_slots))
     run(

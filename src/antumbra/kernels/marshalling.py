@@ -107,7 +107,7 @@ def flatten(arguments: tuple[Any, ...]) -> tuple[Key, list[Any]]:
 
 
 def _flatten(x: Any, key: list[str | Key], values: list[Any]) -> None:
-    kind = type(x)
+    kind: Any = type(x)
     if kind is Packed:
         key.append(x.key)
         values.append(x.words)

@@ -33,9 +33,20 @@ from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
 __all__ = [
-    "CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "items", "new_ticket", "run", "shares", "take",
+    "CHUNK",
+    "DONE",
+    "MAX_THREADS",
+    "NEXT",
+    "STOP",
+    "N",
+    "Ticket",
+    "items",
+    "new_ticket",
+    "run",
+    "shares",
+    "take",
     "thread_count",
-]  # fmt: skip
+]
 
 Ticket: TypeAlias = NDArray[np.int64]
 """(5,) int64: the fields below."""

@@ -4,6 +4,9 @@
 numbers on the stack, which LLVM keeps in registers.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
@@ -16,17 +19,17 @@ _I64 = ir.IntType(64)
 _ORDER = "monotonic"  # as in `simd.atomic_add`: orders no other memory
 
 
-class _Loop(types.SimpleIteratorType):
+class _Loop(types.SimpleIteratorType):  # type: ignore[name-defined, misc]
     """The type of a loop; `following` emits the code for its next value."""
 
-    def __init__(self, name, value, following):
+    def __init__(self, name: str, value: types.Type, following: Callable[[Any, Any, Any, Any], None]) -> None:
         super().__init__(name, value)
         self.following = following
 
 
 @register_model(_Loop)
 class _LoopModel(models.StructModel):
-    def __init__(self, dmm, fe_type):
+    def __init__(self, dmm: Any, fe_type: _Loop) -> None:
         members = [
             ("ticket", types.CPointer(types.int64)),
             ("at", types.EphemeralPointer(types.int64)),  # the next item of this thread's share
@@ -42,11 +45,11 @@ def _next(context, builder, sig, args, result):
     sig.args[0].following(context, builder, loop, result)
 
 
-def _field(builder, ticket, field):
+def _field(builder: Any, ticket: Any, field: int) -> Any:
     return builder.gep(ticket, [_I64(field)])
 
 
-def _take(builder, loop):
+def _take(builder: Any, loop: Any) -> Any:
     """Take the next share, as `parallel.take` does, and write it to the loop's state. Return whether there was one."""
     ticket, has_share = loop.ticket, cgutils.alloca_once_value(builder, ir.IntType(1)(0))
     stop = builder.atomic_rmw("or", _field(builder, ticket, STOP), _I64(0), _ORDER)
@@ -60,7 +63,7 @@ def _take(builder, loop):
     return builder.load(has_share)
 
 
-def _next_share(context, builder, loop, result):
+def _next_share(context: Any, builder: Any, loop: Any, result: Any) -> None:
     has_share = _take(builder, loop)
     result.set_valid(has_share)
     with builder.if_then(has_share):
@@ -68,7 +71,7 @@ def _next_share(context, builder, loop, result):
         result.yield_(context.make_tuple(builder, types.UniTuple(types.int64, 2), share))
 
 
-def _next_item(context, builder, loop, result):
+def _next_item(context: Any, builder: Any, loop: Any, result: Any) -> None:
     is_valid = cgutils.alloca_once(builder, ir.IntType(1))
     has_item = builder.icmp_signed("<", builder.load(loop.at), builder.load(loop.last))
     builder.store(has_item, is_valid)
@@ -81,8 +84,8 @@ def _next_item(context, builder, loop, result):
         result.yield_(item)
 
 
-def _make(kind):
-    def begin(context, builder, sig, args):
+def _make(kind: _Loop) -> Callable[[Any, Any, Any, Any], Any]:
+    def begin(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         loop = context.make_helper(builder, kind)
         loop.ticket = context.make_array(sig.args[0])(context, builder, args[0]).data
         loop.at = cgutils.alloca_once(builder, _I64)

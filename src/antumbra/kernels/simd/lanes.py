@@ -4,6 +4,9 @@ The scalar operations are bit counts of an int64, for loops over the set lanes o
 float64 product.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
@@ -22,12 +25,13 @@ _SPLATS = (
 )
 
 
-def _check_vector(function, v, *elements):
+def _check_vector(function: str, v: object, *elements: types.Type) -> None:
+    """Reject an argument that is not a vector of one of the element types."""
     if not isinstance(v, Vector) or v.element not in elements:
         reject(function, v, cure=f"needs a vector of {' or '.join(str(e) for e in elements)}")
 
 
-def _check_common(function, args, *elements):
+def _check_common(function: str, args: tuple[Any, ...], *elements: types.Type) -> Vector:
     """The common vector type of the arguments."""
     vector = common_vector(args)
     if vector is None or vector.element not in elements:
@@ -39,7 +43,7 @@ def _check_common(function, args, *elements):
 # --- make ---------------------------------------------------------------------------------------------------
 
 
-def _make_splat(lanes):
+def _make_splat(lanes: int) -> Any:
     @intrinsic
     def splat(typingctx, x):
         """The scalar in every lane: float -> f32, integer -> i32, bool -> mask."""
@@ -55,7 +59,7 @@ def _make_splat(lanes):
     return splat
 
 
-def _make_iota(lanes):
+def _make_iota(lanes: int) -> Any:
     @intrinsic
     def iota(typingctx):
         """0, 1, 2, ... as i32."""
@@ -69,7 +73,7 @@ def _make_iota(lanes):
     return iota
 
 
-def _make_mask_from_bits(lanes):
+def _make_mask_from_bits(lanes: int) -> Any:
     @intrinsic
     def mask_from_bits(typingctx, x):
         """Lane k is bit k of the integer; higher bits are ignored."""
@@ -107,7 +111,7 @@ def select(typingctx, mask, a, b):
     return vector(mask, a, b), codegen
 
 
-def _make_extremum(name, f32_name, i32_name):
+def _make_extremum(name: str, f32_name: str, i32_name: str) -> Any:
     @intrinsic
     def extremum(typingctx, a, b):
         """The smaller (`minimum`) or larger (`maximum`) of two lanes; unspecified if one is NaN."""
@@ -223,7 +227,7 @@ def to_i32(typingctx, v):
 # --- permute and reduce -------------------------------------------------------------------------------------
 
 
-def _permute(builder, value, indices):
+def _permute(builder: Any, value: Any, indices: Sequence[int]) -> Any:
     order = ir.Constant(ir.VectorType(I32, len(indices)), list(indices))
     return builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), order)
 
@@ -291,7 +295,7 @@ def bits(typingctx, mask):
     return types.int64(mask), codegen
 
 
-def _make_vote(name, comparison, number):
+def _make_vote(name: str, comparison: str, number: int) -> Any:
     @intrinsic
     def vote(typingctx, mask):
         """Whether any lane (`any_lane`), or every lane (`all_lanes`), is set."""
@@ -310,7 +314,7 @@ any_lane = _make_vote("any_lane", "!=", 0)
 all_lanes = _make_vote("all_lanes", "==", -1)
 
 
-def _make_reduction(name, f32_name, i32_name):
+def _make_reduction(name: str, f32_name: str | None, i32_name: str) -> Any:
     @intrinsic
     def reduction(typingctx, v):
         """The smallest (`reduce_min`) or largest (`reduce_max`) lane, unspecified if one is NaN.
@@ -336,7 +340,7 @@ reduce_and = _make_reduction("reduce_and", None, "and")
 # --- Operations on scalars --------------------------------------------------------------------------------------------
 
 
-def _make_bit_count(name, llvm_name, *flags):
+def _make_bit_count(name: str, llvm_name: str, *flags: int) -> Any:
     @intrinsic
     def count(typingctx, x):
         if not isinstance(x, types.Integer):

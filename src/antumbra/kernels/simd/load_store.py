@@ -6,6 +6,7 @@ element.
 """
 
 from math import prod
+from typing import Any
 
 from llvmlite import ir
 from numba.core import types
@@ -18,7 +19,7 @@ from .vectors import I32, I64, Vector, call_llvm, llvm_type, reject, repeat
 _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
 
 
-def _check(function, a, i=types.int64, writes=False):
+def _check(function: str, a: Any, i: Any = types.int64, writes: bool = False) -> None:
     """Reject arguments other than (array or pointer, integer)."""
     if isinstance(a, types.Array):
         if a.layout != "C":
@@ -31,25 +32,25 @@ def _check(function, a, i=types.int64, writes=False):
         reject(function, a, i, cure="the index must be an integer")
 
 
-def _first(context, builder, a, value):
+def _first(context: Any, builder: Any, a: Any, value: Any) -> Any:
     """Pointer to the first element."""
     return context.make_array(a)(context, builder, value).data if isinstance(a, types.Array) else value
 
 
-def _address(context, builder, sig, values):
+def _address(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     """Pointer to element `i`. The signature starts with (a, i)."""
     index = context.cast(builder, values[1], sig.args[1], types.int64)
     return builder.gep(_first(context, builder, sig.args[0], values[0]), [index])
 
 
-def _vector_of(function, a, lanes, *more):
+def _vector_of(function: str, a: Any, lanes: int, *more: types.Type) -> Vector:
     """The vector type with the element type of `a`: float32, int32 or one of `more`."""
     if a.dtype not in (types.float32, types.int32, *more):
         reject(function, a, cure="elements must be float32 or int32 (as_i32 or as_f32 reads others' bits)")
     return Vector(a.dtype, lanes)
 
 
-def _make_load(lanes):
+def _make_load(lanes: int) -> Any:
     @intrinsic
     def load(typingctx, a, i):
         """Elements i, i + 1, ... of `a`, one per lane; any alignment."""
@@ -65,7 +66,7 @@ def _make_load(lanes):
     return load
 
 
-def _make_broadcast(lanes):
+def _make_broadcast(lanes: int) -> Any:
     @intrinsic
     def broadcast(typingctx, a, i):
         """Element i of `a` in every lane."""
@@ -209,7 +210,7 @@ def ptr_at(typingctx, a, i):
     return types.CPointer(a.dtype)(a, i), _address
 
 
-def _make_cast(name, element):
+def _make_cast(name: str, element: types.Type) -> Any:
     @intrinsic
     def cast(typingctx, p):
         """The same address as a pointer to another element type."""
@@ -224,7 +225,7 @@ def _make_cast(name, element):
     return cast
 
 
-def _make_address(name, element):
+def _make_address(name: str, element: types.Type) -> Any:
     @intrinsic
     def at_address(typingctx, address):
         """Pointer to an address, which is an integer such as ``array.ctypes.data``."""
@@ -247,7 +248,7 @@ as_f32 = _make_cast("as_f32", types.float32)
 as_i32 = _make_cast("as_i32", types.int32)
 
 
-def _make_stack(name, element):
+def _make_stack(name: str, element: types.Type) -> Any:
     @intrinsic(prefer_literal=True)
     def stack(typingctx, n):
         """`n` elements (a literal or a module constant) on this function's stack, aligned to 64 bytes."""
@@ -318,7 +319,7 @@ def prefetch(typingctx, p, i):
     return types.void(p, i), codegen
 
 
-def _make_atomic(name, operation, element):
+def _make_atomic(name: str, operation: str, element: Any) -> Any:
     @intrinsic
     def atomic(typingctx, a, i, x):
         _check(name, a, i, writes=True)

@@ -17,7 +17,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from ..machine_code import level
 from ..marshalling import import_object
@@ -86,23 +86,30 @@ class KernelRequest(NamedTuple):
     seconds: float = 0.0  # expected compile time
 
 
+_Work: TypeAlias = "SimpleQueue[KernelRequest]"
+_Done: TypeAlias = "SimpleQueue[tuple[KernelRequest | None, str | None] | None]"
+"""Requests with error messages; None when a process has ended."""
+
+
 class _CompileProcess(threading.Thread):
     """A compiling process, and the thread that sends it requests."""
 
-    def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
+    def __init__(self, levels: Sequence[str], work: _Work, done: _Done) -> None:
         super().__init__(daemon=True)
         self._levels, self._work, self._done = list(levels), work, done
         command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
         environment = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=environment)
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._requests, self._answers = self._process.stdin, self._process.stdout
 
-    def run(self):
+    def run(self) -> None:
         try:
             self._send(sys.path)
             while True:
                 request = self._work.get_nowait()
                 self._send([request.kernel, request.key, self._levels])
-                answer = self._process.stdout.readline()
+                answer = self._answers.readline()
                 self._done.put((request, json.loads(answer) if answer else "the compiling process ended"))
         except Empty:
             pass
@@ -111,14 +118,14 @@ class _CompileProcess(threading.Thread):
         finally:
             self._done.put(None)
 
-    def _send(self, message) -> None:
-        self._process.stdin.write(json.dumps(message) + "\n")
-        self._process.stdin.flush()
+    def _send(self, message: object) -> None:
+        self._requests.write(json.dumps(message) + "\n")
+        self._requests.flush()
 
     def end(self) -> None:
         self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._requests, self._answers):
             pipe.close()
 
 
@@ -146,8 +153,8 @@ def compile_kernels(
         Error messages, one per failed kernel. Calling such a kernel compiles it again, and raises.
     """
     ordered = sorted(set(requests), key=lambda each: -each.seconds)
-    work: SimpleQueue = SimpleQueue()
-    done: SimpleQueue = SimpleQueue()
+    work: _Work = SimpleQueue()
+    done: _Done = SimpleQueue()
     for each in ordered:
         work.put(each)
     workers = [
@@ -164,7 +171,7 @@ def compile_kernels(
         KernelFolder(cache_folder(), level()).prune()
 
 
-def _wait(done: SimpleQueue, n_running: int, total: int, progress: PoolProgress | None) -> list[str]:
+def _wait(done: _Done, n_running: int, total: int, progress: PoolProgress | None) -> list[str]:
     n_done, errors = 0, []
     while n_running:
         if progress is not None:

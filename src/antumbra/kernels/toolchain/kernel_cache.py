@@ -20,7 +20,7 @@ from functools import cache
 from hashlib import blake2b
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
@@ -86,7 +86,7 @@ def toolchain() -> str:
 class KernelFolder:
     """A folder with one file per kernel and kinds of arguments."""
 
-    def __init__(self, root: Path, level: str):
+    def __init__(self, root: Path, level: str) -> None:
         self.root, self.level, self.path = root, level, root / "kernels" / toolchain() / level
 
     def _file(self, digest: str) -> Path:
@@ -162,7 +162,7 @@ class KernelFolder:
 class KernelPack:
     """Records of many kernels in one file, with an index beside it: {digest: [offset, size]}."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path) -> None:
         self._path, self._index = path, json.loads(path.with_suffix(".json").read_text())
 
     def get(self, digest: str) -> KernelCode | None:
@@ -227,7 +227,7 @@ def user_cache() -> KernelFolder:
     return KernelFolder(cache_folder(), level())
 
 
-def find(function: kernel, key: str) -> Callable:
+def find(function: kernel, key: str) -> Callable[[bytes], Any]:
     """A function of packed arguments that runs a kernel, loaded from a file, or compiled and cached."""
     digest = kernel_digest(function, key)
     code, source = _cached(digest) or compiled(function, key, digest)
@@ -272,8 +272,8 @@ def load_or_compile(
         If a folder is not writable.
     """
     with folders[0].lock(digest):
-        codes = {folder: folder.get(digest) for folder in folders}
-        missing = [folder for folder in folders if codes[folder] is None]
+        codes = {folder: code for folder in folders if (code := folder.get(digest)) is not None}
+        missing = [folder for folder in folders if folder not in codes]
         if missing:
             from . import compiling  # imports Numba
 
@@ -297,7 +297,7 @@ def _engine() -> llvm.ExecutionEngine:
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
 
 
-def _linked(code: KernelCode, symbol: str) -> Callable:
+def _linked(code: KernelCode, symbol: str) -> Callable[[bytes], Any]:
     """A function that runs machine code. Call `_linked` under the lock of `jit`."""
     engine, result, name = _engine(), ResultReader(code.result), code.kernel
     engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))

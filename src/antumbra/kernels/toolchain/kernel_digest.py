@@ -23,7 +23,7 @@ from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +41,7 @@ _IMPLIED = (f"{SIMD}.vectors",)
 class _Module:
     """The top-level statements of a module, by the names they define."""
 
-    def __init__(self, name: str):
+    def __init__(self, name: str) -> None:
         tree = ast.parse(_source(name))
         self.statements: dict[str, list[ast.stmt]] = {}
         self.imported: dict[str, tuple[str, str]] = {}  # name here: (module, name there)
@@ -70,6 +70,7 @@ def _is_text(node: ast.stmt) -> bool:
 
 
 def _without_docstrings(node: ast.stmt) -> ast.stmt:
+    inner: Any
     for inner in ast.walk(node):
         body = getattr(inner, "body", None)
         if isinstance(body, list):
@@ -136,9 +137,9 @@ class _DigestPart:
     homes : the modules of the NamedTuples that it names
     """
 
-    def __init__(self, function: types.FunctionType):
+    def __init__(self, function: types.FunctionType) -> None:
         self.text: list[bytes] = [f"{function.__module__}:{function.__qualname__}".encode()]
-        self.reached: list[types.FunctionType] = []
+        self.reached: list[Any] = []  # functions
         self.homes: set[str] = set()
         self._globals: set[str] = set()
         self._attributes: set[str] = set()
@@ -192,7 +193,7 @@ class _DigestPart:
         else:
             raise TypeError(f"kernels cannot name {name}, a {_name_of(type(value))}: changes of it would go unnoticed")
 
-    def _function(self, name, value) -> None:
+    def _function(self, name: str, value: Any) -> None:
         module = getattr(value, "__module__", None) or "numpy"
         self._add(name, "function", module, getattr(value, "__qualname__", value.__name__))
         if isinstance(value, types.FunctionType) and module.partition(".")[0] not in _FOREIGN:
@@ -233,7 +234,7 @@ def _name_of(cls: type) -> str:
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
-def class_text(cls: type) -> tuple:
+def class_text(cls: type) -> tuple[str, object, str]:
     """A class as kernels see it: its name, and the fields and defaults of a NamedTuple."""
     return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
 
@@ -271,7 +272,7 @@ def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[typ
         stubs += [callee for callee in known.reached if guest_overloads(callee)]
         homes |= known.homes
         guests = [guest for stub in stubs for guest in guest_overloads(stub) if guest.__module__ in homes]
-        new = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in functions)
+        new: dict[Any, None] = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in functions)
         functions.update(new)
         todo += new
     return list(functions)

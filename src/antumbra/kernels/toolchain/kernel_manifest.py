@@ -97,7 +97,7 @@ def make_packs(out: Path, levels: list[str]) -> list[Path]:
     paths = []
     for each in levels:
         folder = KernelFolder(cache_folder(), each)
-        paths.append(write_pack(out, each, {digest: folder.get(digest) for digest in digests}))
+        paths.append(write_pack(out, each, {digest: folder.get(digest) for digest in digests}))  # type: ignore[misc]
     return paths
 
 

@@ -12,20 +12,20 @@ of Numba are not affected. A patch that does not apply to the installed version 
 """
 
 import gc
-from collections.abc import Callable, Iterator
+import inspect
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
-from numba import _dynfunc
-from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types, typing
+from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.imputils import user_function
 from numba.core.registry import cpu_target
 from numba.core.types import functions
-from numba.core.typing.templates import fold_arguments
-from numba.core.utils import pysignature
+from numba.core.typing import templates
 
 from ..jit import guest_overloads, inlined, overloads
 
@@ -44,7 +44,7 @@ def numba_patches() -> Iterator[None]:
 
 
 @contextmanager
-def _changed(owner, name: str, value) -> Iterator[None]:
+def _changed(owner: object, name: str, value: object) -> Iterator[None]:
     before = getattr(owner, name)
     setattr(owner, name, value)
     try:
@@ -65,11 +65,11 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-_remembered: dict = {}
+_remembered: dict[object, tuple[object, Any]] = {}
 _resolve = functions.BaseFunction.get_call_type
 
 
-def _remembered_call_type(self, context, args, kws):
+def _remembered_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """The result type of a builtin function, resolved once per list of argument types."""
     if kws:
         return _resolve(self, context, args, kws)
@@ -83,7 +83,7 @@ def _remembered_call_type(self, context, args, kws):
 _LEAVES = {str, int, float, bool, type(None), ir.Loc}
 
 
-def _variables(values, variables: list) -> list:
+def _variables(values: Iterable[Any], variables: list[ir.Var]) -> list[ir.Var]:
     """Append the variables among `values` to `variables`. Values without variables are skipped."""
     for value in values:
         kind = type(value)
@@ -102,7 +102,7 @@ def _variables(values, variables: list) -> list:
     return variables
 
 
-def _list_vars(self):
+def _list_vars(self: Any) -> list[ir.Var]:
     return _variables(vars(self).values(), [])
 
 
@@ -122,15 +122,15 @@ _NO_ERROR = "i32 0"
 class Library(codegen.CodeLibrary):
     """The code of one function, kept as IR. It replaces Numba's own `CodeLibrary`."""
 
-    def __init__(self, codegen, name):
+    def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
         self._modules: list[llvm.ModuleRef] = []
-        self._callees: dict[codegen.CodeLibrary, None] = {}
+        self._callees: dict[Any, None] = {}
 
-    def add_linking_library(self, library):
+    def add_linking_library(self, library: Any) -> None:
         self._callees[library] = None
 
-    def add_ir_module(self, ir_module):
+    def add_ir_module(self, ir_module: Any) -> None:
         module = llvm.parse_assembly(cgutils.normalize_ir_text(str(ir_module)))
         module.name = ir_module.name
         module.data_layout = self._codegen._data_layout
@@ -160,9 +160,10 @@ class Library(codegen.CodeLibrary):
                     value.linkage = "internal"
         return linked
 
-    def _closure(self) -> list[codegen.CodeLibrary]:
+    def _closure(self) -> list[Any]:
         """All libraries that this one reaches, starting with itself."""
-        libraries, todo = {self: None}, [self]
+        libraries: dict[Any, None] = {self: None}
+        todo: list[Any] = [self]
         while todo:
             for library in todo.pop()._callees:
                 if library not in libraries:
@@ -172,26 +173,26 @@ class Library(codegen.CodeLibrary):
 
     # Numba calls the methods below if a function compiled elsewhere calls one compiled here.
 
-    def finalize(self):
+    def finalize(self) -> None:
         self._finalized = True
 
-    def get_pointer_to_function(self, name):
+    def get_pointer_to_function(self, name: str) -> int:
         return 0
 
-    def _get_module_for_linking(self):
+    def _get_module_for_linking(self) -> llvm.ModuleRef:
         return self.linked()
 
-    def get_function(self, name):
+    def get_function(self, name: str) -> llvm.ValueRef:
         return self.linked().get_function(name)
 
-    def get_llvm_str(self):
+    def get_llvm_str(self) -> str:
         return str(self.linked())
 
-    def get_asm_str(self):
+    def get_asm_str(self) -> str:
         raise NotImplementedError("functions that kernels call have no machine code of their own")
 
 
-def _simplify(codegen, module: llvm.ModuleRef) -> None:
+def _simplify(codegen: Any, module: llvm.ModuleRef) -> None:
     """Run LLVM's function passes. Smaller IR pays off, since a function is linked into many kernels."""
     passes, builder = codegen._function_pass_manager()
     for function in module.functions:
@@ -208,14 +209,14 @@ def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
     return copy
 
 
-def _executable(library, fndesc, environment):
+def _executable(library: Any, fndesc: Any, environment: Any) -> Any:
     """A placeholder for Numba's function that Python could call. It is never called."""
     name = fndesc.qualname.rpartition(".")[2]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
 
 
 @contextmanager
-def kept_as_ir(context) -> Iterator[None]:
+def kept_as_ir(context: Any) -> Iterator[None]:
     """Within the context, all code that Numba compiles, including Numba's own functions, becomes a `Library`.
 
     Call it under Numba's compiler lock, since it changes Numba's behaviour.
@@ -252,14 +253,14 @@ _PASSES = (
 class _Passes(compiler_machinery.PassManager):
     """Runs passes without Numba's timing, events and checks."""
 
-    def _runPass(self, index, each, state):
+    def _runPass(self, index: int, each: Any, state: Any) -> None:
         each.analysis = self._analysis
         for run in each.run_initialization, each.run_pass, each.run_finalizer:
             run(state)
 
 
 class _Pipeline(compiler.CompilerBase):
-    def define_pipelines(self):
+    def define_pipelines(self) -> list[_Passes]:
         passes = _Passes("antumbra")
         for each, what in _PASSES:
             passes.add_pass(each, what)
@@ -270,45 +271,45 @@ class _Pipeline(compiler.CompilerBase):
 class Lowered(NamedTuple):
     """A part compiled for argument types."""
 
-    signature: typing.Signature
-    fndesc: object  # Numba's description of the function: name and types
+    signature: Any  # Numba's signature
+    fndesc: Any  # Numba's description of the function: name and types
     library: Library
 
 
 class CompiledPart:
     """A function that other compiled functions call, and that Numba treats as a dispatcher."""
 
-    def __init__(self, py_func: Callable, choose: Callable, forced: bool):
+    def __init__(self, py_func: Callable[..., Any], choose: Callable[..., Any], forced: bool) -> None:
         self.py_func, self._choose, self._forced = py_func, choose, forced
-        self._signature = pysignature(py_func)
-        self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
+        self._signature = inspect.signature(py_func)
+        self.lowered: dict[tuple[Any, ...], Lowered] = {}
         self.is_compiling = 0  # read by Numba for recursive functions
-        self.type = types.Dispatcher(self)
+        self.type: Any = types.Dispatcher(self)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return self.py_func.__qualname__
 
-    def get_call_template(self, args, kws):
+    def get_call_template(self, args: Any, kws: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
         """Called by Numba: the type that a call with arguments of these types returns."""
         signature, args = self.fold_argument_types(args, kws)
         lowered, name = self.lower(tuple(args)), self.py_func.__name__
-        return typing.make_concrete_template(name, name, [lowered.signature]), signature, args, {}
+        return templates.make_concrete_template(name, name, [lowered.signature]), signature, args, {}
 
-    def fold_argument_types(self, args, kws):
+    def fold_argument_types(self, args: Any, kws: Any) -> tuple[Any, Any]:
         """Called by Numba: the types of all arguments, given by position, by name or by default."""
         keep = lambda index, parameter, value: value
         default = lambda index, parameter, value: types.Omitted(value)
-        return self._signature, fold_arguments(self._signature, args, kws, keep, default, keep)
+        return self._signature, templates.fold_arguments(self._signature, args, kws, keep, default, keep)
 
-    def get_overload(self, signature):
+    def get_overload(self, signature: Any) -> Lowered:
         """Called by Numba: the key of the code, as given to `insert_user_function`."""
         return self.lowered[tuple(signature)]
 
     @property
-    def nopython_signatures(self):
+    def nopython_signatures(self) -> list[Any]:
         return [lowered.signature for lowered in self.lowered.values()]
 
-    def lower(self, args: tuple[types.Type, ...]) -> Lowered:
+    def lower(self, args: tuple[Any, ...]) -> Lowered:
         """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `kept_as_ir`."""
         lowered = self.lowered.get(args)
         if lowered is None:
@@ -322,19 +323,19 @@ class CompiledPart:
                 )
             finally:
                 self.is_compiling -= 1
-            lowered = Lowered(typing.signature(result.fndesc.restype, *args), result.fndesc, library)
+            lowered = Lowered(templates.signature(result.fndesc.restype, *args), result.fndesc, library)
             implementation = _call_of(result.fndesc, library)
             context._defns[lowered].append(implementation, implementation.signature)
             self.lowered[args] = lowered
         return lowered
 
 
-def _call_of(fndesc, library: Library):
+def _call_of(fndesc: Any, library: Library) -> Any:
     """The implementation of a call: Numba's `user_function`, without the error check if the callee never raises."""
     if isinstance(fndesc.restype, types.Optional) or not library.never_fails(fndesc.llvm_func_name):
         return user_function(fndesc, [library])
 
-    def call(context, builder, signature, args):
+    def call(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         function = context.declare_function(builder.module, fndesc)
         _, value = context.call_conv.call_function(builder, function, fndesc.restype, fndesc.argtypes, args)
         return value
@@ -343,8 +344,8 @@ def _call_of(fndesc, library: Library):
     return call
 
 
-def _flags(forced: bool) -> compiler.Flags:
-    flags = compiler.Flags()
+def _flags(forced: bool) -> Any:
+    flags: Any = compiler.Flags()
     flags.nrt = False
     flags.no_compile = True
     flags.no_cpython_wrapper = True
@@ -359,20 +360,20 @@ def _flags(forced: bool) -> compiler.Flags:
 
 def part_of(function: inlined) -> CompiledPart:
     """The part of a kernel or an inlined function."""
-    part = vars(function).get("_part")
+    part: CompiledPart | None = vars(function).get("_part")
     if part is None:
-        part = function._part = CompiledPart(function.py_func, lambda args: function.py_func, function.forced)
+        part = vars(function)["_part"] = CompiledPart(function.py_func, lambda args: function.py_func, function.forced)
     return part
 
 
-def generic_part(stub: Callable) -> CompiledPart:
+def generic_part(stub: Callable[..., Any]) -> CompiledPart:
     """The part of a function with overloads, which compiles the first overload that accepts the types."""
 
-    def choose(args):
+    def choose(args: tuple[Any, ...]) -> Callable[..., Any]:
         homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}
         guests = [guest for guest in guest_overloads(stub) if guest.__module__ in homes]
         for implementation in (*guests, *overloads(stub)):
-            chosen = implementation(*args)
+            chosen: Callable[..., Any] | None = implementation(*args)
             if chosen is not None:
                 return chosen
         raise TypeError(f"{stub.__qualname__} has no overload for ({', '.join(map(str, args))})")
