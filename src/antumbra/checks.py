@@ -77,13 +77,13 @@ def byte_count(value: Any, what: str, low: int, high: int = 1 << 60) -> int:
     """`whole_number` for a number of bytes, with a message in units such as ``100M``, like the command line."""
     with suppress(InputError):
         return whole_number(value, what, low, high)
-    shown_value = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
+    shown_value = _in_units(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
     raise InputError(
-        f"{what} is {shown_value}; it must be a number of bytes from {_in_words(low)} to {_in_words(high)}"
+        f"{what} is {shown_value}; it must be a number of bytes from {_in_units(low)} to {_in_units(high)}"
     )
 
 
-def _in_words(n: int) -> str:
+def _in_units(n: int) -> str:
     for unit, size in (("T", 1 << 40), ("G", 1 << 30), ("M", 1 << 20), ("k", 1 << 10)):
         if n >= size:
             return f"{n / size:,.0f}{unit}" if n >= 1000 * size else f"{n / size:.4g}{unit}"

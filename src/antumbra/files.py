@@ -193,7 +193,7 @@ def checked_own(path: Path, status: os.stat_result | None = None) -> None:
         return
     if status.st_uid not in (os.getuid(), 0):
         raise Untrusted(f"{path} belongs to another user (id {status.st_uid})")
-    if status.st_mode & stat.S_IWOTH or (status.st_mode & stat.S_IWGRP and not _is_own_group(status.st_gid)):
+    if status.st_mode & stat.S_IWOTH or (status.st_mode & stat.S_IWGRP and not _is_private_group(status.st_gid)):
         raise Untrusted(f"{path} can be changed by other users (try: chmod go-w)")
 
 
@@ -234,7 +234,7 @@ def claim_folder(folder: str | Path) -> int:
     return descriptor
 
 
-def _is_own_group(group: int) -> bool:
+def _is_private_group(group: int) -> bool:
     """Whether a group is this user's own, as many systems make one for each user, without other members."""
     try:
         import grp
@@ -249,9 +249,9 @@ def _is_own_group(group: int) -> bool:
 # --- Temporary files --------------------------------------------------------------------------------------------------
 
 
-_OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
-_FOLDER = re.compile(r"antumbra-(?:[a-z]+-)?[a-z0-9_]{8}")  # as mkdtemp names it
-_YOUNG = 10.0  # seconds in which a folder without a locked file is not abandoned
+_TEMPORARY_NAME = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
+_FOLDER_NAME = re.compile(r"antumbra-(?:[a-z]+-)?[a-z0-9_]{8}")  # as mkdtemp names it
+_MIN_AGE = 10.0  # seconds in which a folder without a locked file is not abandoned
 _TRIES = 3  # attempts to lock a name before a file is created without a lock
 
 
@@ -267,7 +267,7 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
         If no file can be created in `folder`.
     """
     remove_abandoned(os.path.realpath(folder))
-    path, descriptor = _reserved(Path(folder))
+    path, descriptor = _reserve_name(Path(folder))
     try:
         yield path
     finally:
@@ -300,12 +300,12 @@ def temporary_folder() -> Iterator[Path]:
 def _remove_abandoned_folders(parent: str) -> None:
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
-            if _FOLDER.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _is_own(entry):
+            if _FOLDER_NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _belongs_to_user(entry):
                 with suppress(OSError):
                     _remove_folder_if_abandoned(entry.path)
 
 
-def _is_own(entry: os.DirEntry[str]) -> bool:
+def _belongs_to_user(entry: os.DirEntry[str]) -> bool:
     return not hasattr(os, "getuid") or entry.stat(follow_symlinks=False).st_uid == os.getuid()
 
 
@@ -315,7 +315,7 @@ def _remove_folder_if_abandoned(folder: str) -> None:
         os.path.join(folder, FOLDER_LOCK), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     )
     try:
-        if time.time() - os.fstat(descriptor).st_mtime > _YOUNG:  # its owner may be about to lock it
+        if time.time() - os.fstat(descriptor).st_mtime > _MIN_AGE:  # its owner may be about to lock it
             lock(descriptor)
             shutil.rmtree(folder, ignore_errors=True)
     finally:
@@ -327,12 +327,12 @@ def remove_abandoned(folder: str) -> None:
     """Remove Antumbra's temporary files in `folder` whose owner has ended; files without a known owner stay."""
     with suppress(OSError), os.scandir(folder) as entries:
         files = [entry.name for entry in entries if entry.is_file(follow_symlinks=False)]
-        for stem in {match[1] for name in files if (match := _OURS.fullmatch(name))}:
+        for stem in {match[1] for name in files if (match := _TEMPORARY_NAME.fullmatch(name))}:
             with suppress(OSError):  # another user's, write-protected, or already gone
                 _remove_if_abandoned(os.path.join(folder, stem))
 
 
-def _reserved(folder: Path) -> tuple[Path, int | None]:
+def _reserve_name(folder: Path) -> tuple[Path, int | None]:
     """A new name and the descriptor that holds its lock; None: the file system has no locks."""
     for _ in range(_TRIES):
         path = folder / f".antumbra-{secrets.token_hex(6)}.tmp"
@@ -350,7 +350,7 @@ def _reserved(folder: Path) -> tuple[Path, int | None]:
 
 def _remove_if_abandoned(stem: str) -> None:
     """Remove ``stem.tmp`` and ``stem.lock``; OSError if their owner is alive or cannot be determined."""
-    descriptor = _claimed(stem + ".lock")
+    descriptor = _lock_abandoned(stem + ".lock")
     try:
         for suffix in (".tmp", ".lock"):  # the lock goes last: while it exists, only one process can remove the file
             with suppress(FileNotFoundError):
@@ -360,7 +360,7 @@ def _remove_if_abandoned(stem: str) -> None:
             os.close(descriptor)
 
 
-def _claimed(file: str) -> int | None:
+def _lock_abandoned(file: str) -> int | None:
     """Lock an abandoned lock file: its descriptor; None: the file is gone, since its owner removed it last."""
     try:
         if os.name == "nt":

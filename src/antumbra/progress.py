@@ -99,12 +99,12 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
     """Log the start and end of work. The context's value is a function that reports (done, total)."""
     start = perf_counter()
     LOG.info("%s ...", what)
-    with _busy(what):
+    with _active_work(what):
         if listener := _listener.get():
             yield lambda done, total: listener(what, done, total)
         elif _is_interactive():
             bar = ProgressBar(what, _DELAY)
-            with bar.appearing():
+            with bar.visible():
                 yield bar
         else:
             yield lambda done, total: None
@@ -123,13 +123,13 @@ def show_progress(
     """
     if callable(progress):
         return nullcontext(progress)
-    return nullcontext() if _listener.get() or _active or not _is_interactive() else _short(what)
+    return nullcontext() if _listener.get() or _active or not _is_interactive() else _short_work(what)
 
 
 @contextmanager
-def _short(what: str) -> Iterator[ProgressCallback]:
+def _short_work(what: str) -> Iterator[ProgressCallback]:
     """Show a bar for work that may be short."""
-    with _busy(what):
+    with _active_work(what):
         bar = ProgressBar(what, _DELAY)
         try:
             yield bar
@@ -171,7 +171,7 @@ class ProgressBar:
             self._draw()
 
     @contextmanager
-    def appearing(self) -> Iterator[None]:
+    def visible(self) -> Iterator[None]:
         """Within the context, the line appears after the delay even without reports; it is removed on exit."""
         timer = Timer(self._next, self._draw)
         timer.daemon = True
@@ -205,7 +205,7 @@ class ProgressBar:
 
 
 @contextmanager
-def _busy(what: str) -> Iterator[None]:
+def _active_work(what: str) -> Iterator[None]:
     _active.append(what)
     try:
         yield

@@ -74,7 +74,7 @@ def _level(codes, i, k, drop):
 
 
 @kernel
-def _cut(codes, first, last, drop):
+def _split_position(codes, first, last, drop):
     """The first slot of the right child of a range."""
     differing = (np.int64(codes[first]) ^ np.int64(codes[last - 1])) >> drop
     if differing == 0:
@@ -107,7 +107,7 @@ def _cut_top(codes, drop, largest, children, ranges):
             ranges[s, 0], ranges[s, 1] = first, last
             s += 1
             continue
-        middle = _cut(codes, first, last, drop)
+        middle = _split_position(codes, first, last, drop)
         stack[height] = middle, last, t, 1
         stack[height + 1] = first, middle, t, 0
         height += 2
@@ -217,7 +217,9 @@ def _depth(children, forest, heights):
     return heights[0] if len(children) else forest.heights[0]
 
 
-def _emit(flat: NDArray[np.float32], source: SortedTriangles, max_leaf: int, threads: int) -> tuple[Bvh, int]:
+def _build_from_codes(
+    flat: NDArray[np.float32], source: SortedTriangles, max_leaf: int, threads: int
+) -> tuple[Bvh, int]:
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
     children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
@@ -256,10 +258,10 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
         return tiny(flat)
     max_leaf = min(max_leaf, n - 1)  # the root is never a leaf
     codes, ids = by_codes(flat, bits, threads)
-    bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
+    bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
         safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a position has bits
-        bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
+        bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
     return bvh
 
 

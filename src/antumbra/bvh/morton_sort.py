@@ -95,7 +95,7 @@ def _count(ticket, keys, shift, counts):
 
 
 @kernel
-def _begin(counts, n):
+def _prefix_sums(counts, n):
     """Turn the counts into the first position of each digit in each part. False if all keys have the same digit."""
     at = 0
     for d in range(_DIGITS):
@@ -143,7 +143,7 @@ def radix_sort(
     other = np.empty_like(keys), np.empty_like(values)
     for shift in range(0, bits, DIGIT_BITS):
         run(_count, threads, new_ticket(n, part), keys, shift, counts)
-        if _begin(counts, n):
+        if _prefix_sums(counts, n):
             run(_scatter, threads, new_ticket(n, part), keys, values, shift, counts, *other)
             (keys, values), other = other, (keys, values)
     return keys, values

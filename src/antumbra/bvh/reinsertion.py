@@ -166,7 +166,7 @@ def _search(tree, item, root, gain, best, stack, gains):
 
 
 @kernel
-def _find(tree, item, stack, gains):
+def _best_place(tree, item, stack, gains):
     """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018, Alg. 1]."""
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
@@ -193,7 +193,7 @@ def _find_places(ticket, loose, gains, places, visits):
     for item in items(ticket):
         best = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
         if item > 0 and get(tree.parents, item) > 0:
-            best = _find(tree, item, stack, scratch)
+            best = _best_place(tree, item, stack, scratch)
         gains[item], places[item], visits[item] = best
 
 
@@ -262,7 +262,7 @@ def _make_moves(loose, items, places):
 
 
 @kernel
-def _write(loose, bvh):
+def _write_nodes(loose, bvh):
     """Write the nodes of a loose tree, depth first."""
     tree, nodes, links = _pointers_of(loose), ptr(bvh.nodes), ptr(bvh.links)
     stack, n = stack_array(np.int64, _STACK_SIZE, 2), 0
@@ -325,7 +325,7 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
             break
     nodes = aligned_empty((m, 16), "f4")
     changed = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
-    _write(loose, changed)
+    _write_nodes(loose, changed)
     pieces = cut_tree(changed)
     better = relayout(changed, pieces, cheapest_leaves(changed, pieces, _largest_leaf(bvh.links), threads), threads)
     return better if sah_cost(better, threads=threads) < sah_cost(bvh, threads=threads) else bvh

@@ -46,7 +46,7 @@ class SortedSource(NamedTuple):
 
 
 @inlined
-def _order(source, axis):
+def _sorted_records(source, axis):
     """The records sorted on an axis."""
     return source.records if axis == 0 else source.y if axis == 1 else source.z
 
@@ -108,7 +108,7 @@ def _find_split(source, first, last, centroids, depth, scale):
             if must_halve(last - first, depth) or width(centroids) == 0:
                 return best
             for axis in range(3):
-                best = _sweep(_order(source, axis), first, last, axis, scale, source.scratch, best)
+                best = _sweep(_sorted_records(source, axis), first, last, axis, scale, source.scratch, best)
             return best
 
         return find
@@ -122,11 +122,11 @@ def _divide(source, first, last, centroids, split):
             axis, middle = max(split.axis, np.int64(0)), split.place
             if split.axis < 0:
                 middle = (first + last) >> 1
-            records = _order(source, axis)
+            records = _sorted_records(source, axis)
             centroid, index = _centroid(records, middle, axis), get(as_i32(records), middle * 8 + 3)
             for other in range(3):
                 if other != axis:
-                    _divide_order(_order(source, other), first, last, axis, centroid, index, source.scratch)
+                    _divide_order(_sorted_records(source, other), first, last, axis, centroid, index, source.scratch)
             return middle
 
         return cut
@@ -135,7 +135,7 @@ def _divide(source, first, last, centroids, split):
 # --- The builder ------------------------------------------------------------------------------------------------------
 
 
-def _in_order(records: NDArray[np.float32], axis: int, threads: int) -> NDArray[np.float32]:
+def _sort_by_centroid(records: NDArray[np.float32], axis: int, threads: int) -> NDArray[np.float32]:
     """The records sorted by centroid on an axis, with ties broken by index."""
     bits = (records[:, axis] - records[:, axis + 4] + np.float32(0.0)).view(np.int32)  # turns -0 into +0
     keys = bits ^ ((bits >> 31) | np.int32(-(2**31)))  # unsigned keys in the order of the floats
@@ -202,7 +202,7 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     box, centroids = make_records(flat, records, threads)
     if n < 2:
         return tiny(flat)
-    method = SortedRecords(*(_in_order(records, axis, threads) for axis in range(3)))
+    method = SortedRecords(*(_sort_by_centroid(records, axis, threads) for axis in range(3)))
     settings = Settings(np.int64(max_leaf), power_of_two_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), _split_by_sweep(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, SWEEP_WORDS * largest_subtree(n), top, settings, threads)

@@ -197,7 +197,7 @@ def _move_blocks(ticket, source, target, level):
         _move_block(source, target, level, block)
 
 
-def _cut(ranges: NDArray[np.int64], boxes: NDArray[np.float32]) -> Level:
+def _cut_into_blocks(ranges: NDArray[np.int64], boxes: NDArray[np.float32]) -> Level:
     """The `Level` of ranges, (k, 2) first and last record, cut into blocks."""
     counts = -(-(ranges[:, 1] - ranges[:, 0]) // BLOCK)
     start = np.cumsum(counts) - counts
@@ -236,7 +236,7 @@ def split_blocks(
 ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Bin the ranges of a level, set their splits by `choose`, and move their records; return as `split_level` does."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
-    level = _cut(ranges, boxes)
+    level = _cut_into_blocks(ranges, boxes)
     run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
     choose(level)
     run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)

@@ -23,7 +23,7 @@ def _late(module: str, name: str) -> Callable[..., Any]:
     return lambda *arguments: getattr(import_module(f"{__name__}.{module}"), name)(*arguments)
 
 
-jit.above = jit.Above(
+jit.hooks = jit.ToolchainHooks(
     _late("toolchain.kernel_cache", "find"),
     _late("toolchain.compiling", "type_of_function"),
     _late("toolchain.compiling", "type_of_global"),

@@ -48,7 +48,7 @@ _F = TypeVar("_F", bound=Callable[..., Any])
 _lock = threading.RLock()
 
 
-class Above(NamedTuple):
+class ToolchainHooks(NamedTuple):
     """Functions of the toolchain, which imports this module. Set by `antumbra.kernels`."""
 
     find: Callable[
@@ -62,7 +62,7 @@ def _unset(*arguments: Any) -> Any:
     raise RuntimeError("import antumbra.kernels first")
 
 
-above = Above(_unset, _unset, _unset)  # replaced when `antumbra.kernels` is imported
+hooks = ToolchainHooks(_unset, _unset, _unset)  # replaced when `antumbra.kernels` is imported
 
 
 class inlined:
@@ -83,7 +83,7 @@ class inlined:
     @property
     def _numba_type_(self) -> Any:
         """The type of this object as a global, read by Numba."""
-        return above.type_of_function(self)
+        return hooks.type_of_function(self)
 
     def __call__(self, *arguments: Any) -> Any:
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
@@ -147,7 +147,7 @@ class kernel(inlined):
             text = text_of(key)
             code = self._codes.get(text)
             if code is None:
-                code = self._codes[text] = above.find(self, text)
+                code = self._codes[text] = hooks.find(self, text)
             self._functions[key] = code
         return code
 
@@ -226,7 +226,7 @@ class Intrinsic:
 
     @property
     def _numba_type_(self) -> Any:
-        return above.type_of_global(getattr(importlib.import_module(self.module), self.name))
+        return hooks.type_of_global(getattr(importlib.import_module(self.module), self.name))
 
     @property
     def __doc__(self) -> Any:  # type: ignore[override]

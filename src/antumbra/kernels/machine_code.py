@@ -116,7 +116,7 @@ _STORE_COMPRESSED = "antumbra.store_compressed."  # (pointer, mask, lanes of int
 _PRODUCT_ERROR = "antumbra.product_error"  # (a, b, a b rounded), float64
 
 
-def _fronts() -> str:
+def _compress_orders() -> str:
     """For each mask of eight lanes, the set lanes in order, as the eight bytes of an int64."""
     orders = [[lane for lane in range(8) if mask >> lane & 1] for mask in range(256)]
     return ", ".join(f"i64 {sum(lane << 8 * place for place, lane in enumerate(order))}" for order in orders)
@@ -140,7 +140,7 @@ _BY_PERMUTING = f"""
 declare <8 x i32> @llvm.x86.avx2.permd(<8 x i32>, <8 x i32>)
 declare i8 @llvm.ctpop.i8(i8)
 
-@antumbra.fronts = internal unnamed_addr constant [256 x i64] [{_fronts()}], align 64
+@antumbra.fronts = internal unnamed_addr constant [256 x i64] [{_compress_orders()}], align 64
 
 define linkonce_odr void @{_STORE_COMPRESSED}v8i32(ptr %to, <8 x i1> %mask, <8 x i32> %lanes) alwaysinline {{
   %bits = bitcast <8 x i1> %mask to i8
@@ -236,7 +236,7 @@ def source_of(level: str) -> str:
     return _SOURCES.get(level, _BASE)
 
 
-def is_missing(name: str) -> bool:
+def is_level_operation(name: str) -> bool:
     """Whether a function that a module declares is defined in `source_of`."""
     return name.startswith((_STORE_COMPRESSED, _PRODUCT_ERROR))
 
@@ -272,7 +272,7 @@ def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
     or reordered.
     """
     machine = _target_machine(level)
-    if any(function.is_declaration and is_missing(function.name) for function in module.functions):
+    if any(function.is_declaration and is_level_operation(function.name) for function in module.functions):
         module.link_in(llvm.parse_assembly(source_of(level)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for cheap in True, False:

@@ -261,7 +261,7 @@ def _in_plane(o, d, r, corners, at):
 
 
 @inlined
-def surely_apart(ray, corners, i):
+def trivially_misses(ray, corners, i):
     """Whether a ray misses triangle i for one of the two simple reasons that are the most common in scenes.
 
     A corner is an end of the ray: the line meets the triangle's plane there, outside the open interval, or lies in it.
@@ -278,7 +278,7 @@ def surely_apart(ray, corners, i):
 
 
 @kernel
-def _add_rest(work, ray, corners, i, t, t_low):
+def _set_t_difference(work, ray, corners, i, t, t_low):
     """Set the sum to T - (t + t_low) D, and return its length. Its sign, times that of D, shows which t is smaller."""
     n = _EMPTY
     for step in range(3):
@@ -291,7 +291,7 @@ def _add_rest(work, ray, corners, i, t, t_low):
 @kernel
 def exact_meets(ray, corners, i):
     """Sign of d . n if the ray meets triangle i inside its open interval, else 0."""
-    if surely_apart(ray, corners, i):
+    if trivially_misses(ray, corners, i):
         return 0
     side = exact_line_side(ray, corners, i)
     if side == 0:
@@ -302,7 +302,7 @@ def exact_meets(ray, corners, i):
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for end in range(2):
         t, sign = (ray.tmin, 1) if end == 0 else (ray.tmax, -1)
-        if sign * sign_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) * side <= 0:
+        if sign * sign_of(work.sum_, _set_t_difference(work, ray, corners, i, t, 0.0)) * side <= 0:
             return 0
     return side
 
@@ -315,7 +315,7 @@ def exact_t(ray, corners, i):
     t, remainder = np.float64(0.0), np.float64(0.0)
     for _ in range(2):  # the first remainder is the quotient, the second its error
         t += remainder
-        remainder = value_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) / normal
+        remainder = value_of(work.sum_, _set_t_difference(work, ray, corners, i, t, 0.0)) / normal
     if not (abs(t) > _SMALL and abs(t) < _LARGE):
         return t
     # Eq. (16) of docs/design/exactness.md
@@ -325,7 +325,7 @@ def exact_t(ray, corners, i):
     gap = (other - nearest) / 2.0
     if abs(excess) <= abs(gap) * _SURE:
         return nearest
-    beyond = sign_of(work.sum_, _add_rest(work, ray, corners, i, nearest, gap)) * normal * gap
+    beyond = sign_of(work.sum_, _set_t_difference(work, ray, corners, i, nearest, gap)) * normal * gap
     return nearest + gap if beyond == 0.0 else other if beyond > 0.0 else nearest
 
 

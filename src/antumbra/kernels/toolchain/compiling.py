@@ -21,7 +21,7 @@ from .. import machine_code as machine
 from ..jit import guest_overloads, inlined, kernel, overloads
 from ..machine_code import KernelCode, symbol_of
 from ..marshalling import END, NONE, Spec, array_parts, class_of, is_array
-from .numba_frontend import Library, Lowered, generic_part, kept_as_ir, numba_patches, part_of
+from .numba_frontend import Library, Lowered, generic_part, ir_libraries, numba_patches, part_of
 
 # --- The entry function: ``int64 f(words*, words*)`` ------------------------------------------------------------------
 
@@ -193,9 +193,9 @@ _registered: dict[object, object] = {}
 
 
 def _register_overloads(kernel: inlined, key: str) -> None:
-    from .kernel_digest import homes_of, reached
+    from .kernel_digest import homes_of, reachable_functions
 
-    for function in reached(kernel.py_func, homes_of(key)):
+    for function in reachable_functions(kernel.py_func, homes_of(key)):
         if function not in _registered and (overloads(function) or guest_overloads(function)):
             _registered[function] = part = generic_part(function)
             cpu_target.typing_context.insert_global(function, part.type)
@@ -210,7 +210,7 @@ def lower_kernel(kernel: kernel, key: str, symbol: str) -> tuple[llvm.ModuleRef,
     _register_overloads(kernel, key)
     context = cpu_target.target_context
     context.refresh()
-    with kept_as_ir(context), numba_patches():
+    with ir_libraries(context), numba_patches():
         lowered = part_of(kernel).lower(argument_types(key))
         library = entry_library(context, lowered, symbol)
     return library.linked(symbol), result_spec(lowered.signature.return_type)
@@ -222,7 +222,7 @@ def size_of(module: llvm.ModuleRef) -> KernelSize:
     return KernelSize(len(inner), sum(1 for f in inner for block in f.blocks for _ in block.instructions))
 
 
-def outside(module: llvm.ModuleRef) -> list[str]:
+def external_functions(module: llvm.ModuleRef) -> list[str]:
     """Functions that a module calls and the process must provide, such as ``sin``."""
     return sorted(f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm."))
 
@@ -241,7 +241,7 @@ def compile_kernel(kernel: kernel, key: str, digest: str, levels: Sequence[str])
     codes = []
     for level in levels:
         module = machine.optimise(lowered_once.clone(), level)
-        runtime = [name for name in outside(module) if name.startswith(_RUNTIME)]
+        runtime = [name for name in external_functions(module) if name.startswith(_RUNTIME)]
         if runtime:
             raise TypeError(
                 f"{kernel.name} needs {', '.join(runtime)}: a kernel may not allocate memory or call Python"

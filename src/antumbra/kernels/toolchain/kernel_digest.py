@@ -45,14 +45,16 @@ class _Module:
         tree = ast.parse(_source(name))
         self.statements: dict[str, list[ast.stmt]] = {}
         self.imported: dict[str, tuple[str, str]] = {}  # name here: (module, name there)
-        code = (node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom) and not _is_text(node))
+        code = (
+            node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom) and not _is_docstring(node)
+        )
         self.all = [_without_docstrings(node) for node in code]
         for node in tree.body:
             if isinstance(node, ast.ImportFrom) and node.level:
                 module = resolve_name("." * node.level + (node.module or ""), name.rpartition(".")[0])
                 self.imported |= {alias.asname or alias.name: (module, alias.name) for alias in node.names}
         for node in self.all:
-            for defined in _defined(node):
+            for defined in _defined_names(node):
                 self.statements.setdefault(defined, []).append(node)
 
 
@@ -64,7 +66,7 @@ def _source(name: str) -> str:
     return Path(spec.origin).read_text(encoding="utf-8")
 
 
-def _is_text(node: ast.stmt) -> bool:
+def _is_docstring(node: ast.stmt) -> bool:
     """Whether a statement is a docstring, of the module or of the constant above it."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
@@ -74,11 +76,11 @@ def _without_docstrings(node: ast.stmt) -> ast.stmt:
     for inner in ast.walk(node):
         body = getattr(inner, "body", None)
         if isinstance(body, list):
-            inner.body = [s for s in body if not _is_text(s)]
+            inner.body = [s for s in body if not _is_docstring(s)]
     return node
 
 
-def _defined(node: ast.stmt) -> list[str]:
+def _defined_names(node: ast.stmt) -> list[str]:
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         calls = (call for call in node.decorator_list if isinstance(call, ast.Call))
         return [node.name, *(arg.id for call in calls for arg in call.args if isinstance(arg, ast.Name))]
@@ -88,27 +90,27 @@ def _defined(node: ast.stmt) -> list[str]:
 _module = cache(_Module)
 
 
-def _collect(module: str, name: str, definitions: dict[tuple[str, str], str]) -> None:
+def _collect_definitions(module: str, name: str, definitions: dict[tuple[str, str], str]) -> None:
     """Add to `definitions` the statements that define a name, and the definitions of all names in them."""
     if (module, name) in definitions:
         return
     defining = _module(module)
     if name in defining.imported:
-        _collect(*defining.imported[name], definitions)
+        _collect_definitions(*defining.imported[name], definitions)
         return
     statements = defining.statements.get(name, [])
     definitions[module, name] = "\n".join(ast.dump(node) for node in statements)
     for node in statements:
         for inner in ast.walk(node):
             if isinstance(inner, ast.Name) and (inner.id in defining.statements or inner.id in defining.imported):
-                _collect(module, inner.id, definitions)
+                _collect_definitions(module, inner.id, definitions)
 
 
 @cache
 def definition_digest(module: str, name: str) -> str:
     """Digest of a name's definition in a module."""
     definitions: dict[tuple[str, str], str] = {}
-    _collect(module, name, definitions)
+    _collect_definitions(module, name, definitions)
     text = repr([module, name, *sorted(definitions.items())]) + "".join(map(module_digest, _IMPLIED))
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
@@ -261,7 +263,7 @@ def _part(function: types.FunctionType) -> _PartDigest:
     return cached
 
 
-def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
+def reachable_functions(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
     """All functions that a function reaches, including itself.
 
     homes : modules of the argument classes, whose guest overloads are included
@@ -279,8 +281,8 @@ def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[typ
 
 
 @cache
-def _closure(function: types.FunctionType, homes: frozenset[str]) -> bytes:
-    return b"".join(sorted(_part(f).digest for f in reached(function, homes)))
+def _closure_digest(function: types.FunctionType, homes: frozenset[str]) -> bytes:
+    return b"".join(sorted(_part(f).digest for f in reachable_functions(function, homes)))
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
@@ -289,7 +291,7 @@ def kernel_digest(kernel: inlined, key: str) -> str:
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())
     digest.update(module_digest("antumbra.kernels.marshalling").encode())
-    digest.update(_closure(kernel.py_func, homes_of(key)))
+    digest.update(_closure_digest(kernel.py_func, homes_of(key)))
     return digest.hexdigest()
 
 

@@ -36,15 +36,15 @@ from ..jit import guest_overloads, inlined, overloads
 def numba_patches() -> Iterator[None]:
     """Within the context, Numba compiles faster. Call it under Numba's compiler lock."""
     with ExitStack() as changes:
-        changes.enter_context(_without_collection())
-        for owner, name, value in _CHANGES:
+        changes.enter_context(_without_garbage_collection())
+        for owner, name, value in _PATCHES:
             with suppress(AttributeError):
-                changes.enter_context(_changed(owner, name, value))
+                changes.enter_context(_patched(owner, name, value))
         yield
 
 
 @contextmanager
-def _changed(owner: object, name: str, value: object) -> Iterator[None]:
+def _patched(owner: object, name: str, value: object) -> Iterator[None]:
     before = getattr(owner, name)
     setattr(owner, name, value)
     try:
@@ -54,7 +54,7 @@ def _changed(owner: object, name: str, value: object) -> Iterator[None]:
 
 
 @contextmanager
-def _without_collection() -> Iterator[None]:
+def _without_garbage_collection() -> Iterator[None]:
     """Turn off garbage collection, which takes 1/7 of the time because Numba creates many long-lived objects."""
     enabled = gc.isenabled()
     gc.disable()
@@ -65,18 +65,18 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-_remembered: dict[object, tuple[object, Any]] = {}
+_call_types: dict[object, tuple[object, Any]] = {}
 _resolve = functions.BaseFunction.get_call_type
 
 
-def _remembered_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+def _cached_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """The result type of a builtin function, resolved once per list of argument types."""
     if kws:
         return _resolve(self, context, args, kws)
     cache_key = (id(self), len(self.templates), tuple(args))
-    known = _remembered.get(cache_key)
+    known = _call_types.get(cache_key)
     if known is None:
-        known = _remembered[cache_key] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
+        known = _call_types[cache_key] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
     return known[1]
 
 
@@ -106,9 +106,9 @@ def _list_vars(self: Any) -> list[ir.Var]:
     return _variables(vars(self).values(), [])
 
 
-_CHANGES = (
+_PATCHES = (
     (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
-    (functions.BaseFunction, "get_call_type", _remembered_call_type),
+    (functions.BaseFunction, "get_call_type", _cached_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),
 )
@@ -216,7 +216,7 @@ def _executable(library: Any, fndesc: Any, environment: Any) -> Any:
 
 
 @contextmanager
-def kept_as_ir(context: Any) -> Iterator[None]:
+def ir_libraries(context: Any) -> Iterator[None]:
     """Within the context, all code that Numba compiles, including Numba's own functions, becomes a `Library`.
 
     Call it under Numba's compiler lock, since it changes Numba's behaviour.
@@ -310,7 +310,7 @@ class CompiledPart:
         return [lowered.signature for lowered in self.lowered.values()]
 
     def lower(self, args: tuple[Any, ...]) -> Lowered:
-        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `kept_as_ir`."""
+        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `ir_libraries`."""
         lowered = self.lowered.get(args)
         if lowered is None:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
