@@ -47,7 +47,7 @@ def checked_file(path: Path, where: str) -> Path:
     if not path.exists():
         raise InputError(f"{where}: no such file; check the path")
     if not path.is_file():
-        raise InputError(f"{where}: not an ordinary file; name a scene file")
+        raise InputError(f"{where}: not a regular file; name a scene file")
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
@@ -209,7 +209,7 @@ def read_own(path: Path) -> bytes:
     with open(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            raise Untrusted(f"{path} is not an ordinary file")
+            raise Untrusted(f"{path} is not a regular file")
         checked_own(path, status)
         return file.read()
 
@@ -416,7 +416,7 @@ def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTE
         kind = f"unknown suffix {path.suffix!r}" if path.suffix else "the name has no suffix"
         raise InputError(f"{path}: {kind}; use {kinds}")
     if mode is not None and not stat.S_ISREG(mode):
-        raise InputError(f"{path}: is not an ordinary file; choose another name")
+        raise InputError(f"{path}: is not a regular file; choose another name")
     _check_access(path, exists=mode is not None)
     check_disk_space(path, size)
     return path
