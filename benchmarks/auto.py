@@ -29,8 +29,8 @@ import antumbra as at
 from antumbra.engine.plan import DEFAULT_PLAN, parse_plan
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.benchmark_views import named_view, square
-from antumbra.rendering.render_jobs import warm_up, warm_up_indirect
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.render_kernels import precompile_indirect, precompile_plan
+from antumbra.picture.renderer import Renderer
 from common import machine
 
 CASES = Path(__file__).with_name("auto_cases.json")
@@ -175,8 +175,8 @@ def main() -> None:
     options = parser.parse_args()
     cases = [case for case in load_cases(options.cases) if options.only in str(case)]
     for plan in dict.fromkeys(plan for case in cases for plan in plans_of(case)):
-        warm_up(parse_plan(plan), "raster")
-    warm_up_indirect("raster")
+        precompile_plan(parse_plan(plan), "raster")
+    precompile_indirect("raster")
     rows = []
     for case in cases:
         try:

@@ -27,7 +27,7 @@ import numpy as np
 from antumbra.cli import render_command as render
 from antumbra.cli.shards import begin
 from antumbra.cluster import Cluster, connected
-from antumbra.jobs.engines import Asked, numbered
+from antumbra.jobs.executors import UnitCollector, numbered
 from common import arguments, machine
 
 SIMULATED = 8, 64, 512  # nodes
@@ -50,7 +50,7 @@ def measured(words: list[str], nodes: int, folder: Path) -> dict:
     try:
         with connected(cluster.address):
             home, given = asked_of(words)
-            own = Asked(folder / f"{nodes}.shards")
+            own = UnitCollector(folder / f"{nodes}.shards")
             begin(home, given, {}, 1, own)
             engine = Cluster(own.folder, cluster.address, partial(begin, home, given), {}, given.plan)
             start = monotonic()

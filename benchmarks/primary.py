@@ -22,9 +22,9 @@ from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import Plan
 from antumbra.papers.peers.peer_measurements import embree_contenders
 from antumbra.papers.peers.ray_contest import OURS, Contender, contest, primary_rays, rows
+from antumbra.picture.render_kernels import precompile_plan
 from antumbra.query.gbuffer import from_hits
 from antumbra.query.rasteriser import RASTER_COUNTERS, new_raster_counters, rasterise
-from antumbra.rendering.render_jobs import warm_up
 from antumbra.trace.primary.primary_rays import trace_primary
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes
@@ -75,7 +75,7 @@ def measure(view, options) -> list[dict]:
 def main() -> None:
     options = options_of(argparse.ArgumentParser(description=__doc__.splitlines()[0]))
     for gbuffer in ("rays", "raster"):
-        warm_up(Plan(build=BUILDER), gbuffer, False)
+        precompile_plan(Plan(build=BUILDER), gbuffer, False)
     compare(options, measure)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.times import parse_days, zone_of
+from antumbra.jobs.sun.sun_positions import parse_days, zone_of
 from antumbra.query.receivers import Receivers
 from common import installed, machine
 

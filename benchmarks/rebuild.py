@@ -31,10 +31,10 @@ from antumbra.files import atomic_output
 from antumbra.papers.benchmark_views import BenchmarkView, scene_view
 from antumbra.papers.peers import embree
 from antumbra.papers.ray_hierarchy.ray_hierarchy_measurements import default_names, named_view, times_of, with_point
+from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import GBuffer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import ShadowQuery, shadow_queries
-from antumbra.rendering.renderer import Renderer
 from antumbra.scene.triangles import Triangles
 from common import arguments, machine
 from peers.embree_frames import Hits, Shadow, light_points, shadows

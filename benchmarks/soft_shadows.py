@@ -32,7 +32,7 @@ from antumbra.engine.plan import Plan, parse_plan
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers.peer_measurements import embree_contenders, our_contender
 from antumbra.papers.peers.ray_contest import ORDERS, contest, query_of, rows, shadow_rays
-from antumbra.rendering.render_jobs import warm_up
+from antumbra.picture.render_kernels import precompile_plan
 from antumbra.techniques.culling.pre_bvh_culling import soup_of
 from comparison import HEAD, compare, line, options_of, progress, start
 from peer_contenders import embree_scenes, other_peers
@@ -103,7 +103,7 @@ def main() -> None:
     options = options_of(parser)
     options.plans = [parse_plan(plan) for plan in options.plans]
     for plan in options.plans:
-        warm_up(plan, "raster", False)
+        precompile_plan(plan, "raster", False)
     compare(options, measure)
 
 

@@ -21,8 +21,8 @@ from pathlib import Path
 import numpy as np
 
 import antumbra as at
-from antumbra.jobs.sun.hours import answer, ask
-from antumbra.jobs.sun.times import parse_days, zone_of
+from antumbra.jobs.sun.sun_positions import parse_days, zone_of
+from antumbra.jobs.sun.sun_visibility import sum_suns, sun_query
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
 from antumbra.papers.peers.embree import occluded_of, trace, write
@@ -81,13 +81,13 @@ def main() -> None:
     sensors = grid(scene, given.sensors)
     suns = at.suns_of(PLACE, at.times_of(parse_days(DAYS), zone_of(PLACE), 60), scene.up)
     every = max(1, len(sensors) // given.slice)
-    asked = ask(scene, sensors, suns, np.empty((len(suns.hours), 0), np.int64), 1, threads=threads)
-    answer(asked._replace(sensors=sensors.part(0, 64)))  # compiles, and builds the tree
+    asked = sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0), np.int64), 1, threads=threads)
+    sum_suns(asked._replace(sensors=sensors.part(0, 64)))  # compiles, and builds the tree
     seconds: dict[str, list[float]] = {}
     own = peer = None
     for _ in range(given.rounds):
         start = time.perf_counter()
-        own = answer(asked).hours
+        own = sum_suns(asked).hours
         seconds.setdefault("sun_hours", []).append((time.perf_counter() - start) / (len(sensors) * len(suns.hours)))
         if has_embree():
             peer, *spent = embree_hours(scene, sensors, suns, every, threads)

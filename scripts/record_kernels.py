@@ -15,14 +15,14 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from antumbra.jobs.warm import jobs
+from antumbra.jobs.job_kernels import all_jobs
 from antumbra.kernels.toolchain.kernel_manifest import MANIFEST, recorded_kernels
 from antumbra.papers.published_methods import NEEDS as PAPERS
 
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.warm import jobs
+from antumbra.jobs.job_kernels import jobs
 
 jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
@@ -75,14 +75,14 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
-    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
+    kernels = sorted({kernel for name in all_jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     said = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in all_jobs},
     }
     file.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
+    print(f"{len(kernels)} kernels of {len(all_jobs)} jobs in {file}")
 
 
 def kept(only: str) -> tuple[dict, dict]:
@@ -102,7 +102,7 @@ def main() -> int:
     parser.add_argument("--only", metavar="TEXT", default="")
     options = parser.parse_args()
     known = {(each.kernel, each.key) for each in recorded_kernels().kernels}
-    own, names = [job.name for job in jobs()], [job.name for job in jobs(papers=True)]
+    own, names = [job.name for job in all_jobs()], [job.name for job in all_jobs(papers=True)]
     known |= {(each.kernel, each.key) for each in recorded_kernels().kernels}  # by now, kernels of the papers are added
     calls, sizes = kept(options.only) if options.only else ({}, {})
     wanted = [i for i, name in enumerate(names) if name not in calls]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.times import Times
+from antumbra.jobs.sun.sun_positions import Times
 
 CORNERS = np.array([[[0, 0, 0], [4, 0, 0], [0, 0, -4]], [[0, 1, 0], [1, 1, 0], [0, 1, -1]]], np.float32)
 """A floor, and a smaller triangle above it."""
@@ -243,7 +243,7 @@ def known(tmp_path_factory) -> Iterator[dict[str, Example]]:
         warnings.simplefilter("ignore", UserWarning)
         folder = tmp_path_factory.mktemp("faces")
         patch.chdir(folder)
-        patch.setattr("antumbra.viewer.show.prepare", begin)
+        patch.setattr("antumbra.viewer.viewer_page.prepare", begin)
         yield examples(folder)
 
 

@@ -8,7 +8,7 @@ import pytest
 import antumbra as at
 from antumbra.cli.scene_export import SUFFIXES, write_scene
 from antumbra.generate.procedural_scenes import generate
-from antumbra.jobs.formats import WRITERS
+from antumbra.jobs.result_table import WRITERS
 from antumbra.picture.image_files import save_png, write_film
 from small_disk import small_disk
 

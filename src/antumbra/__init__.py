@@ -24,27 +24,25 @@ if typing.TYPE_CHECKING:
     from .engine.store_building import build_store
     from .errors import InputError
     from .formats.cityjson.attribute_writer import write_attributes
-    from .jobs.areas import area_sensors
     from .jobs.bake import Baked, bake
-    from .jobs.dataset.make import Dataset, dataset
-    from .jobs.raster import Raster
-    from .jobs.readsensors import sensors_of
+    from .jobs.dataset.dataset_job import Dataset, dataset
+    from .jobs.ground_areas import area_sensors
+    from .jobs.line_of_sight.sightlines import Sightlines, line_of_sight
+    from .jobs.line_of_sight.viewshed import Viewshed, viewshed
+    from .jobs.line_of_sight.visibility_matrix import VisibilityMatrix, visibility_matrix
+    from .jobs.raster_grid import Raster
+    from .jobs.result_table import Column, Table
+    from .jobs.sensor_files import sensors_of
     from .jobs.sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
-    from .jobs.sight.matrix import VisibilityMatrix, visibility_matrix
-    from .jobs.sight.pairs import Sightlines, line_of_sight
-    from .jobs.sight.viewshed import Viewshed, viewshed
-    from .jobs.sun.place import Place, place_of
-    from .jobs.sun.positions import Suns, suns_of
-    from .jobs.sun.sky import sky_view
-    from .jobs.sun.study import sun_hours
-    from .jobs.sun.times import times_of
-    from .jobs.table import Column, Table
+    from .jobs.sun.location import Place, place_of
+    from .jobs.sun.sun_hours import sky_view, sun_hours
+    from .jobs.sun.sun_positions import Suns, suns_of, times_of
+    from .picture.frame import Frame
+    from .picture.render_options import RenderOptions
+    from .picture.renderer import Renderer, render
+    from .picture.virtual_point_lights import virtual_point_lights
     from .query.gbuffer import GBuffer
     from .query.receivers import Receivers
-    from .rendering.frame import Frame
-    from .rendering.options import RenderOptions
-    from .rendering.renderer import Renderer, render
-    from .rendering.virtual_lights import virtual_point_lights
     from .scene.camera import Camera
     from .scene.light_lists import DirectionalLights, PointLights
     from .scene.lights import AmbientOcclusion, DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -54,7 +52,7 @@ if typing.TYPE_CHECKING:
     from .scene.triangles import Hit, Triangles
     from .store.store_build import BuildReport
     from .techniques.srdh.representative_rays import SrdhRays
-    from .viewer.show import Viewer, view
+    from .viewer.viewer_page import Viewer, view
 
 __version__ = _VERSION
 
@@ -135,13 +133,13 @@ _HOME = {
     "BuildReport": "store.store_build",
     "Camera": "scene.camera",
     "CityModel": "scene.scene_data",
-    "Column": "jobs.table",
-    "Dataset": "jobs.dataset.make",
+    "Column": "jobs.result_table",
+    "Dataset": "jobs.dataset.dataset_job",
     "DirectionalLight": "scene.lights",
     "DirectionalLights": "scene.light_lists",
     "DiskLight": "scene.lights",
     "Engine": "engine.engine",
-    "Frame": "rendering.frame",
+    "Frame": "picture.frame",
     "GBuffer": "query.gbuffer",
     "Hit": "scene.triangles",
     "InputError": "errors",
@@ -149,52 +147,52 @@ _HOME = {
     "MeshInfo": "scene.mesh",
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
-    "Place": "jobs.sun.place",
+    "Place": "jobs.sun.location",
     "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",
-    "Raster": "jobs.raster",
+    "Raster": "jobs.raster_grid",
     "Receivers": "query.receivers",
-    "RenderOptions": "rendering.options",
-    "Renderer": "rendering.renderer",
+    "RenderOptions": "picture.render_options",
+    "Renderer": "picture.renderer",
     "Scene": "engine.scene",
     "Sensors": "jobs.sensors",
-    "Sightlines": "jobs.sight.pairs",
+    "Sightlines": "jobs.line_of_sight.sightlines",
     "Sky": "scene.sky",
     "SphereLight": "scene.lights",
     "SrdhRays": "techniques.srdh.representative_rays",
-    "Suns": "jobs.sun.positions",
-    "Table": "jobs.table",
+    "Suns": "jobs.sun.sun_positions",
+    "Table": "jobs.result_table",
     "Triangles": "scene.triangles",
-    "Viewer": "viewer.show",
-    "Viewshed": "jobs.sight.viewshed",
+    "Viewer": "viewer.viewer_page",
+    "Viewshed": "jobs.line_of_sight.viewshed",
     "Visibility": "engine.engine",
-    "VisibilityMatrix": "jobs.sight.matrix",
-    "area_sensors": "jobs.areas",
+    "VisibilityMatrix": "jobs.line_of_sight.visibility_matrix",
+    "area_sensors": "jobs.ground_areas",
     "bake": "jobs.bake",
     "build_store": "engine.store_building",
-    "dataset": "jobs.dataset.make",
+    "dataset": "jobs.dataset.dataset_job",
     "face_sensors": "jobs.sensors",
     "grid_sensors": "jobs.sensors",
-    "line_of_sight": "jobs.sight.pairs",
+    "line_of_sight": "jobs.line_of_sight.sightlines",
     "load": "engine.scene_loading",
-    "place_of": "jobs.sun.place",
+    "place_of": "jobs.sun.location",
     "point_sensors": "jobs.sensors",
     "procedural": "engine.scene",
     "raster_sensors": "jobs.sensors",
-    "render": "rendering.renderer",
-    "sensors_of": "jobs.readsensors",
-    "sky_view": "jobs.sun.sky",
-    "sun_hours": "jobs.sun.study",
-    "suns_of": "jobs.sun.positions",
-    "times_of": "jobs.sun.times",
+    "render": "picture.renderer",
+    "sensors_of": "jobs.sensor_files",
+    "sky_view": "jobs.sun.sun_hours",
+    "sun_hours": "jobs.sun.sun_hours",
+    "suns_of": "jobs.sun.sun_positions",
+    "times_of": "jobs.sun.sun_positions",
     "vertex_sensors": "jobs.sensors",
-    "view": "viewer.show",
-    "viewshed": "jobs.sight.viewshed",
-    "virtual_point_lights": "rendering.virtual_lights",
+    "view": "viewer.viewer_page",
+    "viewshed": "jobs.line_of_sight.viewshed",
+    "virtual_point_lights": "picture.virtual_point_lights",
     "visibility": "engine.point_visibility",
-    "visibility_matrix": "jobs.sight.matrix",
+    "visibility_matrix": "jobs.line_of_sight.visibility_matrix",
     "write_attributes": "formats.cityjson.attribute_writer",
 }
 _MODULES = ("cluster",)  # public names that are modules

@@ -10,7 +10,7 @@ from antumbra.engine.auto.cost_model import GOOD, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 from antumbra.trace.counters import as_dict, new_counters
 from asking import answer, query_of, true_occlusion, unpack
 

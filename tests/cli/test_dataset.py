@@ -82,11 +82,11 @@ def test_bad_arguments_are_one_line_and_make_no_folder(cli, tmp_path, arguments,
 
 
 def test_an_interruption_says_how_to_go_on(cli, monkeypatch):
-    from antumbra.jobs.dataset.files import Folder
+    from antumbra.jobs.dataset.dataset_files import DatasetFolder
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Folder, "write", interrupted)
+    monkeypatch.setattr(DatasetFolder, "write", interrupted)
     stopped = cli("dataset", SCENE, "-o", "set", *SMALL)
     assert stopped.code == 130 and "goes on from there" in stopped.err

@@ -12,7 +12,7 @@ from antumbra.cli import render_command as frames
 from antumbra.cli.arguments import FrameSequence, parse_frames
 from antumbra.cli.console import ProgressDisplay
 from antumbra.picture.image_files import note_of
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 from gltf_files import Gltf
 
 FLOOR = [[-2, 0, -2], [2, 0, -2], [2, 0, 2], [-2, 0, 2]]

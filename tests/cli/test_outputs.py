@@ -15,7 +15,7 @@ from antumbra.cli import bench_command as bench
 from antumbra.cli import options as outputs
 from antumbra.cli.app import app
 from antumbra.extras import plugins_of
-from antumbra.jobs import formats
+from antumbra.jobs import result_table as formats
 from small_disk import fill, small_disk
 
 READ = {"areas", "epw", "observers", "targets", "merge", "folders", "store", "sponza"}

@@ -5,9 +5,9 @@ import pytest
 from antumbra.engine import precompilation as ready
 from antumbra.engine.method_registry import KINDS, own_methods
 from antumbra.engine.plan import DEFAULT_PLAN, all_plans, covering_plans, parse_plan
-from antumbra.jobs.warm import jobs
+from antumbra.jobs.job_kernels import all_jobs
 
-COMMON = len(jobs([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
+COMMON = len(all_jobs([]))  # jobs of all plans; wide lights of `cones`, and the bounce of `srdh`, add one each
 
 
 @pytest.mark.parametrize("papers", [False, True])
@@ -37,7 +37,7 @@ def done(monkeypatch):
     names: list[str] = []
 
     def precompile_all(jobs):
-        names.extend(job.name for job in jobs)
+        names.extend(job.name for job in all_jobs)
         return 3
 
     monkeypatch.setattr(ready, "precompile_all", precompile_all)

@@ -38,10 +38,10 @@ JOBS = {
 @pytest.fixture
 def small_parts(monkeypatch):
     """Parts so small that the jobs of these tests have several."""
-    from antumbra.jobs import bands
-    from antumbra.jobs.bake import measure
-    from antumbra.jobs.sight import matrix
-    from antumbra.jobs.sun import hours
+    from antumbra.jobs import work_parts as bands
+    from antumbra.jobs.bake import surface_meter as measure
+    from antumbra.jobs.line_of_sight import visibility_matrix as matrix
+    from antumbra.jobs.sun import sun_visibility as hours
 
     monkeypatch.setattr(hours, "_PART", 100)
     monkeypatch.setattr(measure, "_PART", 60)

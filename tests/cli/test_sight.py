@@ -10,7 +10,7 @@ import scipy.sparse
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs.sight.bitrows import unpacked
+from antumbra.jobs.bit_matrices import unpack_bits
 from command_line import TRIANGLES
 from scenes import scene_path
 
@@ -93,7 +93,7 @@ def test_a_viewshed_in_files(cli, wall, tmp_path):
     with np.load("a.npz") as read:
         seen = read["seen"]
         assert json.loads(str(read["about"]))["about"]["eye_height"] == 1
-    assert np.array_equal(unpacked(np.load("b.npy"), 2).sum(1), seen) and set(seen.tolist()) == {0, 1, 2}
+    assert np.array_equal(unpack_bits(np.load("b.npy"), 2).sum(1), seen) and set(seen.tolist()) == {0, 1, 2}
     assert np.asarray(Image.open("a.png")).shape[0] > 500
     near = cli(*asked, "--eye-height", "1", "--max-distance", "2", "--azimuth", "270:90", "--json").json()
     assert 0 < near["seen"] < told["seen"] / 2
@@ -120,7 +120,7 @@ def test_a_matrix_in_files(cli):
     told = cli("matrix", SCENE, "-o", "a.npy", "--sparse", "a.npz", "--counts", "a.csv", "--json").json()
     bits, pairs = np.load("a.npy"), scipy.sparse.load_npz("a.npz")
     assert told["rows"] == told["columns"] == len(bits) and told["visible"] == pairs.nnz > 0
-    assert np.array_equal(unpacked(bits, told["columns"]), pairs.toarray())
+    assert np.array_equal(unpack_bits(bits, told["columns"]), pairs.toarray())
     assert (pairs != pairs.T).nnz == 0
     seen = [int(row["seen"]) for row in csv.DictReader(Path("a.csv").read_text().splitlines())]
     assert np.array_equal(seen, np.bitwise_count(bits).sum(1))

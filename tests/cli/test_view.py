@@ -32,7 +32,7 @@ class Opened:
 @pytest.fixture
 def interrupted(monkeypatch):
     """Ctrl-C comes as soon as the page is open; the list has the viewers."""
-    from antumbra.viewer.show import Viewer
+    from antumbra.viewer.viewer_page import Viewer
 
     seen = []
 
@@ -57,7 +57,7 @@ def test_the_page_is_opened_and_ctrl_c_ends_it(cli, interrupted, monkeypatch):
 def test_options_reach_the_page(cli, interrupted, monkeypatch):
     opened = Opened(monkeypatch)
     made = []
-    from antumbra.viewer import show
+    from antumbra.viewer import viewer_page as show
 
     monkeypatch.setattr(show, "prepare", lambda model: made.append(model))
     position = "--latitude", "52", "--longitude", "4.4", "--timezone", "+01:00"

@@ -12,8 +12,16 @@ from antumbra.cli.app import Grouped, app
 from antumbra.cli.compare_command import CompareArguments
 from antumbra.cli.options import arguments_of, derived_options, literal, takes
 from antumbra.cli.picture_spec import RenderArguments
-from antumbra.rendering.keywords import Option, Whole, Words, deciding, option_of, values, with_keywords
-from antumbra.rendering.options import EngineOptions, RenderKeywords, RenderOptions
+from antumbra.picture.option_fields import (
+    CommandOption,
+    Option,
+    WholeNumber,
+    deciding_fields,
+    field_values,
+    option_of,
+    with_keywords,
+)
+from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions
 
 COMMANDS: Any = typer.main.get_command(app)
 NAMES = {field.name for field in fields(RenderKeywords)}
@@ -59,7 +67,7 @@ def test_the_digest_of_a_picture_has_every_option_that_decides(square_obj):
 
     asked = RenderArguments(str(square_obj), cull_faces="back", adaptive=True, ground="off").options()
     settings = asked.settings(load(square_obj), "digest", 0.0)
-    chosen = deciding(RenderOptions(filter=True, adaptive=64, cull_faces="back"))
+    chosen = deciding_fields(RenderOptions(filter=True, adaptive=64, cull_faces="back"))
     assert {name: settings[name] for name in chosen} == json.loads(json.dumps(chosen))
 
 
@@ -72,11 +80,11 @@ def test_words_become_values():
     assert literal(given, EngineOptions) == {"threads": 2, "gbuffer": "auto"}
     asked = given.options()
     assert asked.picture == RenderOptions(spp=8, sampler="sobol", filter=False, textures=False, bounce=3)
-    assert values(asked.engine) == values(EngineOptions(threads=2))
+    assert field_values(asked.engine) == field_values(EngineOptions(threads=2))
     assert CompareArguments("x.obj", ["a", "b"]).options().engine == EngineOptions(gbuffer="raster")
 
 
-GLOW = Option(Whole(0, 9), "int", "How much it glows, 0 to 9.", (Words("How much it glows.", "Light"),))
+GLOW = Option(WholeNumber(0, 9), "int", "How much it glows, 0 to 9.", (CommandOption("How much it glows.", "Light"),))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,5 +125,5 @@ def test_a_new_option_needs_no_other_edit():
     assert "Light:\n" in shown and "How much it glows." in shown and "--glow" in shown
     assert "0<=x<=9" in shown and "How much it glows, 0 to 9." in render.__doc__
     assert CliRunner().invoke(program, ["s", "--glow", "3"]).exit_code == 0
-    assert made[0].glow == values(made[0])["glow"] == deciding(made[0])["glow"] == 3
+    assert made[0].glow == field_values(made[0])["glow"] == deciding_fields(made[0])["glow"] == 3
     assert option_of(fields(MoreOptions)[-1]) is GLOW

@@ -15,8 +15,10 @@ from antumbra.cli import shards as sharing
 from antumbra.cli.app import app
 from antumbra.cli.sight_commands import MatrixArguments
 from antumbra.cli.sun_command import SunArguments
-from antumbra.cluster import calls, inputs, node
-from antumbra.cluster.named import INPUTS, files_in, with_files
+from antumbra.cluster import node_files as inputs
+from antumbra.cluster import ray_executor as calls
+from antumbra.cluster import ray_workers as node
+from antumbra.cluster.node_files import INPUTS, files_in, with_files
 
 
 def put_raster(folder, name="dem.tif"):
@@ -104,7 +106,7 @@ def test_files_of_calls_are_fetched(tmp_path, monkeypatch, told):
     given = {"days": "2026-03-21", "place": at.Place(52.0, 4.36), "plan": "bsah+chcrt"}
     args = ("raster:dem.tif+1.6",)
     named = calls._named(at.sun_hours, Path("city.antumbra"), args, given)
-    prepare = partial(calls._prepare, ("antumbra.jobs.sun.study", "sun_hours"), args, given)
+    prepare = partial(calls._prepare, ("antumbra.jobs.sun.sun_hours", "sun_hours"), args, given)
     found, fetched = told(prepare, files_in(named))
     assert set(fetched) == {"city.antumbra", "dem.tif"} and found[0][0] >= 1
     with pytest.raises(at.InputError, match="sun_hours: got an unexpected keyword argument 'dayz'"):

@@ -197,7 +197,7 @@ def test_nothing_is_left_running(nodes, same):
 
 
 def test_a_scene_that_nodes_lack_is_fetched_once(cli, tmp_path, monkeypatch, nodes):
-    from antumbra.cluster import inputs
+    from antumbra.cluster import node_files as inputs
 
     scene = at.procedural("city", triangles=3000)
     at.build_store(scene, tmp_path / "city.antumbra")
@@ -260,7 +260,7 @@ def test_a_part_that_cannot_be_done_is_an_error_here(cli, tmp_path, nodes):
 
 
 def test_the_doctor_names_the_nodes(nodes):
-    from antumbra.cluster.survey import survey
+    from antumbra.cluster.ray_workers import survey
 
     found = survey(ray)
     assert sorted(node["cores"] for node in found) == [0, 1, 1]

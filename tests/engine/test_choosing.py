@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.engine import calibration
 from antumbra.engine.auto import cost_model as rates
 from antumbra.engine.auto.cost_model import BEST, GOOD, QUICK
 from antumbra.engine.auto.strategies import STRATEGIES
 from antumbra.engine.plan import parse_plan
-from antumbra.rendering import calibration
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 
 LAMP = at.QuadLight((-1, 7, -1), (2, 0, 0), (0, 0, 2))
 

@@ -12,9 +12,9 @@ import pytest
 import antumbra as at
 from antumbra.engine.paged_source import Bands
 from antumbra.engine.store_building import build_store
-from antumbra.rendering.explanation import explain
-from antumbra.rendering.moments import Moment
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.frame_request import TimeSample
+from antumbra.picture.renderer import Renderer
+from antumbra.picture.traversal_steps import explain
 from antumbra.store.chunk_residency import POLICIES, Residency
 
 SIZE = 72, 60
@@ -196,7 +196,7 @@ def test_virtual_point_lights(city):
 
 def test_an_explanation_is_of_the_stores_own_tree(city):
     scene, path = city
-    moments = [Moment(0.0, _cameras(scene)[1], [LIGHT, at.AmbientOcclusion(3.0)])]
+    moments = [TimeSample(0.0, _cameras(scene)[1], [LIGHT, at.AmbientOcclusion(3.0)])]
     one, other = (explain(s, moments, ["bsah+chcrt"], spp=4, threads=2) for s in (at.load(path), scene))
     for name in ("rays", "blocked"):
         assert getattr(one, name) == getattr(other, name) > 0
@@ -327,7 +327,7 @@ _RENDER = """
 import json, sys
 import antumbra as at
 from antumbra.store.system_resources import peak_resident
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 path, memory = sys.argv[1], int(sys.argv[2])
 scene = at.load(path)
 renderer = Renderer(scene, None, 2, max_memory=memory)

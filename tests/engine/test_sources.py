@@ -10,7 +10,7 @@ import antumbra as at
 from antumbra.engine.frame_tracer import RenderSource
 from antumbra.engine.in_memory_source import InMemory
 from antumbra.engine.paged_source import Paged
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 from stores import built
 
 
@@ -49,7 +49,7 @@ def test_a_tracer_that_remembers_takes_trees_that_are_made_for_shown_rays(both, 
 
 
 def test_who_has_all_in_memory_does_not_wait_for_stores():
-    code = "import sys, antumbra.rendering.renderer; print(*(m for m in sys.modules if m.startswith('antumbra.store')))"
+    code = "import sys, antumbra.picture.renderer; print(*(m for m in sys.modules if m.startswith('antumbra.store')))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert set(done.stdout.split()) <= {
         "antumbra.store",

@@ -8,10 +8,10 @@ import oracle
 from antumbra.engine import engine
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan, with_sample
+from antumbra.picture import renderer
+from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments
-from antumbra.rendering import renderer
-from antumbra.rendering.renderer import Renderer
 from antumbra.techniques.culling.pre_bvh_culling import solid_count
 from antumbra.techniques.srdh.representative_rays import fewer_samples
 from asking import query_of

@@ -8,8 +8,7 @@ import pytest
 import trimesh
 
 import antumbra as at
-from antumbra.jobs.sight.lines import sight_table
-from antumbra.jobs.sight.readpairs import PairList
+from antumbra.jobs.line_of_sight.sightlines import PairList, sight_table
 from city_files import CUBE, CUBE_FACES, building, city, polygons, put, solid
 from gltf_files import Gltf
 

@@ -8,7 +8,7 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.jobs.areas import read_areas
+from antumbra.jobs.ground_areas import read_areas
 from city_files import CUBE, CUBE_FACES, building, city, put, solid
 
 FACES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])

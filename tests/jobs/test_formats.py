@@ -9,8 +9,7 @@ import pytest
 import rasterio
 
 import antumbra as at
-from antumbra.jobs.formats import writer_of
-from antumbra.jobs.table import Column
+from antumbra.jobs.result_table import Column, writer_of
 from result_tables import table
 
 

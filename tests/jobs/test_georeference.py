@@ -14,8 +14,7 @@ from rasterio.transform import from_origin
 
 import antumbra as at
 from antumbra.cli.app import app
-from antumbra.jobs.sight.lines import sight_model, sight_table
-from antumbra.jobs.sight.readpairs import PairList
+from antumbra.jobs.line_of_sight.sightlines import PairList, sight_model, sight_table
 from city_files import CUBE, building, city, put, solid
 
 CRS = "EPSG:7415"

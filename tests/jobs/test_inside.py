@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.inside import below_roofs, covered_by_solids, inside
+from antumbra.jobs.ground_areas import below_roofs, covered_by_solids, inside_solids
 from city_files import CUBE, CUBE_FACES
 
 FACES = np.array([corners for a, b, c, d in CUBE_FACES for corners in ([a, b, c], [a, c, d])])
@@ -22,7 +22,7 @@ def scene_of(triangles, up="z"):
     return at.Scene.from_arrays(turned, up=up)
 
 
-def found(triangles, points, up="z", by=inside):
+def found(triangles, points, up="z", by=inside_solids):
     points = np.asarray(points, float)
     return by(scene_of(triangles, up), points if up == "z" else points[:, [0, 2, 1]] * [1, 1, -1])
 
@@ -93,4 +93,4 @@ def test_roofs_of_buildings_without_floor_and_ground(up):
 def test_stores_are_refused(tmp_path):
     at.build_store(scene_of(boxes([[0, 0, 0]], [[4, 4, 4]])), tmp_path / "a.antumbra")
     with pytest.raises(at.InputError, match="ask a scene in memory"):
-        inside(at.load(tmp_path / "a.antumbra"), np.zeros((1, 3)))
+        inside_solids(at.load(tmp_path / "a.antumbra"), np.zeros((1, 3)))

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.model import LINES, Part, glb
-from antumbra.jobs.table import Column, Table
+from antumbra.jobs.false_colours import LINES, ColouredMesh, coloured_glb
+from antumbra.jobs.result_table import Column, Table
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.materials import srgb_to_linear
 from result_tables import table
@@ -79,7 +79,7 @@ def test_models_are_turned_exactly_and_points_are_level_squares(tmp_path, up):
 
 def test_lines():
     ends = np.array([[0, 0, 0], [1, 2, 3], [4, 5, 6], [7, 8, 9]], np.float32)
-    part = Part("lines", ends, np.ones((4, 3)), np.array([[0, 1], [2, 3]], np.uint32), LINES)
-    root, arrays = contents(glb([part], "y", {}))
+    part = ColouredMesh("lines", ends, np.ones((4, 3)), np.array([[0, 1], [2, 3]], np.uint32), LINES)
+    root, arrays = contents(coloured_glb([part], "y", {}))
     use = root["meshes"][0]["primitives"][0]
     assert use["mode"] == 1 and arrays[use["indices"]].ravel().tolist() == [0, 1, 2, 3]

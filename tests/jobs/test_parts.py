@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.engines import Whole
-from antumbra.jobs.parts import Parts, digest
+from antumbra.jobs.executors import LocalExecutor
+from antumbra.jobs.work_parts import Parts, settings_digest
 from mutations import mutated
 
 
@@ -32,7 +32,7 @@ def parts(folder, work, name="a"):
 
 
 def finished(made):
-    Whole().finish([made])
+    LocalExecutor().finish([made])
     return made.joined(NAMES)
 
 
@@ -108,12 +108,12 @@ def test_clear_removes_only_its_own(tmp_path):
 def test_digests_tell_settings_apart():
     a = np.arange(6.0)
     names = [
-        digest(a),
-        digest(a.reshape(2, 3)),
-        digest(a.astype(np.float32)),
-        digest(a, "x"),
-        digest(a, None),
-        digest(),
+        settings_digest(a),
+        settings_digest(a.reshape(2, 3)),
+        settings_digest(a.astype(np.float32)),
+        settings_digest(a, "x"),
+        settings_digest(a, None),
+        settings_digest(),
     ]
     assert len(set(names)) == len(names)
-    assert digest(a, {"b": 1, "a": 2}) == digest(a.copy(), {"a": 2, "b": 1})
+    assert settings_digest(a, {"b": 1, "a": 2}) == settings_digest(a.copy(), {"a": 2, "b": 1})

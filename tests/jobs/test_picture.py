@@ -5,10 +5,9 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs import picture as picture_module
-from antumbra.jobs.picture import shown_scale, shown_values
-from antumbra.jobs.table import Column
-from antumbra.jobs.view import projected
+from antumbra.jobs import false_colours as picture_module
+from antumbra.jobs.false_colours import project_points, shown_scale, shown_values
+from antumbra.jobs.result_table import Column
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.camera import fitted_camera
 from result_tables import hill, table
@@ -82,14 +81,14 @@ def test_the_camera_shows_all_and_fills_the_picture(up, stretch):
     corners = hill(up).triangles().vertices * np.array(stretch, np.float32)
     scene = at.Scene.from_arrays(corners + np.array([1e5, 2e5, 0]), up=up)
     points = scene.triangles().vertices.reshape(-1, 3) + scene.origin
-    places = projected(fitted_camera(points, scene.up, 400, 300), points)
+    places = project_points(fitted_camera(points, scene.up, 400, 300), points)
     assert (places > 0).all() and (places < (400, 300)).all()
     assert (np.ptp(places, axis=0) / (400, 300)).max() > 0.9
 
 
 def test_points_behind_the_camera_have_no_place():
     camera = at.Camera((0, 0, 0), (0, 0, -1), (0, 1, 0), 90.0, 100, 100)
-    places = projected(camera, np.array([[0, 0, -2.0], [1, 1, -2.0], [0, 0, 1.0]]))
+    places = project_points(camera, np.array([[0, 0, -2.0], [1, 1, -2.0], [0, 0, 1.0]]))
     assert np.allclose(places[:2], [[50, 50], [75, 25]]) and np.isnan(places[2]).all()
 
 

@@ -10,8 +10,8 @@ import pytest
 
 import antumbra as at
 from antumbra.formats import array_files as arrayfile
-from antumbra.jobs import readsensors
-from antumbra.jobs.readsensors import check_sensors, kind_of, read_points, sensors_of
+from antumbra.jobs import sensor_files as readsensors
+from antumbra.jobs.sensor_files import check_sensors, kind_of, read_points, sensors_of
 from mutations import mutated
 
 POINTS = np.array([[1.0, 2.0, 3.0], [4.5, -5.0, 6e3]])

@@ -9,7 +9,7 @@ import pytest
 
 import antumbra as at
 import antumbra.files
-from antumbra.jobs.rowfile import RowFile, row_file_size
+from antumbra.jobs.bit_matrices import RowFile, row_file_size
 from small_disk import small_disk
 
 RNG = np.random.default_rng(0)

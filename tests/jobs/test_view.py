@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.view import projected
+from antumbra.jobs.false_colours import project_points
 
 CAMERAS = [
     at.Camera((3, 4, 5), (0, 1, 0), width=60, height=40),
@@ -20,6 +20,6 @@ def test_points_on_a_pixels_ray_lie_in_it(camera):
         origins, directions = camera.view(np.zeros(3)).through(*places.T)
     else:
         origins, directions = camera.position, camera.rays(np.zeros(3)).directions(*places.T)
-    np.testing.assert_allclose(projected(camera, origins + 7.0 * directions), places, atol=1e-3)
-    behind = projected(camera, camera.position - (camera.target - camera.position)[None])
+    np.testing.assert_allclose(project_points(camera, origins + 7.0 * directions), places, atol=1e-3)
+    behind = project_points(camera, camera.position - (camera.target - camera.position)[None])
     assert np.isnan(behind).all() or camera.projection == "panoramic"

@@ -7,16 +7,16 @@ import sys
 import pytest
 
 from antumbra.engine.plan import Plan, covering_plans, parse_plan
-from antumbra.jobs import warm
+from antumbra.jobs import job_kernels as warm
 from antumbra.kernels.marshalling import import_object
 from antumbra.kernels.toolchain import kernel_manifest as needs
-from antumbra.rendering.render_jobs import rendering_job
+from antumbra.picture.render_kernels import rendering_job
 
-NAMES = [job.name for job in warm.jobs(papers=True)]
+NAMES = [job.name for job in warm.all_jobs(papers=True)]
 CALLED = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.warm import jobs
+from antumbra.jobs.job_kernels import jobs
 
 told = {}
 for job in jobs(papers=True):
@@ -38,7 +38,7 @@ def test_recorded_kernels_exist():
     assert len(kernels) > 100 and not [each for each in kernels if not callable(import_object(each.kernel))]
 
 
-OWN = [job.name for job in warm.jobs()]
+OWN = [job.name for job in warm.all_jobs()]
 PARTS = [OWN[i::3] for i in range(3)]
 PARTS += [pytest.param([name for name in NAMES if name not in OWN], marks=pytest.mark.papers)]
 

@@ -164,7 +164,7 @@ print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("an
 
 @pytest.mark.parametrize("spoil", [open_to_all, give_away, lambda folder: folder.rmdir() or folder.write_bytes(b"")])
 def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoil):
-    from antumbra.cluster import inputs
+    from antumbra.cluster import node_files as inputs
 
     monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
     private.private_folder.cache_clear()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from antumbra.picture.frame import Frame
 from antumbra.query.gbuffer import GBuffer
-from antumbra.rendering.frame import Frame
 
 H, W = 6, 8
 

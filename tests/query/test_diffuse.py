@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import SAMPLERS, domain_sets, light_samples
 from antumbra.query.ray_passes import diffuse_passes, diffuse_rays
 from antumbra.query.shadow_query import segments, shadow_queries
-from antumbra.rendering.renderer import Renderer
 from antumbra.trace.rays.ray_hits import nearest_hits, surfaces_met
 
 QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
+from antumbra.picture.renderer import Renderer
 from antumbra.query.gbuffer import seen_by
 from antumbra.query.light_samples import light_samples
 from antumbra.query.pixel_refinement import (
@@ -15,7 +16,6 @@ from antumbra.query.pixel_refinement import (
     penumbra,
     subpixel_gbuffer,
 )
-from antumbra.rendering.renderer import Renderer
 
 W, H = 64, 48
 

@@ -7,13 +7,13 @@ import antumbra as at
 from antumbra.engine.accelerator import Accelerator
 from antumbra.engine.plan import parse_plan
 from antumbra.engine.store_building import build_store
-from antumbra.rendering import comparison
-from antumbra.rendering.comparison import Difference, compare, difference, over_pixels
-from antumbra.rendering.frame import PHASES
-from antumbra.rendering.moments import Moment
-from antumbra.rendering.options import EngineOptions
-from antumbra.rendering.renderer import Renderer
-from antumbra.rendering.windows import WINDOW
+from antumbra.picture import plan_comparison as comparison
+from antumbra.picture.frame import PHASES
+from antumbra.picture.frame_request import TimeSample
+from antumbra.picture.plan_comparison import Difference, compare, difference, windows_to_pixels
+from antumbra.picture.render_options import EngineOptions
+from antumbra.picture.renderer import Renderer
+from antumbra.picture.traversal_steps import WINDOW
 
 PLANS = "bsah+single", "grid32+lbvh+multifrusta", "srdh+wide", "cones"
 SPP = 4
@@ -27,7 +27,7 @@ def scene():
 
 @pytest.fixture(scope="module")
 def moment(scene):
-    return Moment(0.0, scene.cameras[0].resized(40, 24), [scene.lights[0], at.PointLight((0.0, 5.0, 1.0))])
+    return TimeSample(0.0, scene.cameras[0].resized(40, 24), [scene.lights[0], at.PointLight((0.0, 5.0, 1.0))])
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_tests_of_windows_are_those_of_the_frame(found):
 def test_windows_over_their_pixels():
     windows, asks = np.array([[1.0, 2.0], [np.nan, 4.0]]), np.ones((20, 18), bool)
     asks[0, 0] = asks[16:, :16] = False
-    over = over_pixels(windows, asks)
+    over = windows_to_pixels(windows, asks)
     assert over[0, 0] == 0 and over[0, 15] == over[15, 0] == 1 and over[15, 17] == 2 and over[19, 17] == 4
     assert (over[16:, :16] == 0).all()
 
@@ -155,7 +155,7 @@ def test_rays_for_srdh(scene, moment):
 def test_a_store(tmp_path):
     scene, path = at.procedural("city", triangles=5_000), tmp_path / "city.antumbra"
     build_store([scene], path, chunk=512)
-    moment = Moment(0.0, scene.cameras[0].resized(48, 32), [scene.lights[0]])
+    moment = TimeSample(0.0, scene.cameras[0].resized(48, 32), [scene.lights[0]])
     found = compare(at.load(path), moment, ["bsah+chcrt", "bsah+chcrt:20"], PLAIN, EngineOptions(threads=2), rounds=1)
     frame = at.render(scene, moment.camera, moment.lights, spp=SPP)
     np.testing.assert_array_equal(found.frame.bits, frame.bits)
@@ -167,7 +167,7 @@ def test_a_store(tmp_path):
 
 def test_nothing_seen(scene):
     away = at.Camera((900, 900, 900), (999, 999, 999), width=20, height=10)
-    found = compare(scene, Moment(0.0, away, [scene.lights[0]]), PLANS, rounds=1)
+    found = compare(scene, TimeSample(0.0, away, [scene.lights[0]]), PLANS, rounds=1)
     assert not found.asks.any() and found.wrong == []
     for one in found.plans:
         assert (one.rays, one.rays_per_second, one.tests_per_ray) == (0, None, None)
@@ -175,7 +175,7 @@ def test_nothing_seen(scene):
 
 
 def test_what_is_wrong_is_said_before_anything_is_drawn(scene, moment, monkeypatch):
-    monkeypatch.setattr(comparison._Work, "draw", None)
+    monkeypatch.setattr(comparison._ComparedFrame, "draw", None)
     for plans, words in (
         ([], "two plans or more"),
         (PLANS[:1], "two plans or more"),

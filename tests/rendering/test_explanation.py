@@ -7,10 +7,9 @@ import antumbra as at
 from antumbra.engine.accelerator import Accelerator
 from antumbra.engine.method_registry import TRACERS
 from antumbra.engine.plan import parse_plan
+from antumbra.picture.frame_request import TimeSample
+from antumbra.picture.traversal_steps import WINDOW, explain, trace_windows
 from antumbra.query.shadow_query import segments, with_receivers
-from antumbra.rendering.explanation import explain
-from antumbra.rendering.moments import Moment
-from antumbra.rendering.windows import WINDOW, trace_windows
 from antumbra.trace.counters import BOX_TESTS, COUNTERS, TRIANGLE_TESTS, new_counters
 from antumbra.trace.rays.ray_traversal import BUILT, Ordered
 from antumbra.trace.rays.single_rays import count_steps
@@ -29,7 +28,7 @@ def scene():
 @pytest.fixture(scope="module")
 def moment(scene):
     camera = scene.cameras[0].resized(40, 24)
-    return Moment(0.0, camera, [scene.lights[0], at.PointLight((0.0, 5.0, 1.0))])
+    return TimeSample(0.0, camera, [scene.lights[0], at.PointLight((0.0, 5.0, 1.0))])
 
 
 @pytest.fixture(scope="module")

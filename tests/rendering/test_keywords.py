@@ -7,20 +7,20 @@ from typing import Annotated
 import pytest
 
 from antumbra.errors import InputError
-from antumbra.rendering.keywords import (
+from antumbra.picture.option_fields import (
     Option,
-    Real,
-    Whole,
-    checked,
-    deciding,
-    described,
+    RealNumber,
+    WholeNumber,
+    check_fields,
+    deciding_fields,
+    describe_fields,
+    field_values,
     optional_flag,
-    values,
     with_keywords,
 )
 
 
-@described
+@describe_fields
 @dataclass(frozen=True, kw_only=True)
 class Baking:
     """How a cake is baked.
@@ -33,11 +33,13 @@ class Baking:
     Warm.
     """
 
-    degrees: Annotated[float, Option(Real(0.0, 300.0, unit="Celsius"), "float", "Of the oven.")] = 180.0
-    eggs: Annotated["int | None", Option(Whole(0, 12, optional=True), "int or None", "How many.", decides=False)] = None
+    degrees: Annotated[float, Option(RealNumber(0.0, 300.0, unit="Celsius"), "float", "Of the oven.")] = 180.0
+    eggs: Annotated[
+        "int | None", Option(WholeNumber(0, 12, optional=True), "int or None", "How many.", decides=False)
+    ] = None
 
     def __post_init__(self):
-        checked(self)
+        check_fields(self)
 
 
 @with_keywords(Baking)
@@ -61,14 +63,14 @@ def test_signature_and_docstring_have_the_fields():
         f"(cake: str, *, oven: str = 'gas', degrees: float = 180.0, eggs: 'int | None' = None) -> {__name__}.Baking"
     )
     assert (bake.__name__, bake.__module__) == ("bake", __name__)
-    described = "degrees : float\n    Of the oven.\neggs : int or None\n    How many.\n\n"
-    assert f"    Its name.\n{described}Returns\n" in bake.__doc__
-    assert f"Parameters\n----------\n{described}Notes\n" in Baking.__doc__
+    describe_fields = "degrees : float\n    Of the oven.\neggs : int or None\n    How many.\n\n"
+    assert f"    Its name.\n{describe_fields}Returns\n" in bake.__doc__
+    assert f"Parameters\n----------\n{describe_fields}Notes\n" in Baking.__doc__
 
 
 def test_values():
     made = bake("pie", oven="wood", degrees=200, eggs=3)
-    assert values(made) == {"degrees": 200.0, "eggs": 3} and deciding(made) == {"degrees": 200.0}
+    assert field_values(made) == {"degrees": 200.0, "eggs": 3} and deciding_fields(made) == {"degrees": 200.0}
     with pytest.raises(TypeError, match=r"^bake\(\) got an unexpected keyword argument 'degree'$"):
         bake("pie", degree=1, eggs=2)
     with pytest.raises(InputError, match=r"^degrees \(Celsius\) is 400; it must lie between 0 and 300$"):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering.keywords import deciding, option_of, split, values
-from antumbra.rendering.options import EngineOptions, RenderKeywords, RenderOptions, options_of
+from antumbra.picture.option_fields import deciding_fields, field_values, option_of, split_keywords
+from antumbra.picture.render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
 from repository import ROOT
 
 SOURCE = ROOT / "src" / "antumbra"
@@ -112,17 +112,17 @@ def test_wrong_keywords_are_errors_of_the_function(view):
 
 
 def test_digests_have_all_that_decides():
-    usual = deciding(RenderOptions())
+    usual = deciding_fields(RenderOptions())
     left_out = {name for name in NAMES if name not in usual}
     assert left_out == {"counters", "layers"}  # they add to a frame, and change none of its pixels
     for name in NAMES:
         changed = replace(RenderOptions(), **{name: OTHERS[name]})
-        assert (deciding(changed) == usual) == (name in left_out)
-        assert values(changed) != values(RenderOptions())
+        assert (deciding_fields(changed) == usual) == (name in left_out)
+        assert field_values(changed) != field_values(RenderOptions())
 
 
 def test_keywords_are_split():
-    assert split({"spp": 1, "plan": "auto"}, EngineOptions) == ({"plan": "auto"}, {"spp": 1})
+    assert split_keywords({"spp": 1, "plan": "auto"}, EngineOptions) == ({"plan": "auto"}, {"spp": 1})
     assert options_of(None, {"spp": 1}) == RenderOptions(spp=1) == options_of(RenderOptions(spp=2), {"spp": 1})
 
 
@@ -151,4 +151,4 @@ def test_no_other_file_spells_out_the_options():
     texts = {path.relative_to(SOURCE).as_posix(): path.read_text() for path in SOURCE.rglob("*.py")}
     some = {path: text for path, text in texts.items() if sum(name in text for name in NAMES) >= 5}  # parsing is slow
     places = {path for path, text in some.items() if spelled(text)}
-    assert places == {"rendering/options.py"}
+    assert places == {"picture/render_options.py"}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.measure import Asked, Meter, SurfacePoints
-from antumbra.jobs.bake.options import own_lights
+from antumbra.jobs.bake.bake_input import own_lights
+from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
 from antumbra.picture.irradiance import Facing
 from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
@@ -58,7 +58,7 @@ def points_of(frame):
 
 def baked(soup, what, light, points, spp, normal=(0.0, 1.0, 0.0)):
     scene = at.Scene.from_arrays(soup)
-    asked = Asked(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+    asked = MeterSettings(what, [light], spp, "larcher-pillichshammer", "bsah+single", 0.0, 1)
     return Meter(scene, asked, len(points)).values(SurfacePoints(points, np.broadcast_to(normal, points.shape)))[:, 0]
 
 

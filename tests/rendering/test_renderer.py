@@ -6,7 +6,7 @@ import pytest
 import antumbra as at
 from antumbra.bvh.block_tree import BlockTree
 from antumbra.generate.procedural_scenes import PROCEDURAL
-from antumbra.rendering.frame import PHASES
+from antumbra.picture.frame import PHASES
 from antumbra.trace.counters import COUNTERS
 from antumbra.trace.rays.ray_traversal import BUILT, Ordered
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.rendering.renderer import Renderer
-from antumbra.rendering.rows import kept_rows, names_of
+from antumbra.picture.renderer import Renderer
+from antumbra.picture.row_bands import band_array_names, joined_bits
 
 SCENE = at.procedural("atrium", triangles=2000)
 H, W = 50, 44
@@ -20,8 +20,8 @@ def whole_and_bands(scene, plan, band=12, **asked):
     rows = renderer.rows(request)
     firsts = range(0, H, band)
     bands = {first: rows.band(first, min(first + band, H)) for first in reversed(firsts)}
-    found = {name: np.concatenate([bands[first][name] for first in firsts]) for name in names_of(request)}
-    return whole, renderer.from_rows(request, kept_rows(found))
+    found = {name: np.concatenate([bands[first][name] for first in firsts]) for name in band_array_names(request)}
+    return whole, renderer.from_rows(request, joined_bits(found))
 
 
 def same(a, b) -> bool:
@@ -49,7 +49,9 @@ def test_bounced_light_and_layers():
     request = renderer.request(camera, lights, at.RenderOptions(spp=4, **asked))
     rows = renderer.rows(request)
     bands = [rows.band(first, min(first + 20, H)) for first in range(0, H, 20)]
-    made = renderer.from_rows(request, kept_rows({n: np.concatenate([b[n] for b in bands]) for n in names_of(request)}))
+    made = renderer.from_rows(
+        request, joined_bits({n: np.concatenate([b[n] for b in bands]) for n in band_array_names(request)})
+    )
     for name in "image", "indirect", "visibility", "coverage":
         assert same(getattr(made, name), getattr(whole, name)), name
     assert same(tuple(made.layers), tuple(whole.layers)) and whole.indirect.any()

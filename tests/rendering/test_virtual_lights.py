@@ -5,8 +5,8 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.irradiance import irradiance
+from antumbra.picture.virtual_point_lights import _emitted, _sobol
 from antumbra.query.gbuffer import GBuffer
-from antumbra.rendering.virtual_lights import _emitted, _sobol
 
 LIGHTS = {
     "point": at.PointLight((0, 0, 0), intensity=3.0),

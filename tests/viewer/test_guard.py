@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 import antumbra as at
-from antumbra.viewer.guard import LOG, Guard, guarding, is_loopback, name_of, one_line
+from antumbra.viewer.request_guard import LOG, Guard, guarding, is_loopback, name_of, one_line
 from pages import CAMERA, SUN, box_on_floor
 
 viser = pytest.importorskip("viser", reason="no viser: the guard of the viewer is NOT tested")
@@ -20,8 +20,8 @@ msgpack = pytest.importorskip("msgspec.msgpack")  # with which viser packs its m
 
 from websockets.sync.client import connect  # noqa: E402
 
-from antumbra.viewer.model import Model  # noqa: E402
-from antumbra.viewer.page import Page, checked_port  # noqa: E402
+from antumbra.viewer.viewer_model import Model  # noqa: E402
+from antumbra.viewer.viewer_page import Page, checked_port  # noqa: E402
 
 VERSION = f"viser-v{viser.__version__}"
 

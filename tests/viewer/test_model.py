@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.viewer.model import Model
+from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
 LAMP = at.PointLight((0, 5, 0)).named("lamp")

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.viewer.page import checked_port
+from antumbra.viewer.viewer_page import checked_port
 from pages import CAMERA, SUN, box_on_floor, headless
 
 WAIT = 60.0  # seconds, at most

@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.viewer.model import SEEN, STEPS, Model
-from antumbra.viewer.pictures import MOST_PIXELS, STEPS_OF_PICTURES, Step, at_quality, shrunk, steps_of, traced
+from antumbra.viewer.progressive_pictures import (
+    MOST_PIXELS,
+    STEPS_OF_PICTURES,
+    Step,
+    at_quality,
+    scaled_camera,
+    steps_of,
+    trace_picture,
+)
+from antumbra.viewer.viewer_model import BOX_TESTS, LIGHT_SHARE, Model
 from pages import CAMERA, SUN, box_on_floor
 
 FINE, SIZE = Step(1, 4), (80, 80)
@@ -28,72 +36,77 @@ def brightness(picture, row, column):
 def test_the_picture_is_the_one_that_render_makes(model, camera):
     from antumbra.picture.image_files import to_srgb8
 
-    picture = traced(model, camera, FINE)
+    picture = trace_picture(model, camera, FINE)
     frame = at.render(model.scene, camera, SUN, spp=4, filter=True)
     assert (picture.image == to_srgb8(frame.image, model.exposure)).all() and picture.rays == frame.rays
 
 
 def test_shadows_follow_the_sun(model, camera):
     north, south = (28, 40), (52, 40)  # rows count from the top of the picture, which is north
-    picture = traced(model, camera, FINE)
+    picture = trace_picture(model, camera, FINE)
     assert brightness(picture, *south) > 2 * brightness(picture, *north)
     model.aim_sun(0.0, 45.0)
-    picture = traced(model, camera, FINE)
+    picture = trace_picture(model, camera, FINE)
     assert brightness(picture, *north) > 2 * brightness(picture, *south)
 
 
 def test_pictures_become_finer(model, camera):
-    sizes = [traced(model, camera, step).image.shape[:2] for step in STEPS_OF_PICTURES]
+    sizes = [trace_picture(model, camera, step).image.shape[:2] for step in STEPS_OF_PICTURES]
     assert sizes == [(10, 10), (20, 20), (40, 40), (80, 80), (80, 80), (80, 80)]
     assert [step.spp for step in STEPS_OF_PICTURES] == sorted(step.spp for step in STEPS_OF_PICTURES)
 
 
 def test_large_pages_get_smaller_pictures():
-    small = shrunk(CAMERA.resized(8000, 4000), 1)
+    small = scaled_camera(CAMERA.resized(8000, 4000), 1)
     assert small.width * small.height == pytest.approx(
         MOST_PIXELS, rel=0.01
     ) and small.width / small.height == pytest.approx(2, rel=0.01)
-    assert (shrunk(CAMERA.resized(8000, 4000), 8).width, shrunk(CAMERA.resized(3, 3), 8).height) == (1000, 1)
+    assert (scaled_camera(CAMERA.resized(8000, 4000), 8).width, scaled_camera(CAMERA.resized(3, 3), 8).height) == (
+        1000,
+        1,
+    )
 
 
 def test_a_share_is_white_where_all_of_a_light_is_seen(model, camera):
-    model.looks = model.looks._replace(show=SEEN + "sun")
-    picture = traced(model, camera, FINE)
+    model.looks = model.looks._replace(show=LIGHT_SHARE + "sun")
+    picture = trace_picture(model, camera, FINE)
     assert picture.image[52, 40].tolist() == [255] * 3 and picture.image[28, 40].tolist() == [0] * 3
     assert "sun" in picture.note
     model.switch("sun", False)
-    assert traced(model, camera, FINE).image[52, 40].tolist() == [255] * 3  # lights that are off can be studied, too
+    assert (
+        trace_picture(model, camera, FINE).image[52, 40].tolist() == [255] * 3
+    )  # lights that are off can be studied, too
 
 
 def test_the_share_of_a_sky_is_smooth(camera):
     model = Model(box_on_floor(), [SUN, at.Sky()], CAMERA)
-    model.looks = model.looks._replace(show=SEEN + "Sky")
-    grey = traced(model, camera, FINE).image[..., 0].astype(int)
+    model.looks = model.looks._replace(show=LIGHT_SHARE + "Sky")
+    grey = trace_picture(model, camera, FINE).image[..., 0].astype(int)
     near, far = grey[31:33, 38:42], grey[12:14, 38:42]  # of the box
     assert 20 < near.max() < far.min() and np.ptp(far) < 25
 
 
 def test_work_is_shown_with_a_legend(model, camera):
-    model.looks = model.looks._replace(show=STEPS)
-    picture = traced(model, camera, steps_of(model)[1])
+    model.looks = model.looks._replace(show=BOX_TESTS)
+    picture = trace_picture(model, camera, steps_of(model)[1])
     assert picture.image.shape == (20, 20, 3) and len(np.unique(picture.image.reshape(-1, 3), axis=0)) > 2
     assert "bsah+single" in picture.note and picture.legend.shape[1] == 320
     model.looks = model.looks._replace(plan="bsah+nothing")
     with pytest.raises(at.InputError, match="nothing"):
-        traced(model, camera, FINE)
+        trace_picture(model, camera, FINE)
 
 
 def test_the_exposure_stays_until_the_user_changes_it(model, camera):
-    traced(model, camera, FINE)
+    trace_picture(model, camera, FINE)
     first = model.exposure
     model.aim_sun(180.0, 5.0)
-    traced(model, camera, FINE)
+    trace_picture(model, camera, FINE)
     assert model.exposure == first
     model.looks = model.looks._replace(stops=1.0)
     assert model.exposure == 2.0 * first
     model.expose_anew()
     assert model.exposure is None and model.looks.stops == 0.0
-    traced(model, camera, FINE)
+    trace_picture(model, camera, FINE)
     assert model.exposure > first
 
 
@@ -111,5 +124,5 @@ def test_a_picture_can_be_interrupted(model):
         raise Stop
 
     with pytest.raises(Stop):
-        traced(model, CAMERA.resized(256, 256), Step(1, 16), check)
-    assert traced(model, CAMERA.resized(*SIZE), FINE).image.max() > 0
+        trace_picture(model, CAMERA.resized(256, 256), Step(1, 16), check)
+    assert trace_picture(model, CAMERA.resized(*SIZE), FINE).image.max() > 0

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.viewer.controls import described
-from antumbra.viewer.marks import sight_lines
-from antumbra.viewer.model import Model
-from antumbra.viewer.probe import probe
+from antumbra.viewer.control_panel import describe_point
+from antumbra.viewer.gizmos import probe, sight_lines
+from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
 DOWN = np.array([0.0, -1.0, 0.0])
@@ -52,15 +51,15 @@ def test_the_other_side_of_a_surface_is_asked_if_one_looks_at_it(model):
 
 def test_beside_the_scene_there_is_nothing(model):
     assert probe(model, np.array([0.0, 9.0, 0.0]), -DOWN) is None
-    assert "Click a surface" in described(None)
+    assert "Click a surface" in describe_point(None)
 
 
 def test_the_panel_names_lights_and_blockers(model):
     found = probe(model, np.array([0.0, 9.0, -1.2]), DOWN)
-    text = described(found)
+    text = describe_point(found)
     for word in "sun", "Sky", "lamp", "0 % of 256", f"behind face {found.sights[0].blocker.index}", "box &amp; floor":
         assert word in text, word
-    assert "<td>seen</td>" in described(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
+    assert "<td>seen</td>" in describe_point(probe(model, np.array([0.0, 9.0, 4.0]), DOWN))
 
 
 def test_lines_end_at_lights_and_blockers(model):

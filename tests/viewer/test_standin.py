@@ -8,10 +8,9 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.image_files import linear_to_srgb
-from antumbra.viewer.glb import before_aces, glb_of
-from antumbra.viewer.model import Model
-from antumbra.viewer.pictures import Step, traced
-from antumbra.viewer.standin import colours_of, light_of, pieces_of
+from antumbra.viewer.progressive_pictures import Step, trace_picture
+from antumbra.viewer.proxy_mesh import before_aces, glb_of, proxy_colours, proxy_light, proxy_mesh
+from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
 
@@ -22,7 +21,7 @@ def area(corners):
 def test_large_faces_are_divided():
     scene = box_on_floor()
     triangles = scene.triangles()
-    pieces = pieces_of(triangles, 3000)
+    pieces = proxy_mesh(triangles, 3000)
     assert 700 < len(pieces.points) <= 3000
     assert area(pieces.corners) == pytest.approx(area(triangles.vertices), rel=1e-5)
     own = triangles.vertices[pieces.faces]
@@ -33,7 +32,7 @@ def test_large_faces_are_divided():
 
 def test_many_faces_become_few():
     scene = at.procedural("city", triangles=30_000)
-    pieces = pieces_of(scene.triangles(), 4000)
+    pieces = proxy_mesh(scene.triangles(), 4000)
     assert 1500 < len(pieces.points) <= 4000
     low, high = pieces.corners.reshape(-1, 3).min(0) + scene.origin, pieces.corners.reshape(-1, 3).max(0) + scene.origin
     extent = np.ptp(scene.bounds, axis=0).max()
@@ -42,22 +41,22 @@ def test_many_faces_become_few():
 
 def test_faces_without_area_are_left_out():
     flat = at.Scene.from_arrays(np.array([[[0, 0, 0], [1, 1, 1], [2, 2, 2]], [[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]]))
-    assert set(pieces_of(flat.triangles(), 50).faces.tolist()) == {1}
+    assert set(proxy_mesh(flat.triangles(), 50).faces.tolist()) == {1}
     empty = at.Scene.from_arrays(np.array([[[0, 0, 0], [1, 1, 1], [2, 2, 2.0]]]))
-    assert not len(pieces_of(empty.triangles(), 50).faces)
+    assert not len(proxy_mesh(empty.triangles(), 50).faces)
 
 
 @pytest.mark.parametrize("lights", [[SUN], [SUN, at.Sky()]], ids=["sun", "sun and sky"])
 def test_the_stand_in_looks_as_the_picture_does(lights):
     model = Model(box_on_floor(), lights, CAMERA)
     camera = CAMERA.resized(120, 120)
-    picture = traced(model, camera, Step(1, 16)).image
-    pieces = pieces_of(model.scene.triangles(), 6000)
-    colours = colours_of(light_of(model, pieces), pieces.normals, model.scene.colours[pieces.faces], model)
+    picture = trace_picture(model, camera, Step(1, 16)).image
+    pieces = proxy_mesh(model.scene.triangles(), 6000)
+    colours = proxy_colours(proxy_light(model, pieces), pieces.normals, model.scene.colours[pieces.faces], model)
     shown = np.round(255 * linear_to_srgb(colours[0])).astype(int)
-    from antumbra.jobs.view import projected
+    from antumbra.jobs.false_colours import project_points
 
-    at_pixel = np.floor(projected(camera, pieces.points)).astype(int)
+    at_pixel = np.floor(project_points(camera, pieces.points)).astype(int)
     up = pieces.normals[:, 1] > 0.5
     x, y = at_pixel[up & (np.abs(pieces.points[:, [0, 2]]) < 5.5).all(1)].T
     here = shown[up & (np.abs(pieces.points[:, [0, 2]]) < 5.5).all(1)]
@@ -68,12 +67,12 @@ def test_the_stand_in_looks_as_the_picture_does(lights):
 
 def test_light_is_that_of_each_side():
     model = Model(box_on_floor(), SUN, CAMERA)
-    pieces = pieces_of(model.scene.triangles(), 200)
-    front, back = light_of(model, pieces)
+    pieces = proxy_mesh(model.scene.triangles(), 200)
+    front, back = proxy_light(model, pieces)
     floor = (pieces.points[:, 1] == 0.0) & (pieces.points[:, 2] > 2.0)
     assert floor.any() and front[floor].min() > 1.0 and back[floor].max() == 0.0
     with pytest.raises(ZeroDivisionError):
-        light_of(model, pieces, lambda *_: 1 // 0)
+        proxy_light(model, pieces, lambda *_: 1 // 0)
 
 
 def aces(x):

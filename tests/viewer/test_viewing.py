@@ -6,11 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from antumbra.viewer import viewing as viewings
-from antumbra.viewer.model import Model
-from antumbra.viewer.pictures import STEPS_OF_PICTURES
-from antumbra.viewer.viewing import Viewing, pose_of
-from antumbra.viewer.worker import Worker
+from antumbra.viewer import progressive_pictures as viewings
+from antumbra.viewer.progressive_pictures import STEPS_OF_PICTURES, ClientView, TaskQueue, pose_of
+from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
 
@@ -42,8 +40,8 @@ def looking(x=0.0, width=64, height=48):
 def viewing(monkeypatch):
     monkeypatch.setattr(viewings, "REST", 0.02)
     monkeypatch.setattr(viewings, "_SHOWN", 0.0)
-    worker, drawn = Worker(lambda error: drawn.append(error)), []
-    made = Viewing(Model(box_on_floor(), SUN, CAMERA), worker, Browser(), drawn.append)
+    worker, drawn = TaskQueue(lambda error: drawn.append(error)), []
+    made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, Browser(), drawn.append)
     made.worker, made.drawn, made.browser = worker, drawn, made._client
     yield made
     worker.close()

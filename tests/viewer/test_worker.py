@@ -4,12 +4,12 @@ import threading
 
 import pytest
 
-from antumbra.viewer.worker import CLICK, FINE, PICTURE, Interrupted, Worker
+from antumbra.viewer.progressive_pictures import CLICK, FINE, PICTURE, Interrupted, TaskQueue
 
 
 @pytest.fixture
 def worker():
-    made = Worker()
+    made = TaskQueue()
     yield made
     made.close()
 
@@ -73,7 +73,7 @@ def test_a_click_overtakes_and_the_rest_goes_on(worker):
 
 def test_errors_are_told_and_the_thread_lives(worker):
     told, done = [], threading.Event()
-    failing = Worker(told.append)
+    failing = TaskQueue(told.append)
     error = ValueError("no")
 
     def fail(check):
@@ -94,7 +94,7 @@ def test_work_waits_until_it_is_due(worker):
 
 
 def test_closing_drops_what_waits():
-    worker, done = Worker(), []
+    worker, done = TaskQueue(), []
     worker.ask("x", PICTURE, lambda check: done.append(1), after=1000.0)
     worker.drop("y")
     assert worker.has("x")

@@ -161,15 +161,17 @@ def bake(given: BakeArguments) -> int:
     spec = arguments.parse_scene(given.scene)
     asked = [arguments.parse_light(text) for text in given.light or []]
 
-    from ..jobs.bake import baking
+    from ..jobs.bake import bake_job as baking
 
     engine = engine_for(given, given.output)
-    baking.check(given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options())
+    baking.check_options(
+        given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options()
+    )
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         lights = _lights(given, asked, scene)
-        source = baking.Given(scene, spec.path if spec.path is not None and baking.is_gltf(spec.path) else None)
+        source = baking.BakeSource(scene, spec.path if spec.path is not None and baking.is_gltf(spec.path) else None)
         start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
         with quietly():
             made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())

@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from ..errors import InputError
-from ..rendering.options import GBufferBy
+from ..picture.render_options import GBufferBy
 from . import arguments
 from . import console as report
 from . import picture_report as page
@@ -134,7 +134,7 @@ def _words(option: str, value: Any) -> list[str]:
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..picture.heat_maps import ColourBar
-    from ..rendering.comparison import Comparison, Measured
+    from ..picture.plan_comparison import Comparison, PlanMeasurement
     from .picture_spec import PictureSpec, Shot
 
 _WIDTH = 120  # width of the tables, in characters
@@ -163,16 +163,16 @@ class ComparisonPanels:
 
     def __init__(self, told: ComparisonReport):
         from ..picture.heat_maps import Panel, blank, log_scale_of
-        from ..rendering.comparison import over_pixels
+        from ..picture.plan_comparison import windows_to_pixels
 
         found = told.found
         maps = [one.windows for one in found.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
-        def drawn(one: "Measured") -> np.ndarray:
+        def drawn(one: "PlanMeasurement") -> np.ndarray:
             if one.windows is None:
                 return blank(found.asks.shape, _NO_MAP[one.plan.tracer.chooses])
-            return scale.colours(over_pixels(one.windows, found.asks), found.asks)
+            return scale.colours(windows_to_pixels(one.windows, found.asks), found.asks)
 
         self.panels: list[Panel] = [Panel(_rendered(told), (told.scene.name, f"{found.frame.rays:,} shadow rays"))]
         self.panels += [Panel(drawn(one), (str(one.plan), _label(found, one))) for one in found.plans]
@@ -193,7 +193,7 @@ def _rendered(told: ComparisonReport) -> np.ndarray:
     return screen_picture(frame, frame_exposure(frame) if exposure is None else exposure)
 
 
-def _label(found: "Comparison", one: "Measured") -> str:
+def _label(found: "Comparison", one: "PlanMeasurement") -> str:
     total, least = one.medians["total"], found.fastest.medians["total"]
     return f"{report.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests a ray"
 
@@ -217,12 +217,12 @@ def milliseconds(seconds: float) -> str:
     return f"{1000 * seconds:,.0f}" if seconds >= 0.1 else f"{1000 * seconds:.3g}" if seconds >= 1e-4 else "<0.1"
 
 
-def speed(one: "Measured") -> str:
+def speed(one: "PlanMeasurement") -> str:
     """Million shadow rays per second, as text."""
     return number(None if one.rays_per_second is None else one.rays_per_second / 1e6)
 
 
-def extent(one: "Measured") -> str:
+def extent(one: "PlanMeasurement") -> str:
     """The least and the greatest total, in milliseconds."""
     totals = [seconds["total"] for seconds in one.seconds]
     return f"{milliseconds(min(totals))}-{milliseconds(max(totals))}"
@@ -251,7 +251,7 @@ def bits(found: "Comparison") -> list[str]:
     return lines if len(found.plans) - len(differing) < 2 else [*lines, "the same by all other plans"]
 
 
-def differs(found: "Comparison", one: "Measured") -> str:
+def differs(found: "Comparison", one: "PlanMeasurement") -> str:
     """How a plan differs from the reference, as text."""
     n, pixels, first = one.difference
     assert first is not None
@@ -319,7 +319,7 @@ def answer(told: ComparisonReport) -> dict:
     }
 
 
-def _plan_answer(found: "Comparison", one: "Measured") -> dict:
+def _plan_answer(found: "Comparison", one: "PlanMeasurement") -> dict:
     rays = one.rays_per_second
     return {
         "plan": str(one.plan),
@@ -422,9 +422,9 @@ def compare(given: CompareArguments) -> int:
     """
     from ..engine.plan import with_sample
     from ..kernels.parallel import thread_count
-    from ..rendering.comparison import compare as compared
-    from ..rendering.comparison import compared_plans
-    from ..rendering.moments import Moment
+    from ..picture.frame_request import TimeSample
+    from ..picture.plan_comparison import compare as compared
+    from ..picture.plan_comparison import compared_plans
 
     asked = given.options()
     path, page = given.output, given.html
@@ -438,7 +438,7 @@ def compare(given: CompareArguments) -> int:
         load = perf_counter() - start
         limit_memory(scene, asked.engine.max_memory)
         time = scene.clamped(given.time or 0.0)
-        moment = Moment(time, asked.view(scene, time), asked.all_lights(scene, time))
+        moment = TimeSample(time, asked.view(scene, time), asked.all_lights(scene, time))
         display.say("preparing")
         options = replace(asked.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
         found = compared(scene, moment, plans, options, asked.engine, rounds=given.rounds, say=display.say)

@@ -31,8 +31,7 @@ from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.dataset.make import Dataset
-    from ..jobs.engines import Share
+    from ..jobs.dataset.dataset_job import Dataset
 
 
 @dataclass(frozen=True)
@@ -146,7 +145,7 @@ def dataset(given: DatasetArguments) -> int:
             say("frames that are finished stay; the same command goes on from there")
             raise
         if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
-            from ..jobs.dataset.sheet import contact_sheet
+            from ..jobs.dataset.dataset_files import contact_sheet
             from ..picture.image_files import save_png
 
             save_png(contact_sheet(made.folder), given.sheet)
@@ -158,7 +157,7 @@ def dataset(given: DatasetArguments) -> int:
 
 
 def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
-    from ..jobs.dataset.make import dataset as make
+    from ..jobs.dataset.dataset_job import dataset as make
 
     own = asked.ambient and not given.random_lights  # the scene's lights stay if only ambient light is added
     lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights or own else []

@@ -31,7 +31,7 @@ from .options import (
 
 
 if TYPE_CHECKING:
-    from ..rendering.explanation import Explanation, PlanSteps
+    from ..picture.traversal_steps import Explanation, PlanSteps
 
 _PLANS = "bsah+single:random", "srdh+single"
 _STORE_PLANS = ("bsah+chcrt",)
@@ -109,10 +109,10 @@ def explain(
     from ..engine.paged_scene import PagedScene
     from ..engine.plan import with_sample
     from ..files import checked_output
+    from ..picture.frame_request import TimeSample
     from ..picture.image_files import save_png
-    from ..rendering.explanation import explain as explained
-    from ..rendering.explanation import explained_plans
-    from ..rendering.moments import Moment
+    from ..picture.traversal_steps import explain as explained
+    from ..picture.traversal_steps import explained_plans
 
     path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
     plans = explained_plans(plan or [])
@@ -125,9 +125,9 @@ def explain(
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
 
-        def moment(at: float) -> Moment:
+        def moment(at: float) -> TimeSample:
             view = arguments.make_camera(asked_camera, opened, at, width_height)
-            return Moment(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
+            return TimeSample(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
 
         moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
         display.say("preparing")
@@ -284,8 +284,8 @@ def culling(
     from ..checks import spelling_hint
     from ..engine.method_registry import CULLERS, find_method
     from ..files import checked_output
+    from ..picture.culling_picture import culling_picture
     from ..picture.image_files import save_png, to_srgb8
-    from ..rendering.culling_picture import culling_picture
 
     path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
     if find_method("cull", culler) is None:

@@ -139,9 +139,9 @@ def _memory() -> dict[str, str]:
 
 
 def _nodes(address: str) -> list[dict]:
-    """What the nodes of a cluster have; see `cluster.survey`."""
-    from ..cluster.engine import connected
-    from ..cluster.survey import survey
+    """What the nodes of a cluster have; see `cluster.ray_workers`."""
+    from ..cluster.ray_executor import connected
+    from ..cluster.ray_workers import survey
 
     with connected(address) as cluster:
         return survey(cluster)
@@ -252,14 +252,14 @@ def warmup(
       antumbra warmup
       antumbra warmup --plan bsah+single
     """
+    from ..engine.calibration import calibrate
     from ..engine.plan import covering_plans, parse_plan
     from ..engine.precompilation import precompile_all
-    from ..jobs.warm import jobs
+    from ..jobs.job_kernels import all_jobs
     from ..kernels.toolchain.kernel_cache import user_cache
-    from ..rendering.calibration import calibrate
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    wanted = jobs(plans)
+    wanted = all_jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
         compiled = precompile_all(wanted)

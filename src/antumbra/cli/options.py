@@ -15,8 +15,8 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from ..errors import InputError
-from ..rendering.keywords import Whole, Words, option_of, type_of
-from ..rendering.options import RenderKeywords
+from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_of
+from ..picture.render_options import RenderKeywords
 from .arguments import parse_point
 
 # --- Options that name files or folders to write. Each is checked while the command line is read, before any work -----
@@ -26,7 +26,7 @@ from .arguments import parse_point
 
 
 TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
-"""Suffixes of tables: those of `jobs.formats.WRITERS`, which is slow to import."""
+"""Suffixes of tables: those of `jobs.result_table.WRITERS`, which is slow to import."""
 
 _GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
 
@@ -112,7 +112,7 @@ class DerivedOption(NamedTuple):
 
     name: str  # of the parameter
     field: Field  # what it sets
-    words: Words
+    words: CommandOption
 
     @property
     def start(self) -> Any:
@@ -128,7 +128,7 @@ class DerivedOption(NamedTuple):
         """What Typer is told of it."""
         flag, words, check = f"--{self.name.replace('_', '-')}", self.words, option_of(self.field).check
         switch = self.kind in (bool, bool | None)
-        low, high = check[:2] if isinstance(check, Whole) and words.kind is None else (None, None)
+        low, high = check[:2] if isinstance(check, WholeNumber) and words.kind is None else (None, None)
         return typer.Option(
             f"{flag}/--no-{flag[2:]}" if switch and start is not False else flag,
             help=words.help + (f"  [default: {words.note}]" if start is None and words.note else ""),
@@ -374,7 +374,7 @@ def points_or_file(given: list[str] | None, file: Path | None, one: str, many: s
         return point_sensors([parse_point(text, one) for text in given])
     if file is None:
         return None
-    from ..jobs.readsensors import SUFFIXES, read_points
+    from ..jobs.sensor_files import SUFFIXES, read_points
 
     if file.suffix.lower() not in SUFFIXES:
         raise InputError(f"{many} is {str(file)!r}; it must be a {', '.join(SUFFIXES)} file")

@@ -76,7 +76,7 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
 if TYPE_CHECKING:
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
-    from ..rendering.frame import Frame
+    from ..picture.frame import Frame
     from .picture_spec import PictureSpec, Shot
 
 

@@ -13,8 +13,8 @@ import typer
 from ..checks import number
 from ..engine.plan import parse_plan
 from ..errors import InputError
-from ..rendering.keywords import deciding, values
-from ..rendering.options import EngineOptions, RenderOptions
+from ..picture.option_fields import deciding_fields, field_values
+from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
 from . import arguments
 from . import console as report
@@ -107,9 +107,9 @@ if TYPE_CHECKING:
 
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
-    from ..jobs.engines import Engine
-    from ..rendering.frame import Frame
-    from ..rendering.renderer import Renderer
+    from ..jobs.executors import Executor
+    from ..picture.frame import Frame
+    from ..picture.renderer import Renderer
     from ..scene.camera import Camera
     from ..scene.lights import Light
     from ..techniques.srdh.representative_rays import SrdhRays
@@ -164,7 +164,7 @@ class PictureSpec(NamedTuple):
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
 
         limit_memory(scene, self.engine.max_memory)
-        asked = values(self.engine)
+        asked = field_values(self.engine)
         if self.srdh_rays is not None:
             (asked["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
         return Renderer(scene, **asked)
@@ -218,10 +218,10 @@ class PictureSpec(NamedTuple):
         return Shot(camera, lights, options, frame)
 
     def shot_in_bands(
-        self, scene: "AnyScene", time: float, engine: "Engine", digest: str, layers: bool = False
+        self, scene: "AnyScene", time: float, engine: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
         """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
-        from ..jobs.bands import render_bands
+        from ..jobs.work_parts import render_bands
 
         camera, lights, options = self._asked(scene, time, layers)
         settings = self.settings(scene, digest, time)
@@ -235,7 +235,7 @@ class PictureSpec(NamedTuple):
         """Names and values of the options of a picture and of its engine, for ``--json``."""
         rays = self.srdh_rays
         own = {"srdh_rays": None if rays is None else report.srdh_rays_fields(rays)}
-        return {**values(options), **values(self.engine), **own}
+        return {**field_values(options), **field_values(self.engine), **own}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
         """The settings that decide the picture of a time, in the types of JSON.
@@ -255,7 +255,7 @@ class PictureSpec(NamedTuple):
                 "camera": report.camera_fields(self.view(scene, time)),
                 "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
-                **deciding(self.options(scene, time)),
+                **deciding_fields(self.options(scene, time)),
                 "behind": self.behind,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }

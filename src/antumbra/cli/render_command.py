@@ -35,7 +35,7 @@ from .shards import engine_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.engines import Engine
+    from ..jobs.executors import Executor
     from .picture_spec import Shot
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
@@ -102,7 +102,7 @@ def numbered(pattern: Path, number: int) -> Path:
 
 
 def render_frames(
-    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Engine"
+    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Executor"
 ) -> "Animation":
     """Render all frames that are not finished, or those that the engine leaves to this process."""
     job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
@@ -413,7 +413,7 @@ def render(given: RenderArguments) -> int:
       antumbra render city.antumbra --max-memory 2G
       antumbra render sponza.glb --ao 2 --explain-plan
     """
-    from ..jobs.engines import Whole
+    from ..jobs.executors import LocalExecutor
 
     given.check()
     asked = given.options()
@@ -432,7 +432,7 @@ def render(given: RenderArguments) -> int:
         display.say("preparing")
         if sequence is not None:
             job = AnimationJob(asked, opened, load, path, given.overwrite, film)
-            animation = render_frames(job, sequence, display, engine or Whole())
+            animation = render_frames(job, sequence, display, engine or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"
             digest = scene_digest(asked.spec) if linear or engine else ""

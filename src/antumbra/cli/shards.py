@@ -19,7 +19,7 @@ from .options import Json, Quiet
 
 
 if TYPE_CHECKING:
-    from ..jobs.engines import Asked, Engine, Share
+    from ..jobs.executors import UnitCollector
 
 ShardOption = Annotated[
     str | None,
@@ -57,7 +57,7 @@ _FLAGS = "--json", "--quiet", "-q", "--debug"
 
 def parse_shard(text: str | None) -> "Share | None":
     """The shard that ``--shard`` names; None: there is none."""
-    from ..jobs.engines import Share
+    from ..jobs.executors import ShardIndex
 
     if text is None:
         return None
@@ -65,7 +65,7 @@ def parse_shard(text: str | None) -> "Share | None":
     index, of = (int(n) for n in match.groups()) if match else (0, 0)
     if not index < of:
         raise InputError(f"--shard is {text!r}; write I/N with I from 0 and below N, such as 0/4")
-    return Share(index, of)
+    return ShardIndex(index, of)
 
 
 def shards_folder(output: Path) -> Path:
@@ -93,17 +93,17 @@ def engine_for(given: Any, output: Path) -> "Engine | None":
     given : arguments with the fields `shard`, `ray` and `merge`
     output : a file or a folder; shards are kept beside it
     """
-    from ..jobs.engines import Shard
-    from ..jobs.merging import Merge
+    from ..jobs.executors import ShardExecutor
+    from ..jobs.work_parts import ShardMerge
 
     share, folder = parse_shard(given.shard), shards_folder(output)
     if (own := node_engine.get()) is not None:
         return own
     if given.merge:
-        return Merge(folder, given.merge)
+        return ShardMerge(folder, given.merge)
     if given.ray is not None:
-        from ..cluster.engine import Cluster
-        from ..cluster.named import files_in
+        from ..cluster.node_files import files_in
+        from ..cluster.ray_executor import Cluster
 
         if share is not None:
             raise InputError("--ray makes shards of its own; leave it or --shard out")
@@ -111,16 +111,16 @@ def engine_for(given: Any, output: Path) -> "Engine | None":
         plan = getattr(given, "plan", None)
         say = (lambda line: None) if given.quiet else None
         return Cluster(folder, given.ray, prepare, files_in(vars(given)), plan, say)
-    return None if share is None else Shard(folder, share, command_words())
+    return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "Asked") -> None:
+def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
     """Begin a command on a node of a cluster: the engine gets its units. Results have their names, in this folder.
 
     home : module and name of the command
     paths : field -> the path of its file on this node
     """
-    from ..cluster.named import with_files
+    from ..cluster.node_files import with_files
 
     changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
     for name in _OUTPUTS:
@@ -138,9 +138,9 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
 
 def report_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
     """Say what a shard did, which wrote no results; return the exit code."""
-    from ..jobs.engines import Shard
+    from ..jobs.executors import ShardExecutor
 
-    if not isinstance(shard, Shard):  # on a node of a cluster
+    if not isinstance(shard, ShardExecutor):  # on a node of a cluster
         return 0
     if given.json:
         found = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
@@ -172,7 +172,7 @@ def merge(
       antumbra merge city.shards
       antumbra merge node1/city.shards node2/city.shards
     """
-    from ..jobs.engines import read_job
+    from ..jobs.executors import read_job
 
     command = read_job(folders[0]).command
     more = [word for folder in folders for word in ("--merge", str(folder))]

@@ -37,8 +37,7 @@ from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shar
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
-    from ..jobs.sight.pairs import Sightlines
-    from ..jobs.sight.readpairs import PairList
+    from ..jobs.line_of_sight.sightlines import PairList, Sightlines
 
 _MOST_LINES = 20  # pairs that are printed
 _MODEL = ".glb"
@@ -92,11 +91,16 @@ def los(
     spec = arguments.parse_scene(scene)
 
     from ..files import atomic_output
-    from ..jobs.formats import writer_of
-    from ..jobs.readsensors import check_file_crs
-    from ..jobs.sight.lines import sight_model, sight_table
-    from ..jobs.sight.pairs import line_of_sight
-    from ..jobs.sight.readpairs import check_pairs, paired, read_pairs
+    from ..jobs.line_of_sight.sightlines import (
+        check_pairs,
+        line_of_sight,
+        pairs_of,
+        read_pairs,
+        sight_model,
+        sight_table,
+    )
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import check_file_crs
 
     check_pairs(pairs)
     outputs = output or []
@@ -107,7 +111,7 @@ def los(
         raise InputError("observers need targets: give --from or --observers, and --to or --targets")
     if begin is None and pairs in ("all", "zip"):
         raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
-    asked = read_pairs(Path(pairs)) if begin is None or end is None else paired(pairs, begin, end)
+    asked = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
@@ -243,10 +247,10 @@ def viewshed(given: ViewshedArguments) -> int:
     asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
 
     from ..files import atomic_output
-    from ..jobs.formats import writer_of
-    from ..jobs.readsensors import check_file_crs, check_sensors, kind_of, sensors_of
-    from ..jobs.rowfile import write_rows
-    from ..jobs.sight.viewshed import viewshed as seen_from
+    from ..jobs.bit_matrices import write_rows
+    from ..jobs.line_of_sight.viewshed import viewshed as seen_from
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
     check_sensors(given.sensors)
     outputs = given.output or []
@@ -312,7 +316,7 @@ def _fields(answer: dict) -> list[tuple[str, str]]:
 
 
 if TYPE_CHECKING:
-    from ..jobs.sight.matrix import VisibilityMatrix
+    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
 
 _BITS, _SPARSE = ".npy", ".npz"
 
@@ -373,9 +377,9 @@ def matrix(given: MatrixArguments) -> int:
     """
     spec = arguments.parse_scene(given.scene)
 
-    from ..jobs.readsensors import check_sensors, sensors_of
-    from ..jobs.sight.matrix import visibility_matrix
-    from ..jobs.table import Column, Table
+    from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
+    from ..jobs.result_table import Column, Table
+    from ..jobs.sensor_files import check_sensors, sensors_of
 
     check_sensors(given.sensors)
     if given.targets is not None:
@@ -408,8 +412,8 @@ def matrix(given: MatrixArguments) -> int:
 
 def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
     """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
-    from ..jobs.formats import writer_of
-    from ..jobs.readsensors import kind_of
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import kind_of
 
     counts = given.counts or []
     for path in counts:

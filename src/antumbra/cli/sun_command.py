@@ -151,12 +151,12 @@ def sun(given: SunArguments) -> int:
       antumbra sun city.city.json --rule br209-amenity --areas gardens.geojson -o gardens.tif
     """
     from ..engine.plan import parse_plan
-    from ..jobs.areas import SPACING, check_areas
-    from ..jobs.readsensors import check_sensors, sensors_of
-    from ..jobs.sun.place import given_position, place_of
-    from ..jobs.sun.rules import check_asked
-    from ..jobs.sun.study import sun_hours
-    from ..jobs.sun.times import checked_step, parse_days
+    from ..jobs.ground_areas import SPACING, check_areas
+    from ..jobs.sensor_files import check_sensors, sensors_of
+    from ..jobs.sun.daylight_rules import check_rule
+    from ..jobs.sun.location import given_position, place_of
+    from ..jobs.sun.sun_hours import sun_hours
+    from ..jobs.sun.sun_positions import checked_step, parse_days
 
     spec = parse_scene(given.scene)
     names = "latitude", "longitude", "north", "timezone"
@@ -170,7 +170,7 @@ def sun(given: SunArguments) -> int:
     if given.step is not None:
         checked_step(given.step)
     if given.rule is not None:
-        check_asked(given.rule, days, in_areas)
+        check_rule(given.rule, days, in_areas)
     parse_plan(given.plan)
     memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
     outputs = _checked_outputs(given, spec, asked)
@@ -210,8 +210,8 @@ def sun(given: SunArguments) -> int:
 
 def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
     """The files to write; their formats are checked before a scene is read."""
-    from ..jobs.formats import writer_of
-    from ..jobs.readsensors import kind_of
+    from ..jobs.result_table import writer_of
+    from ..jobs.sensor_files import kind_of
 
     paths = given.output or [Path(f"{spec.stem}-sun.png")]
     for path in paths:

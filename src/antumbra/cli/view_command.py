@@ -86,9 +86,9 @@ def view(given: ViewArguments) -> int:
     memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.place import given_position, place_of
-    from ..viewer.page import checked_port
-    from ..viewer.show import view as shown
+    from ..jobs.sun.location import given_position, place_of
+    from ..viewer.viewer_page import checked_port
+    from ..viewer.viewer_page import view as shown
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(given.host, given.port)

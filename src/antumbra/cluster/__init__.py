@@ -6,7 +6,6 @@
 - survey: what nodes have
 """
 
-from .calls import run
-from .engine import Cluster, connected
+from .ray_executor import Cluster, connected, run
 
 __all__ = ["Cluster", "connected", "run"]

@@ -1,10 +1,18 @@
-"""The jobs that people come for: sun hours, baked light, lines of sight, data sets; and what these jobs share.
+"""Jobs on scenes: sun hours, baked light, lines of sight and data sets; and what they share.
 
-- sensors: points with normals and areas, at which a job asks; readsensors reads them; raster: cells of rasters
-- areas: sensors on the ground of gardens and other polygons; inside: which points lie inside buildings
-- table: the results, with units; formats, picture and model write them; view: the camera of pictures
-- rowfile: matrices of bits in files
-- engines: who does the units of a job; merging: units that others did; parts: units that are kept until the end;
-  bands: a picture as such parts; scenedigest: the scene that they belong to
-- sun, bake, sight, dataset: one folder a job
+- `sun/`: sun hours and sky view
+- `bake/`: visibility and light baked into glTF files
+- `line_of_sight/`: sightlines, visibility matrices and viewsheds
+- `dataset/`: rendered data sets
+- `sensors`: sample points with normals and areas
+- `sensor_files`: sensors from text and point files
+- `raster_grid`: horizontal rasters of square cells
+- `ground_areas`: sensors in polygons on the ground, outside buildings
+- `result_table`: results with units, and their writers
+- `false_colours`: false-colour pictures and models
+- `bit_matrices`: packed bit matrices, in memory and in files
+- `executors`: who runs the units of a job
+- `work_parts`: resumable parts, merged shards, and pictures in bands
+- `scene_records`: JSON records and digests
+- `job_kernels`: all compile jobs
 """

@@ -1,4 +1,8 @@
-"""Sensors: the points at which a job asks, with normals and areas."""
+"""Sensors: the sample points of a job, with normals and areas, and the sightline ends made from them.
+
+They lie on faces, at vertices, on surface grids, in horizontal rasters, or at given points. Fields are checked once,
+when a `Sensors` is made.
+"""
 
 from dataclasses import dataclass
 from os import PathLike
@@ -8,13 +12,82 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
+from ..checks import points as checked_points
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
+from ..query.receivers import Receivers
 from ..scene.crs import check_plan
-from .raster import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
-from .sensorfields import NEEDED, checked_areas, checked_corners, checked_indices, checked_normals
+from .raster_grid import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
+
+# --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
+
+
+NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}
+"""Kind of sensors -> the field that it needs."""
+
+_UNIT = 1e-5  # how far a length may be from 1, as float32 rounds it
+
+
+def checked_normals(values, n: int) -> np.ndarray:
+    """(n, 3) float64 of length 1, of finite vectors of any length."""
+    normals = _checked_array(values, (n, 3), "normals").astype(np.float64, copy=False)
+    different = normals[:1] if normals.strides[0] == 0 else normals  # all are one, if they were broadcast
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.einsum("ij,ij->i", different, different)
+        if (np.abs(squares - 1.0) <= 2.0 * _UNIT).all():
+            return normals
+    return unit_vectors(normals, "the normal of sensor", "leave normals out for points in free space")
+
+
+def checked_areas(values, n: int) -> np.ndarray:
+    """(n,) float64, finite and not negative."""
+    areas = _checked_array(values, (n,), "areas").astype(np.float64, copy=False)
+    if not (np.isfinite(areas) & (areas >= 0.0)).all():
+        raise InputError("areas of sensors must be finite and not negative")
+    return areas
+
+
+def checked_indices(values, shape: tuple[int, ...], name: str, low: int, count: int | None = None) -> np.ndarray:
+    """int64 indices of a shape, from `low` to `count` - 1; None: of any number of things."""
+    found = _checked_array(values, shape, name)
+    if found.dtype.kind == "f":
+        raise InputError(f"{name} of sensors must be whole numbers, not {found.dtype}")
+    if found.size and (found.min() < low or (count is not None and found.max() >= count)):
+        wrong = found.min() if found.min() < low else found.max()
+        end = f"at least {low}" if count is None else f"from {low} to {count - 1}" if count else "left out"
+        raise InputError(f"{name} of sensors hold {wrong}; they must be {end}")
+    return found.astype(np.int64, copy=False)
+
+
+def checked_corners(values, n: int) -> np.ndarray:
+    """(faces, 3) int64, from -1 to n - 1."""
+    corners = as_array(values, "corners of sensors")
+    if corners.ndim != 2 or corners.shape[1] != 3:
+        raise InputError(f"corners of sensors must be whole numbers (faces, 3), not {corners.shape}")
+    return checked_indices(corners, corners.shape, "corners", -1, n)
+
+
+def check_on_scene(sensors, scene: AnyScene) -> None:
+    """Raise an InputError if sensors lie on faces that a scene does not have: they belong to another scene."""
+    n, faces, corners = scene.n_triangles, sensors.faces, sensors.corners
+    last = -1 if faces is None or not len(faces) else int(faces.max())
+    if last >= n:
+        raise InputError(f"sensors lie on face {last}, and {scene.name} has {n} faces; make them for this scene")
+    if corners is not None and len(corners) != n:
+        raise InputError(f"corners of sensors are of {len(corners)} faces, and {scene.name} has {n}; make them for it")
+
+
+def _checked_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = as_array(values, f"{name} of sensors")
+    if array.shape != shape:
+        raise InputError(f"{name} of {shape[0]} sensors must be numbers {shape}, not {array.dtype} {array.shape}")
+    return array
+
+
+# --- Sensors: the points at which a job asks, with normals and areas --------------------------------------------------
+
 
 KINDS = "face", "vertex", "grid", "raster", "points"
 """The kinds of `Sensors`."""
@@ -390,3 +463,29 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
         if sizes.shape != where.shape[:1] or not (np.isfinite(sizes) & (sizes >= 0.0)).all():
             raise InputError("areas of sensors must be one for each point, finite and not negative")
     return Sensors(where, unit, sizes, None, "points")
+
+
+# --- Points as ends of sightlines, in the float32 frame in which sightlines are exact ---------------------------------
+
+
+def sightline_ends(scene: AnyScene, sensors: Sensors) -> Receivers:
+    """The ends of sensors. Those with normals lie on surfaces, and are moved off them (docs/design/receivers.md).
+
+    The cells of a raster are moved up, off the surfaces below them, but they see all around: the surface may be steep.
+    """
+    ends = Receivers.of(sensors.points, sensors.normals, scene.origin)
+    return ends.seeing_all_around() if sensors.kind == "raster" else ends
+
+
+def sensors_from(scene: AnyScene, given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
+    """Sensors of a scene as they are, or of points with normals. InputError names `what` they are."""
+    if isinstance(given, Sensors):
+        check_on_scene(given, scene)
+        return given
+    where = checked_points(given, what)
+    if normals is not None:
+        normals = np.atleast_2d(as_array(normals, f"normals of {what}"))
+        if len(normals) not in (1, len(where)):
+            raise InputError(f"normals of {what} must be one, or one for each of {len(where)}, not {normals.shape}")
+        normals = np.broadcast_to(checked_points(normals, f"normals of {what}"), where.shape)
+    return point_sensors(where, normals)

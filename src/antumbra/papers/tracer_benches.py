@@ -14,7 +14,7 @@ from ..cli import console as report
 from ..cli.bench_command import Results, benchmark
 from ..cli.console import ProgressDisplay
 from ..cli.options import Json, Quiet, Threads, writes
-from ..rendering.options import CullFaces
+from ..picture.render_options import CullFaces
 from .benchmark_views import open_view
 
 # --- ``antumbra bench multi-frusta``: the tables of the multi-frusta paper, and Figures 5 to 7 ------------------------
@@ -478,7 +478,7 @@ def peers(
 
     from ..engine.plan import parse_plan
     from ..kernels.parallel import thread_count
-    from ..rendering.render_jobs import warm_up
+    from ..picture.render_kernels import precompile_plan
     from .peers import peer_measurements as bench
     from .peers.peer_measurements import describe_embree
 
@@ -492,7 +492,7 @@ def peers(
         display.say("opening the scenes")
         names = dict.fromkeys(scene or bench.default_names())
         views = [open_view(name, width_height, bench.named_view) for name in names]
-        warm_up(plan, "raster", False)
+        precompile_plan(plan, "raster", False)
         for view in views:
             found, times = bench.measure(view, plan, spp, counts, rounds, display.say)
             rows += found

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.prune import pruned, used_in
+from antumbra.jobs.bake.gltf_asset import prune, used_in
 from baked_files import KIND, WIDTH, Glb, box, grid, primitive
 from formats.test_draco import EXTENSION, textured
 from gltf_files import Gltf, everything, png
@@ -101,9 +101,9 @@ def test_pruning_twice_changes_nothing(tmp_path):
     root = json.loads(json.dumps(everything()._document()))
     lengths = {name: len(root.get(name, [])) for name in used_in(root)}
     data = bytes(everything().data)
-    assert pruned(root, data, lengths, used_in(root)) == (root, data)
+    assert prune(root, data, lengths, used_in(root)) == (root, data)
     extended = {**root, "accessors": [*root["accessors"], {"componentType": 5126, "count": 1, "type": "SCALAR"}]}
-    assert pruned(extended, data, lengths, used_in(root)) == (root, data)
+    assert prune(extended, data, lengths, used_in(root)) == (root, data)
 
 
 @pytest.mark.parametrize("options", [{}, {"texture": 64}])

@@ -8,12 +8,13 @@ import pytest
 import trimesh
 
 import antumbra as at
-from antumbra.jobs.bake import charts, textures
-from antumbra.jobs.bake.asset import open_asset
-from antumbra.jobs.bake.measure import Asked, Meter
-from antumbra.jobs.bake.parts import Part, accessors_of, read_parts
-from antumbra.jobs.bake.texels import cover
-from antumbra.jobs.engines import Whole
+from antumbra.jobs.bake import baked_values as textures
+from antumbra.jobs.bake import texture_atlas as charts
+from antumbra.jobs.bake.gltf_asset import open_asset
+from antumbra.jobs.bake.gltf_primitives import NodePrimitive, accessors_of, read_primitives
+from antumbra.jobs.bake.surface_meter import Meter, MeterSettings
+from antumbra.jobs.bake.texture_atlas import cover
+from antumbra.jobs.executors import LocalExecutor
 from baked_files import Glb, box, grid, primitive, scene_file
 from gltf_files import Gltf, png
 
@@ -24,7 +25,7 @@ def part_of(mesh):
     """A part of a mesh from trimesh, with its smooth normals."""
     positions, normals = np.array(mesh.vertices), np.array(mesh.vertex_normals)
     rows = np.arange(len(positions))
-    return Part(
+    return NodePrimitive(
         0, 0, "part", {}, rows, len(rows), positions, normals, np.array(mesh.faces, np.int32), False, np.eye(3), 1.0
     )
 
@@ -97,7 +98,7 @@ def test_bilinear_lookups_meet_no_background():
     weights = rng.dirichlet((0.3, 0.3, 0.3), (50, len(uv)))  # many near edges and corners
     for w in weights:
         points = np.einsum("nk,nki->ni", w, uv)
-        np.testing.assert_array_equal(textures.looked_up(image, points)[:, 0], own)
+        np.testing.assert_array_equal(textures.sample_bilinear(image, points)[:, 0], own)
 
 
 def test_both_sides_of_a_seam_agree(tmp_path):
@@ -128,11 +129,11 @@ def test_a_texture_of_a_wall_has_the_closed_form_everywhere(tmp_path):
     at.bake(path, tmp_path / "open.glb", texture=64, uv=0, spp=64, exr=True)
     assert (exr(tmp_path / "open.exr") == 1.0).all()
     asset = open_asset(path)
-    parts = read_parts(at.load(path), asset, 0.0)
-    (sheet,) = charts.existing(parts, accessors_of(asset, "x"), 0, 64)
-    meter = Meter(wall, Asked("ao", [at.AmbientOcclusion()], 1024, "hammersley", None, 0.0, None), 4096)
+    parts = read_primitives(at.load(path), asset, 0.0)
+    (sheet,) = charts.uv_set_sheets(parts, accessors_of(asset, "x"), 0, 64)
+    meter = Meter(wall, MeterSettings("ao", [at.AmbientOcclusion()], 1024, "hammersley", None, 0.0, None), 4096)
     texels = textures.Texels(sheet, meter, True)
-    Whole().finish([texels.parts])
+    LocalExecutor().finish([texels.parts])
     values, hidden = texels.values(None)
     d = 0.2 + 4.0 * (sheet.cover.texel % 64 + 0.5) / 64
     error = values[:, 0] - 0.5 * (1.0 + d / np.hypot(d, 2.0))

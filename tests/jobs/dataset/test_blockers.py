@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.jobs.dataset.blockers import blockers, has_centre
+from antumbra.jobs.dataset.dataset_layers import blockers, has_centre
 
 SCENE = at.procedural("atrium", triangles=1000)
 CAMERA = SCENE.cameras[0].resized(24, 16)

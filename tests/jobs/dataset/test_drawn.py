@@ -5,12 +5,12 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.primary_visibility import primary_visibility
-from antumbra.jobs.dataset import drawn
-from antumbra.jobs.dataset.drawn import orbit_camera, place_of, random_camera, random_light
+from antumbra.jobs.dataset import random_views as drawn
+from antumbra.jobs.dataset.random_views import orbit_camera, random_camera, random_light, sampling_region
 from antumbra.scene.camera import bounding_sphere
 from engine.test_wrapping import BOXES, MAP
 
-ATRIUM = place_of(at.procedural("atrium", triangles=2000), 0.0, None)
+ATRIUM = sampling_region(at.procedural("atrium", triangles=2000), 0.0, None)
 SIZE = 16, 12
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 OUTWARD = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -54,7 +54,7 @@ def test_a_wide_ground_of_few_faces_is_left_out():
     rng = np.random.default_rng(0)
     town = np.concatenate([box(p, p + 1.0) for p in rng.uniform(-10, 10, (200, 3)) * (1, 0, 1)])
     ground = box((-1000, -2, -1000), (1000, -1, 1000))
-    place = place_of(at.Scene.from_arrays(np.concatenate([town, ground])), 0.0, None)
+    place = sampling_region(at.Scene.from_arrays(np.concatenate([town, ground])), 0.0, None)
     assert np.abs(place.bounds).max() < 15 and np.ptp(place.bounds, axis=0).min() > 0.5
     cameras = [random_camera(place, 0, k, SIZE) for k in range(4)]
     assert max(np.abs(c.position).max() for c in cameras) < 30
@@ -62,7 +62,7 @@ def test_a_wide_ground_of_few_faces_is_left_out():
 
 @pytest.mark.parametrize("inward", [False, True])
 def test_cameras_stand_outside_solids_and_inside_rooms(inward):
-    place = place_of(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4), inward)), 0.0, None)
+    place = sampling_region(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4), inward)), 0.0, None)
     for k in range(6):
         p = random_camera(place, 0, k, SIZE).position
         assert ((p > 0) & (p < (2, 3, 4))).all() == inward
@@ -73,7 +73,7 @@ def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
     monkeypatch.setattr(drawn, "_LEAST_SEEN", 2.0)
     with pytest.raises(at.InputError, match=r"no view for random camera 5 in 4 tries \(4 see little\).*--camera"):
         random_camera(ATRIUM, 0, 5, SIZE)
-    solid = place_of(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)
+    solid = sampling_region(at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4))), 0.0, None)
     with pytest.raises(
         at.InputError, match=r"no place for random light 1 in 4 tries \(4 are in or at a wall\).*--light"
     ):
@@ -84,7 +84,7 @@ def test_no_view_is_an_error_that_names_the_cure(monkeypatch):
 def test_an_orbit_goes_around_at_equal_angles(up):
     scene = at.Scene.from_arrays(box((0, 0, 0), (2, 3, 4)), up=up)
     centre, radius = bounding_sphere(scene.bounds)
-    views = [orbit_camera(place_of(scene, 0.0, None), k, 6, SIZE) for k in range(6)]
+    views = [orbit_camera(sampling_region(scene, 0.0, None), k, 6, SIZE) for k in range(6)]
     towards = np.array([v.position - centre for v in views])
     axis = "xyz".index(up)
     assert np.allclose(towards[:, axis], towards[0, axis]) and towards[0, axis] > 0
@@ -105,7 +105,7 @@ def test_an_orbit_in_a_closed_box_stands_inside_and_shows_what_the_box_encloses(
     soup = soup if up == "y" else soup[..., [0, 2, 1]] * (1, -1, 1)
     scene = at.Scene.from_arrays(soup, up=up)
     lower, upper = scene.bounds
-    place, directions = place_of(scene, 0.0, None), []
+    place, directions = sampling_region(scene, 0.0, None), []
     for size in ((32, 32), (64, 16), (16, 64)):
         for k in range(5):
             camera = orbit_camera(place, k, 5, size)
@@ -121,7 +121,7 @@ def test_an_orbit_in_a_closed_box_stands_inside_and_shows_what_the_box_encloses(
 def test_an_orbit_in_a_furnished_room_stands_between_the_furniture_and_its_middle():
     chairs = np.concatenate([box((x, 0, z), (x + 0.4, 1, z + 0.4)) for x in (-3, 1, 2.5) for z in (-2, 0.3, 1.5)])
     scene = at.Scene.from_arrays(np.concatenate([box((-4, 0, -3), (4, 2.5, 3), inward=True), chairs]))
-    place = place_of(scene, 0.0, None)
+    place = sampling_region(scene, 0.0, None)
     for k in range(8):
         camera = orbit_camera(place, k, 8, (32, 24))
         assert ((camera.position > (-4, 0, -3)) & (camera.position < (4, 2.5, 3))).all()

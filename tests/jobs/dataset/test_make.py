@@ -13,9 +13,9 @@ import pytest
 from PIL import Image
 
 import antumbra as at
-from antumbra.jobs.dataset import make
-from antumbra.jobs.dataset.sheet import contact_sheet
-from antumbra.rendering.keywords import deciding
+from antumbra.jobs.dataset import dataset_job as make
+from antumbra.jobs.dataset.dataset_files import contact_sheet
+from antumbra.picture.option_fields import deciding_fields
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf
 from killed import run, run_killed
 
@@ -95,7 +95,7 @@ def test_the_manifest_lists_each_file_with_its_digest(whole):
     settings = found["settings"]
     assert settings["scene"]["sha256"] == digest.hexdigest()
     assert found["complete"] and settings["version"] == at.__version__ and settings["seed"] == 7
-    assert settings["options"] == deciding(at.RenderOptions(spp=4))
+    assert settings["options"] == deciding_fields(at.RenderOptions(spp=4))
     assert [f["made"] for f in found["frames"]] == ["orbit", "random", "random"]
     assert [light["type"] for light in settings["lights"]] == ["DirectionalLight", "SphereLight"]
     assert found["objects"] == [{"name": "atrium", "mesh": "atrium", "instance": 0}]

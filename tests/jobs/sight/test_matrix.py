@@ -7,7 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
-from antumbra.jobs.sight import bitrows, matrix, tiles
+from antumbra.jobs import bit_matrices as bitrows
+from antumbra.jobs.line_of_sight import visibility_matrix as matrix
+from antumbra.jobs.line_of_sight import visibility_matrix as tiles
 from sight_scenes import expected, scene_of
 
 
@@ -21,13 +23,13 @@ def small_strips(monkeypatch):
 @pytest.mark.parametrize("columns", [1, 63, 64, 65, 130])
 def test_bits_are_packed_unpacked_and_transposed(columns):
     rows = np.random.default_rng(columns).random((77, columns)) < 0.5
-    words = bitrows.packed(rows)
+    words = bitrows.pack_bits(rows)
     assert words.shape == (77, bitrows.words_of(columns)) and words.dtype == np.uint64
-    assert np.array_equal(bitrows.unpacked(words, columns), rows)
-    assert np.array_equal(bitrows.unpacked(bitrows.transposed(words, columns), 77), rows.T)
+    assert np.array_equal(bitrows.unpack_bits(words, columns), rows)
+    assert np.array_equal(bitrows.unpack_bits(bitrows.transpose_bits(words, columns), 77), rows.T)
     assert words[0, -1] < 2 ** ((columns - 1) % 64 + 1)
     order = np.random.default_rng(0).permutation(columns)
-    assert np.array_equal(bitrows.unpacked(bitrows.reordered(words, order), columns), rows[:, order])
+    assert np.array_equal(bitrows.unpack_bits(bitrows.reorder_bits(words, order), columns), rows[:, order])
 
 
 @settings(max_examples=10, deadline=None)

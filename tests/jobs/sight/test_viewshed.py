@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import antumbra as at
-from antumbra.jobs.sight import earth, viewshed
-from antumbra.jobs.sight.bitrows import unpacked
+from antumbra.jobs.bit_matrices import unpack_bits
+from antumbra.jobs.line_of_sight import viewshed
+from antumbra.jobs.line_of_sight import viewshed as earth
 from sight_scenes import expected, scene_of
 
 
@@ -27,7 +28,7 @@ def test_every_line_of_sight_equals_the_oracle(seed):
     sensors, eyes = at.face_sensors(scene), rng.uniform(-1.5, 1.5, (70, 3))
     found = at.viewshed(scene, sensors, eyes, bits=True)
     want = expected(scene, (sensors.points, sensors.normals), (eyes, None))
-    assert np.array_equal(unpacked(found.bits, 70), want) and 0 < want.sum() < want.size
+    assert np.array_equal(unpack_bits(found.bits, 70), want) and 0 < want.sum() < want.size
     table, away = found.table, np.linalg.norm(sensors.points[:, None] - eyes, axis=2)
     away[~want] = np.inf
     none = ~want.any(1)
@@ -114,12 +115,12 @@ def test_a_curved_earth_near_by_changes_nothing():
 def test_divided_faces_cover_the_same_area_and_fit_each_other():
     rng = np.random.default_rng(2)
     corners = rng.uniform(-10, 10, (20, 3, 3))
-    made = earth.divided(corners, 3.0)
+    made = earth.subdivide(corners, 3.0)
     area = lambda v: np.linalg.norm(np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0]), axis=1).sum()
     edges = np.linalg.norm(np.roll(made, -1, 1) - made, axis=2)
     assert np.isclose(area(made), area(corners)) and edges.max() <= 3.0 and len(made) > 100
     quad = np.array([[[0, 0, 0], [9, 0, 0], [9, 9, 0]], [[0, 0, 0], [9, 9, 0], [0, 30, 0]]], float)
-    halves = [earth.divided(face[None], 2.0).reshape(-1, 3) for face in quad]
+    halves = [earth.subdivide(face[None], 2.0).reshape(-1, 3) for face in quad]
     on_edge = [{tuple(p) for p in half if p[0] == p[1]} for half in halves]
     assert on_edge[0] == on_edge[1] and len(on_edge[0]) > 4
 

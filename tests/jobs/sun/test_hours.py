@@ -5,15 +5,22 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.jobs.sun.bundles import BUNDLE, bundled, in_space
-from antumbra.jobs.sun.hours import DISK, answer, ask, disk_directions
-from antumbra.jobs.sun.sky import sky_directions
+from antumbra.jobs.sun.sun_hours import sky_directions
+from antumbra.jobs.sun.sun_visibility import (
+    BUNDLE,
+    DISK,
+    direction_order,
+    disk_directions,
+    sensor_order,
+    sum_suns,
+    sun_query,
+)
 
 PLACE = at.Place(52.0, 4.36, timezone="Europe/Amsterdam")
 
 
 def suns_of(days="2026-03-21", step=20, place=PLACE):
-    from antumbra.jobs.sun.times import parse_days, zone_of
+    from antumbra.jobs.sun.sun_positions import parse_days, zone_of
 
     return at.suns_of(place, at.times_of(parse_days(days), zone_of(place), step), "z")
 
@@ -172,7 +179,7 @@ def test_bundles_are_a_permutation_in_close_groups(count):
     rng = np.random.default_rng(count)
     directions = rng.normal(size=(count, 3))
     directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
-    order = bundled(directions)
+    order = direction_order(directions)
     assert np.array_equal(np.sort(order), np.arange(count))
     if count == 1000:
         size = lambda order: np.mean(
@@ -180,17 +187,17 @@ def test_bundles_are_a_permutation_in_close_groups(count):
         )
         assert size(order) < 0.4 * size(np.arange(count))
     points = rng.normal(size=(count, 3))
-    assert np.array_equal(np.sort(in_space(points, None)), np.arange(count))
+    assert np.array_equal(np.sort(sensor_order(points, None)), np.arange(count))
 
 
 def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
-    from antumbra.jobs.sun import hours
+    from antumbra.jobs.sun import sun_visibility as hours
 
     monkeypatch.setattr(hours, "_PART", 256)
     scene, suns = town(), suns_of()
     sensors = at.raster_sensors(scene, 2.0)
-    make = lambda: ask(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
-    whole, calls = answer(make()), []
+    make = lambda: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
+    whole, calls = sum_suns(make()), []
 
     real = at.Engine.visibility
 
@@ -202,28 +209,28 @@ def test_an_interrupted_job_goes_on(tmp_path, monkeypatch):
 
     monkeypatch.setattr(at.Engine, "visibility", stops)
     with pytest.raises(KeyboardInterrupt):
-        answer(make(), tmp_path / "kept")
+        sum_suns(make(), tmp_path / "kept")
     kept = sorted((tmp_path / "kept").glob("*/*.npz"))
     assert 0 < len(kept) < len(calls) + 1
     before, calls[:] = len(calls), []
     monkeypatch.setattr(at.Engine, "visibility", lambda *a, **k: calls.append(a) or real(*a, **k))
-    again = answer(make(), tmp_path / "kept")
+    again = sum_suns(make(), tmp_path / "kept")
     assert all(np.array_equal(a, b) for a, b in zip(whole, again))
     assert 0 < len(calls) < before + len(sensors) / 256 and not (tmp_path / "kept").exists()
 
 
 def test_parts_of_another_scene_are_not_taken(tmp_path, monkeypatch):
-    from antumbra.jobs.sun import hours
+    from antumbra.jobs.sun import sun_visibility as hours
 
     monkeypatch.setattr(hours, "_PART", 256)
     scenes, suns = [town(), town(1)], suns_of()
     sensors = at.raster_sensors(scenes[0], 2.0, 1.0, follow=False)
-    make = lambda scene: ask(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
+    make = lambda scene: sun_query(scene, sensors, suns, np.empty((len(suns.hours), 0)), 1)
     monkeypatch.setattr(hours.Parts, "clear", lambda self: None)  # as if the first job had been interrupted
-    answer(make(scenes[0]), tmp_path)
+    sum_suns(make(scenes[0]), tmp_path)
     assert list(tmp_path.glob("*/*.npz"))
-    found, true = answer(make(scenes[1]), tmp_path).hours, answer(make(scenes[1])).hours
-    assert np.array_equal(found, true) and (found != answer(make(scenes[0])).hours).any()
+    found, true = sum_suns(make(scenes[1]), tmp_path).hours, sum_suns(make(scenes[1])).hours
+    assert np.array_equal(found, true) and (found != sum_suns(make(scenes[0])).hours).any()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.place import Place, checked_place, place_of_crs
+from antumbra.jobs.sun.location import Place, checked_place, place_of_crs
 from city_files import city, put
 
 

@@ -8,9 +8,8 @@ import pytest
 from pvlib import solarposition
 
 import antumbra as at
-from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.positions import directions_of, solar_angles
-from antumbra.jobs.sun.times import parse_days, zone_of
+from antumbra.jobs.sun.location import Place
+from antumbra.jobs.sun.sun_positions import directions_of, parse_days, solar_angles, zone_of
 
 DELFT = Place(52.0122, 4.3658, 2.0, 0.806, "Europe/Amsterdam")
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.rules import RULES, check_asked, passed, rule_named, weights_of
-from antumbra.jobs.sun.times import month_days, parse_days, zone_of
+from antumbra.jobs.sun.daylight_rules import RULES, check_rule, meets_rule, rule_named, weights_of
+from antumbra.jobs.sun.location import Place
+from antumbra.jobs.sun.sun_positions import month_days, parse_days, zone_of
 
 LONDON = Place(51.5, -0.1, 0.0, 0.0, "Europe/London")
 
@@ -24,7 +24,7 @@ def test_seeing_all_suns_passes_and_seeing_none_fails(name):
     weights = weights_of(rule, suns)
     assert weights.shape == (len(rule.criteria), len(suns.times)) and rule.text and rule.notes and rule.citation
     seen = np.stack([np.ones(len(suns.times)), np.zeros(len(suns.times))])
-    np.testing.assert_array_equal(passed(rule, seen @ weights.T), [True, False])
+    np.testing.assert_array_equal(meets_rule(rule, seen @ weights.T), [True, False])
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_hours_on_a_day(name, hours):
     enough = round(hours * 60 / rule.step)
     order = np.arange(len(suns.times))
     seen = np.stack([order < enough, order < enough - 1, (order >= 40) & (order < 40 + enough)]).astype(float)
-    np.testing.assert_array_equal(passed(rule, seen @ weights_of(rule, suns).T), [True, False, True])
+    np.testing.assert_array_equal(meets_rule(rule, seen @ weights_of(rule, suns).T), [True, False, True])
     assert rule.area == (0.5 if name == "br209-amenity" else None)
 
 
@@ -55,7 +55,7 @@ def test_probable_sunlight_hours():
     seen[1, order[: int(0.24 * len(days))]] = 1
     seen[2, ~winter] = 1  # much, but none in winter
     seen[3, winter] = 1  # only winter, which is more than a quarter of the year's hours
-    np.testing.assert_array_equal(passed(rule, seen @ weights_of(rule, suns).T), [True, False, False, True])
+    np.testing.assert_array_equal(meets_rule(rule, seen @ weights_of(rule, suns).T), [True, False, False, True])
 
 
 def test_only_bright_hours_are_probable():
@@ -84,14 +84,14 @@ def test_unknown_rules():
     ],
 )
 def test_days_that_a_rule_is_not_about_are_refused(name, fine, wrong):
-    check_asked(name, None, True)
+    check_rule(name, None, True)
     for text in fine:
-        check_asked(name, parse_days(text), True)
+        check_rule(name, parse_days(text), True)
     for text in wrong:
         with pytest.raises(at.InputError, match=f"rule {name} is about .*leave the days out"):
-            check_asked(name, parse_days(text), True)
+            check_rule(name, parse_days(text), True)
 
 
 def test_every_rule_has_days_of_its_own_that_it_accepts():
     for name, rule in RULES.items():
-        check_asked(name, rule.days(2026), True)
+        check_rule(name, rule.days(2026), True)

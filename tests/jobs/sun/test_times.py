@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.times import month_days, parse_days, zone_of
+from antumbra.jobs.sun.location import Place
+from antumbra.jobs.sun.sun_positions import month_days, parse_days, zone_of
 
 AMSTERDAM = ZoneInfo("Europe/Amsterdam")
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.place import Place
-from antumbra.jobs.sun.times import parse_days, zone_of
-from antumbra.jobs.sun.weather import TYPICAL_YEAR, clear_sky, on_days, read_epw
+from antumbra.jobs.sun.location import Place
+from antumbra.jobs.sun.solar_radiation import TYPICAL_YEAR, clear_sky, on_days, read_epw
+from antumbra.jobs.sun.sun_positions import parse_days, zone_of
 
 HEAD = """LOCATION,Delft,-,NLD,IWEC,063440,52.0,4.4,1.0,-2.0
 DESIGN CONDITIONS,0

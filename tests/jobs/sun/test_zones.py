@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 import pytest
 
 import antumbra as at
-from antumbra.jobs.sun.zones import parse_zone
+from antumbra.jobs.sun.location import parse_zone
 
 
 @pytest.mark.parametrize(

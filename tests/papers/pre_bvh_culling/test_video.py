@@ -14,7 +14,7 @@ from antumbra.papers.pre_bvh_culling.culling_measurements import (
     mean_rows,
     video_views,
 )
-from antumbra.rendering.renderer import Renderer
+from antumbra.picture.renderer import Renderer
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ import antumbra as at
 from antumbra.bvh.block_tree import block_tree
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan
+from antumbra.picture.renderer import Renderer
 from antumbra.query.rasteriser import rasterise
 from antumbra.query.ray_passes import RayPass
-from antumbra.rendering.renderer import Renderer
 from antumbra.techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits
 from antumbra.techniques.chcrt.tree_parts import parts_of
 from antumbra.techniques.tracer_options import ChcRtOptions

@@ -6,8 +6,8 @@ import pytest
 import antumbra as at
 import oracle
 from antumbra.engine.method_registry import BUILDERS
+from antumbra.picture.renderer import Renderer
 from antumbra.query.receivers import NOTHING, surface_receivers
-from antumbra.rendering.renderer import Renderer
 from antumbra.trace.rays.ray_hits import bounced
 
 

@@ -54,7 +54,7 @@ def weights() -> dict[str, np.ndarray]:
 
 
 def reference() -> dict[str, float]:
-    """Way -> nanoseconds a ray of `rendering.calibration.ray_times`, on the machine of the fit."""
+    """Way -> nanoseconds a ray of `engine.calibration.ray_times`, on the machine of the fit."""
     return _shipped()["reference"]
 
 

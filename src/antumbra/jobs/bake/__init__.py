@@ -8,6 +8,6 @@
 - write_textures, images: textures of materials, PNG and EXR
 """
 
-from .baking import Baked, bake
+from .bake_job import Baked, bake
 
 __all__ = ["Baked", "bake"]

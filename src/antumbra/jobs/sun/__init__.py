@@ -1,7 +1,9 @@
-"""Sun hours: which sensors see the sun, and when; and how much of the sky they see (`sky`).
+"""Sun hours: which sensors see the sun, and when; and how much of the sky they see.
 
-- place: position, and the direction of true north in the scene
-- zones: time zones; times: intervals of days in them; weather: intervals and radiation of EPW files, and of a clear sky
-- positions: the sun of each interval
-- rules: daylight rules about hours of sun
+- `sun_hours`: `sun_hours` and `sky_view`
+- `location`: latitude, longitude, time zone and true north of a scene
+- `sun_positions`: time intervals, and the sun position of each
+- `solar_radiation`: EPW files, and clear skies
+- `daylight_rules`: rules on sun hours
+- `sun_visibility`: which suns each sensor sees, and sums over them
 """

@@ -20,15 +20,14 @@ from ...engine.paged_scene import PagedScene
 from ...engine.paged_source import Paged
 from ...engine.plan import parse_plan
 from ...errors import InputError
+from ...picture.frame_request import PASS_BYTES, Request, frame_memory
 from ...picture.image_files import to_srgb8
+from ...picture.render_kernels import precompile_indirect, precompile_plan
+from ...picture.render_options import RenderOptions
+from ...picture.renderer import Renderer
 from ...query.light_samples import ROTATIONS, light_samples
 from ...query.ray_passes import diffuse_passes
 from ...query.shadow_query import Surfaces, surfaces_of
-from ...rendering.memory import PASS_BYTES, frame_memory
-from ...rendering.options import RenderOptions
-from ...rendering.render_jobs import warm_up, warm_up_indirect
-from ...rendering.renderer import Renderer
-from ...rendering.request import Request
 from ...scene.camera import Camera
 from ...scene.lights import AmbientOcclusion
 from ...techniques.chcrt.chc_rt import ChcRtState
@@ -123,8 +122,8 @@ class InCore:
         self.place, self.threads, self._options = place, threads, options
         plans = [parse_plan(plan) for plan in (*PLANS, "bsah+chcrt")]
         for plan in plans:
-            warm_up(plan, "rays")
-            warm_up_indirect("rays")
+            precompile_plan(plan, "rays")
+            precompile_indirect("rays")
         self._renderer = Renderer(place.scene, plans[0], threads)
         accelerated = self._renderer.accelerate()
         assert accelerated.bvh is not None
@@ -328,8 +327,8 @@ def opened(place: WalkPlace, max_memory: int | None, threads: int) -> Iterator[P
     if not isinstance(place.scene, PagedScene):
         raise InputError(f"{place.name}: is not a store; name it with --scene instead of --store")
     renderer = Renderer(place.scene, None, threads, max_memory=max_memory)
-    warm_up(renderer.plan, "rays")
-    warm_up_indirect("rays")
+    precompile_plan(renderer.plan, "rays")
+    precompile_indirect("rays")
     paged = renderer.source
     assert isinstance(paged, Paged)
     try:

@@ -28,14 +28,14 @@ from ...bvh.block_tree import block_tree
 from ...engine.method_registry import TRACERS, add_plugins
 from ...errors import InputError
 from ...files import atomic_output
+from ...picture.frame import Frame
 from ...picture.image_files import automatic_exposure, to_srgb8
+from ...picture.renderer import Renderer
 from ...query.gbuffer import GBuffer, seen_by
 from ...query.light_samples import light_samples
 from ...query.pixel_refinement import edges
 from ...query.ray_list import cull_value
 from ...query.shadow_query import ShadowQuery, shadow_queries
-from ...rendering.frame import Frame
-from ...rendering.renderer import Renderer
 from ...scene.camera import CameraRays
 from ...scene.lights import QuadLight
 from ...scene.triangles import Triangles

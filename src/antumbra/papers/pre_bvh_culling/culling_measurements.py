@@ -19,9 +19,9 @@ from ...engine.scene import Scene, procedural
 from ...engine.scene_loading import load
 from ...errors import InputError
 from ...files import atomic_output
+from ...picture.renderer import Renderer
 from ...query.light_samples import light_samples
 from ...query.shadow_query import shadow_queries
-from ...rendering.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light, QuadLight
 from ...scene.mesh import Piece

@@ -14,8 +14,8 @@ import numpy as np
 from ...engine.scene import Scene
 from ...errors import InputError
 from ...files import atomic_output
-from ...rendering.frame import Frame
-from ...rendering.renderer import Renderer
+from ...picture.frame import Frame
+from ...picture.renderer import Renderer
 from ...scene.camera import Camera
 from ...scene.lights import Light, PointLight
 from .. import benchmark_views as views

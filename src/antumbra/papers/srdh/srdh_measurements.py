@@ -23,11 +23,11 @@ from ...bvh.child_order import sooner_first
 from ...bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
 from ...errors import InputError
 from ...kernels.parallel import thread_count
+from ...picture.renderer import Renderer
 from ...query.light_samples import MAX_SPP, light_samples
 from ...query.query_bounds import reach
 from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery, shadow_queries
-from ...rendering.renderer import Renderer
 from ...scene.light_lists import PointLights
 from ...scene.triangles import Triangles
 from ...techniques.srdh import srdh_builder as srdh

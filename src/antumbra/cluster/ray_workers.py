@@ -1,0 +1,348 @@
+"""The workers of a cluster, one per node: what runs there, how units are assigned and lost workers replaced.
+
+`survey` lists what each node has, for ``antumbra doctor``.
+"""
+
+import os
+import platform
+import shutil
+import tempfile
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from time import monotonic, perf_counter
+from typing import Any, NamedTuple
+
+from ..engine.plan import DEFAULT_PLAN, parse_plan
+from ..engine.precompilation import compile_missing, missing_of
+from ..errors import InputError
+from ..files import atomic_output, file_lock, temporary_folder
+from ..jobs.executors import UnitCollector, Units, numbered
+from ..jobs.job_kernels import all_jobs
+from ..kernels.toolchain import kernel_manifest as needs
+from ..kernels.toolchain.kernel_cache import user_cache
+from ..progress import ignore_progress, progress_listener, report_progress
+from ..version import VERSION
+from .node_files import Input, local_path, own_temporary, piece_of
+
+# --- A node of a cluster: one process that owns its cores, opens the scene once, and does units of a job --------------
+
+
+Prepare = Callable[[dict[str, str], int, UnitCollector], Any]
+"""prepare(paths of inputs by name, threads, engine): begin a job, and give its units to the engine."""
+
+
+class NodeJob(NamedTuple):
+    """A job as nodes get it."""
+
+    prepare: Prepare
+    inputs: dict[str, Input]
+    plan: str | None
+    folder: str  # name of the folder of units
+
+
+class Done(NamedTuple):
+    """A unit that a node has done."""
+
+    files: dict[str, bytes]  # by their names below the root; none if it cannot be done
+    seconds: float
+
+
+def signature(job: Sequence[Units]) -> list[tuple[int, list[str]]]:
+    """What tells a job from others: numbers of units, and names of files, which have digests."""
+    return [(len(units), units.files(0) if len(units) else []) for units in job]
+
+
+class Node:
+    """The worker of a node. Files are written in a folder of its own, and sent from there."""
+
+    def __init__(self, threads: int):
+        self._threads, self._open = threads, ExitStack()
+        self._own = self._open.enter_context(temporary_folder())  # of a killed node, the next one removes it
+        self._units: list[tuple[Units, int]] = []
+
+    def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
+        """Open the inputs, compile what is missing, and prepare the job; return its `signature`.
+
+        read : reads a piece of a file of the driver, see `inputs.local_path`
+        """
+        with progress_listener(ignore_progress):
+            paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
+            os.chdir(self._own)  # results of a job have relative names here
+            precompile_plan_kernels(job.plan)
+            asked = UnitCollector(Path(job.folder))
+            job.prepare(paths, self._threads, asked)
+        self._units = [(units, k) for _, units, k in numbered(asked.job)]
+        return signature(asked.job)
+
+    def do(self, number: int) -> Done:
+        """Do a unit."""
+        units, k = self._units[number]
+        start = perf_counter()
+        with progress_listener(ignore_progress):
+            units.do(k)
+        assert units.root is not None
+        files = {name: units.root / name for name in units.files(k)}
+        if not all(path.exists() for path in files.values()):
+            return Done({}, perf_counter() - start)
+        found = {name: path.read_bytes() for name, path in files.items()}
+        for path in files.values():
+            path.unlink()
+        return Done(found, perf_counter() - start)
+
+    def leave(self) -> None:
+        """Remove the node's own files."""
+        os.chdir(tempfile.gettempdir())
+        self._open.close()
+
+
+def precompile_plan_kernels(plan: str | None) -> None:
+    """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
+    wanted = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    if missing_of(wanted):
+        with file_lock(own_temporary() / "warm.lock"):
+            if missing := missing_of(wanted):
+                compile_missing(missing)
+
+
+# --- The workers of a cluster, one on each node: who does what, and what happens if one is lost -----------------------
+
+
+_AHEAD = 2  # units that a worker has: one that it does, and the next one
+_TRIES = 4  # losses of a unit with its worker, or of workers of a node, until nobody tries again
+_POLL, _LOOK = 0.2, 2.0  # seconds between two looks at results, and at the nodes of the cluster
+_PATIENCE = 120.0  # seconds without any worker
+
+
+class Log(NamedTuple):
+    """What a crew did, for measurements. Times are those of `time.monotonic`, or seconds."""
+
+    ready: dict[str, float]  # node -> when its worker was ready
+    seconds: dict[int, float]  # unit -> how long a node took
+    written: list[float]  # when the files of each unit had been written
+
+
+class NodeWorker:
+    """A worker, or one that is being started."""
+
+    def __init__(self, node: str, host: str, actor):
+        self.node, self.host, self.actor = node, host, actor
+        self.ready, self.lost = False, False
+        self.flying = 0  # calls whose answer has not come
+
+
+class WorkerPool:
+    """Does units of a job on the nodes of a cluster.
+
+    ray : the module, connected
+    say : tells the user a line
+    """
+
+    def __init__(self, ray, job: Sequence[Units], sent: NodeJob, say: Callable[[str], None]):
+        self._ray, self._job, self._sent, self._say = ray, job, sent, say
+        self._units = [(units, k) for _, units, k in numbered(job)]
+        self._todo = deque[int]()
+        self._flying: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> who does it, and the unit; None: begin
+        self._workers: dict[str, NodeWorker] = {}
+        self._losses: Counter[str] = Counter()  # by node
+        self._tries: Counter[int] = Counter()  # by unit
+        self._looked = -_LOOK
+        self._reader = self._read = None
+        self.log = Log({}, {}, [])
+
+    def do(self, numbers: Sequence[int]) -> None:
+        """Do the units of these numbers."""
+        self._todo.extend(numbers)
+        missing, since = set(numbers), monotonic()
+        self._serve_inputs()
+        try:
+            with report_progress(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
+                while missing:
+                    self._look_for_nodes()
+                    self._hand_out()
+                    if self._workers:
+                        since = monotonic()
+                    elif monotonic() - since > _PATIENCE:
+                        raise InputError("no node of the cluster has a free core; look at: ray status")
+                    for number in self._heard():
+                        missing.discard(number)
+                        progress(len(numbers) - len(missing), len(numbers))
+        finally:
+            self._dismiss()
+
+    def _serve_inputs(self) -> None:
+        """Start a process beside this one that reads inputs for nodes that lack them."""
+        if not self._sent.inputs:
+            return
+        remote, here = self._ray.remote(_Reader), self._ray.get_runtime_context().get_node_id()
+        self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
+
+    def _look_for_nodes(self) -> None:
+        """Start a worker on each node that has none."""
+        if monotonic() - self._looked < _LOOK:
+            return
+        self._looked = monotonic()
+        for node in self._ray.nodes():
+            name, cores = node["NodeID"], int(node["Resources"].get("CPU", 0))
+            if node["Alive"] and cores and name not in self._workers and self._losses[name] < _TRIES:
+                actor = self._ray.remote(Node).options(
+                    num_cpus=cores, max_restarts=0, scheduling_strategy=on_node(self._ray, name)
+                )
+                worker = NodeWorker(name, node["NodeManagerHostname"], actor.remote(cores))
+                self._workers[name] = worker
+                self._call(worker, worker.actor.begin.remote(self._sent, _Remote(self._reader)), None)
+
+    def _hand_out(self) -> None:
+        for worker in self._workers.values():
+            while worker.ready and worker.flying < _AHEAD and self._todo:
+                number = self._todo.popleft()
+                self._call(worker, worker.actor.do.remote(number), number)
+
+    def _call(self, worker: NodeWorker, call, number: int | None) -> None:
+        worker.flying += 1
+        self._flying[call] = worker, number
+
+    def _heard(self) -> list[int]:
+        """The units whose results have come; they are written."""
+        if not self._flying:
+            self._ray.wait([self._ray.put(0)], timeout=_POLL)
+            return []
+        ready, _ = self._ray.wait(list(self._flying), num_returns=1, timeout=_POLL)
+        done = []
+        for call in ready:
+            worker, number = self._flying[call]
+            answer = self._answer(call, worker)
+            if worker.lost:
+                continue
+            del self._flying[call]
+            worker.flying -= 1
+            if number is None:
+                self._check(worker, answer)
+            else:
+                self._write(number, answer.files, worker)
+                self.log.seconds[number] = answer.seconds
+                self.log.written.append(monotonic())
+                done.append(number)
+        return done
+
+    def _answer(self, call, worker: NodeWorker):
+        """The answer of a call; if its worker is lost, what it had goes to others."""
+        errors = self._ray.exceptions
+        try:
+            return self._ray.get(call)
+        except errors.RayTaskError as error:
+            cause = error.cause
+            raise cause if isinstance(cause, Exception) else error from None
+        except (errors.RayActorError, errors.WorkerCrashedError, errors.ObjectLostError, errors.NodeDiedError):
+            self._lose(worker)
+
+    def _lose(self, worker: NodeWorker) -> None:
+        worker.lost = True
+        self._workers.pop(worker.node, None)
+        self._losses[worker.node] += 1
+        with suppress(Exception):
+            self._ray.kill(worker.actor)
+        lost = [number for who, number in self._flying.values() if who is worker and number is not None]
+        self._flying = {call: held for call, held in self._flying.items() if held[0] is not worker}
+        self._todo.extendleft(reversed(lost))
+        self._tries.update(lost[:1])  # the others were only waiting
+        self._looked = -_LOOK
+        self._say(f"note: the worker on {worker.host} was lost; {len(lost)} parts are done again")
+        often = [number for number in lost if self._tries[number] >= _TRIES]
+        if often:
+            raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; do the nodes lack memory?")
+
+    def _check(self, worker: NodeWorker, told) -> None:
+        if told != signature(self._job):
+            raise InputError(
+                f"{worker.host} would do other work than this machine; install the same version of antumbra there"
+            )
+        worker.ready = True
+        self.log.ready[worker.node] = monotonic()
+
+    def _write(self, number: int, files: dict[str, bytes], worker: NodeWorker) -> None:
+        units, k = self._units[number]
+        root = units.root
+        assert root is not None
+        for name, data in files.items():
+            path = root / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_output(path) as temporary:
+                temporary.write_bytes(data)
+        if not files:
+            units.do(k)  # it fails here as it failed there, and the user hears why
+        elif not units.done(k):
+            raise InputError(f"{worker.host} sent a part of other work ({next(iter(files))}); run the command again")
+        else:
+            units.found(k)
+
+    def _dismiss(self) -> None:
+        """End all workers."""
+        with suppress(Exception):
+            leaving = [worker.actor.leave.remote() for worker in self._workers.values() if not worker.flying]
+            self._ray.wait(leaving, num_returns=len(leaving), timeout=5.0) if leaving else None
+        for actor in [*(worker.actor for worker in self._workers.values()), *([self._reader] if self._reader else [])]:
+            with suppress(Exception):
+                self._ray.kill(actor)
+
+
+def on_node(ray, node: str):
+    """The strategy that places an actor on a node."""
+    return ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(node, soft=False)
+
+
+class _Reader:
+    """Reads files of the driver's machine for others."""
+
+    def piece(self, path: str, offset: int) -> bytes:
+        return piece_of(path, offset)
+
+
+class _Remote:
+    """A function that asks a `_Reader` in another process."""
+
+    def __init__(self, reader):
+        self._reader = reader
+
+    def __call__(self, path: str, offset: int) -> bytes:
+        import ray
+
+        return ray.get(self._reader.piece.remote(path, offset))
+
+
+# --- What the nodes of a cluster have, for ``antumbra doctor`` --------------------------------------------------------
+
+
+def about_node() -> dict[str, Any]:
+    """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
+    wanted = needs.read_manifests(needs.MANIFEST).kernels
+    found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
+    found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
+    return {**found, "missing": len(missing_of(wanted)), "cache": str(user_cache().path)}
+
+
+def _memory() -> float | None:
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    except (AttributeError, OSError, ValueError):  # not on Windows
+        return None
+
+
+def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
+    """What each node of the cluster has, in the order of hosts; "error" of those that do not answer."""
+    ask = ray.remote(about_node)
+    calls = {}
+    for node in ray.nodes():
+        if node["Alive"]:
+            call = ask.options(num_cpus=0, max_retries=0, scheduling_strategy=on_node(ray, node["NodeID"])).remote()
+            calls[call] = node["NodeManagerHostname"], int(node["Resources"].get("CPU", 0))
+    ready, late = ray.wait(list(calls), num_returns=len(calls), timeout=seconds)
+    found = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]
+    for call in ready:
+        host, cores = calls[call]
+        try:
+            found.append({**ray.get(call), "cores": cores})
+        except ray.exceptions.RayError as error:
+            found.append({"host": host, "error": " ".join(str(error).split())[:160]})
+    return sorted(found, key=lambda each: each["host"])

@@ -1,0 +1,117 @@
+"""The image layers of a data set: names and values, and blocker ids, the first face on the way to a light's centre.
+
+Names are LAYER.PASS.CHANNEL, as Blender writes them to multi-layer EXR; OpenEXR groups channels by the names before the
+last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has its own layer.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...engine.scene import AnyScene
+from ...picture.frame import Frame
+from ...picture.image_files import stored
+from ...query.gbuffer import GBuffer
+from ...query.receivers import point_receivers
+from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
+
+# --- Blocker ids: for each pixel the first face on the way to the centre of a light -----------------------------------
+
+
+def has_centre(light: Light) -> bool:
+    """Whether rays can be sent to the light's centre. Ambient light and lists of lights have none."""
+    return isinstance(light, PointLight | QuadLight | DiskLight | SphereLight | DirectionalLight)
+
+
+def towards_centre(light: Light, world: np.ndarray) -> tuple[np.ndarray, float]:
+    """(directions, tmax) of rays from (m, 3) points to the light's centre; a distant light's rays have no end."""
+    if isinstance(light, DirectionalLight):
+        return np.broadcast_to(-light.direction, world.shape), np.inf
+    if isinstance(light, QuadLight):
+        return light.corner + 0.5 * (light.u + light.v) - world, 1.0
+    centre = light.position if isinstance(light, PointLight) else light.center  # type: ignore[attr-defined]
+    return centre - world, 1.0
+
+
+def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threads: int | None) -> np.ndarray:
+    """(H, W) int32: the face that keeps the centre of a light from each pixel; -1 where none does.
+
+    It is the pixel's own face where the surface faces away from the centre. Elsewhere it is the face of the nearest
+    hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face. It starts at the pixel's
+    position, moved by 2^-21 of its largest coordinate along the normal, both as `GBuffer` gives them.
+    """
+    out = np.full(gbuffer.face.shape, -1, np.int32)
+    seen = gbuffer.face >= 0
+    if not seen.any():
+        return out
+    own, position = gbuffer.face[seen], gbuffer.position[seen].astype(np.float64)
+    normal = gbuffer.normal[seen].astype(np.float64)
+    world = point_receivers(position, normal, position, single=False) + gbuffer.origin
+    directions, tmax = towards_centre(light, world)
+    x, y, z = (normal * directions).T
+    hit = scene.closest_hit(world, directions, 0.0, tmax, own, time, threads=threads)
+    out[seen] = np.where(x + y + z > 0.0, hit.face, own)
+    return out
+
+
+# --- The layers of a picture of a data set: their names, and their values ---------------------------------------------
+#
+# Names are LAYER.PASS.CHANNEL, as Blender writes them to a multi-layer EXR. OpenEXR groups channels by the names
+# before the last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has a layer of its
+# own.
+
+
+VIEW = "ViewLayer"
+
+
+class Objects(NamedTuple):
+    """The object of each face, and the instance of each object."""
+
+    of_face: np.ndarray  # (n,) int32
+    instance: np.ndarray  # (k,) int32
+
+
+def objects_of(scene: AnyScene) -> Objects:
+    """The `Objects` of a scene."""
+    return Objects(scene.object_of_face, np.array([o.instance for o in scene.objects], np.int32))
+
+
+def light_layer(k: int) -> str:
+    """The name of the layer of light k."""
+    return f"Light{k:03d}"
+
+
+def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -> dict[str, np.ndarray]:
+    """All channels of a picture: name -> (H, W) float32, or uint32 with the bits of an int32 id.
+
+    blocked : for each light its `blockers`, or None
+    """
+    g = frame.gbuffer
+    seen = g.face >= 0
+    thing = np.where(seen, objects.of_face[np.where(seen, g.face, 0)], -1).astype(np.int32)
+    instance = np.where(seen, objects.instance[np.where(seen, thing, 0)], -1).astype(np.int32)
+    passes = {
+        **{f"{VIEW}.Combined.{c}": frame.image[..., k] for k, c in enumerate("RGB")},
+        f"{VIEW}.Combined.A": seen.astype(np.float32),
+        f"{VIEW}.Depth.Z": g.depth,
+        **{f"{VIEW}.Position.{c}": g.position[..., k] for k, c in enumerate("XYZ")},
+        **{f"{VIEW}.Normal.{c}": g.normal[..., k] for k, c in enumerate("XYZ")},
+        f"{VIEW}.IndexOB.X": thing,
+        f"{VIEW}.Instance.X": instance,
+        f"{VIEW}.Triangle.X": g.face,
+    }
+    for k, (visibility, blocker) in enumerate(zip(frame.visibility, blocked)):
+        passes[f"{light_layer(k)}.Visibility.X"] = visibility
+        if blocker is not None:
+            passes[f"{light_layer(k)}.Blocker.X"] = blocker
+    return {name: stored(values) for name, values in passes.items()}
+
+
+def light_blockers(scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads) -> list[np.ndarray | None]:
+    """For each light its `blockers`; None if it has no centre."""
+    return [blockers(scene, frame.gbuffer, s, time, threads) if has_centre(s) else None for s in lights]
+
+
+def masks(frame: Frame) -> list[np.ndarray]:
+    """For each light (H, W) uint8: the share of it that is hidden, 255 for all of it; 0 in the background."""
+    return [np.rint(255.0 * (1.0 - v.astype(np.float64))).astype(np.uint8) for v in frame.visibility]

@@ -1,0 +1,248 @@
+"""False-colour output of results: pictures with a legend, and unlit GLB models with vertex colours (`COLOR_0`)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine.scene import AnyScene
+from ..formats.gltf.gltf_file import (
+    ARRAY_BUFFER,
+    ELEMENT_ARRAY_BUFFER,
+    FLOAT,
+    UNSIGNED_INT,
+    buffer_views,
+    glb_bytes,
+    up_axis_transform,
+)
+from ..picture.heat_maps import Panel, Scale, linear_scale, scale_of, sheet
+from ..picture.renderer import render
+from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
+from ..scene.lights import AmbientOcclusion
+from ..scene.materials import srgb_to_linear
+from .sensors import corners_of
+
+# --- Where points lie in a camera's picture ---------------------------------------------------------------------------
+
+
+def project_points(camera: Camera, points: np.ndarray) -> np.ndarray:
+    """(k, 2) float64: pixels to the right and down, of world points; NaN behind the camera."""
+    rays = camera.view(camera.position)
+    away = points - camera.position
+    if isinstance(rays, ExplicitRays):
+        return rays.places(away)
+    right, down, view = camera.axes
+    depth = away @ view
+    scale = camera.height / (2.0 * np.tan(np.radians(camera.vfov) / 2.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = np.stack([away @ right, away @ down], 1) / depth[:, None]
+    flat[depth <= 0.0] = np.nan
+    return flat * scale + (camera.width / 2.0, camera.height / 2.0)
+
+
+# --- Pictures of results in false colours, with a legend --------------------------------------------------------------
+
+
+_SIZE = 1024  # pixels of a picture, and least width of a map
+_MOST_PIXELS = 4096  # of a map's side
+_DARKEST = 0.45  # of a colour, where no ambient light arrives
+_NOWHERE = 70  # grey of surfaces without a value
+_DOT = 5  # pixels: radius of a mark
+
+
+def false_colours(table, name: str) -> np.ndarray:
+    """(H, W, 3) uint8 sRGB: a column of a `table.Table`, as a map of a raster, else on the surfaces of the scene.
+
+    The table's marks are dots.
+    """
+    values, known = shown_values(table, name)
+    scale = shown_scale(table[name], known)
+    values[~known] = np.nan
+    if table.sensors.raster is not None:
+        picture, places = _map(table, values, scale)
+    else:
+        picture, places = _view(table, values, scale)
+    column = table.columns[name]
+    caption = f"{name} [{column.unit}]" if column.unit else name
+    panel = Panel(_dotted(picture, places), [column.about[:1].upper() + column.about[1:]])
+    return sheet([panel], scale.bar(caption))
+
+
+def shown_values(table, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) float64: the numbers of a column; (n,) bool: which are shown.
+
+    Not shown: NaN, whole numbers below 0 (no index), and cells of a raster beside the surfaces that it follows.
+    """
+    values = table[name].astype(np.float64)
+    known = np.isfinite(values)
+    if table[name].dtype.kind == "i":
+        known &= values >= 0
+    return values, known & table.sensors.covered
+
+
+def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
+    """The scale of a column: of whole numbers up to the highest one, else without a few extreme ones; yes and no."""
+    if values.dtype.kind == "b":
+        return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
+    if values.dtype.kind not in "iu" or not known.any():
+        return linear_scale(values[known].astype(np.float64))
+    top = max(int(values[known].max()), 1)
+    ticks = np.unique(np.ceil(scale_of(np.array([float(top)]))))
+    return Scale(np.append(ticks[ticks < top], top).astype(np.float64), False)
+
+
+def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """The picture with a dot at each place ((k, 2), pixels to the right and down)."""
+    from PIL import Image, ImageDraw
+
+    drawn = Image.fromarray(picture)
+    pen = ImageDraw.Draw(drawn)
+    for x, y in places[np.isfinite(places).all(1)].tolist():
+        pen.ellipse((x - _DOT, y - _DOT, x + _DOT, y + _DOT), (255, 255, 255), (0, 0, 0), 2)
+    return np.asarray(drawn)
+
+
+def _map(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
+    """The cells of a raster, north up, several pixels wide if they are few; and the places of marks."""
+    raster = table.sensors.raster
+    cells = table.sensors.on_raster(values)
+    colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
+    colours[~np.isfinite(cells)] = _NOWHERE
+    several = max(1, _SIZE // max(cells.shape))
+    step = -(-max(cells.shape) // _MOST_PIXELS)
+    marks = _marks(table)
+    north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
+    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (several / step / raster.spacing)
+    return colours[::step, ::step].repeat(several, 0).repeat(several, 1), places
+
+
+def _marks(table) -> np.ndarray:
+    return np.empty((0, 3)) if table.marks is None else table.marks
+
+
+def _view(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
+    """The scene in the colours of its sensors, darker where surfaces are near each other; and the places of marks."""
+    scene = table.scene
+    around = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
+    shown = np.concatenate([around, _marks(table)])
+    camera = table.camera or fitted_camera(shown, scene.up, _SIZE, 3 * _SIZE // 4)
+    frame = render(scene, camera, [AmbientOcclusion()], spp=16)
+    buffer = frame.gbuffer
+    met = buffer.face >= 0
+    colours = np.full((*met.shape, 3), 30, np.uint8)
+    at = buffer.position[met] + buffer.origin
+    found = _values_at(table.sensors, values, at, buffer.normal[met], buffer.face[met])
+    known = np.isfinite(found)
+    shown = np.where(known[:, None], scale.colours(np.nan_to_num(found), known), np.uint8(_NOWHERE))
+    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][met][:, None]
+    colours[met] = np.round(shown * light).astype(np.uint8)
+    return colours, project_points(camera, _marks(table))
+
+
+def _values_at(sensors, values: np.ndarray, at: np.ndarray, normals: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """The values at surface points: of the face's sensor if each face has one, else of the nearest sensor.
+
+    Sensors that look another way count as farther away, so both sides of a wall keep their own.
+    """
+    if sensors.kind == "face":
+        of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
+        of_face[sensors.faces] = values
+        return of_face[faces]
+    from scipy.spatial import cKDTree
+
+    if sensors.normals is None:
+        return values[cKDTree(sensors.points).query(at, workers=-1)[1]]
+    away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
+    tree = cKDTree(np.hstack([sensors.points, sensors.normals * away]))
+    return values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]]
+
+
+# --- Models of results: GLB files whose vertices have the false colours of sensors (`COLOR_0`), unlit -----------------
+
+
+LINES, TRIANGLES = 1, 4  # modes of glTF
+_UNLIT = "KHR_materials_unlit"
+_GREY = 0.35  # linear: surfaces without a value
+_LIFT = 0.02  # of its width: how far a patch lies off its surface
+
+
+class ColouredMesh(NamedTuple):
+    """A coloured mesh, or lines."""
+
+    name: str
+    vertices: np.ndarray  # (v, 3) float32
+    colours: np.ndarray  # (v, 3) float32, linear
+    faces: np.ndarray  # (f, 3) uint32; of lines (f, 2)
+    mode: int = TRIANGLES
+
+
+def coloured_model(table, name: str) -> bytes:
+    """A GLB file of a column of a `table.Table`: coloured faces or vertices, else a square for each sensor.
+
+    Coordinates are relative to the scene's `origin`, because glTF has float32; the asset's `extras` give it.
+    """
+    sensors, scene = table.sensors, table.scene
+    values, known = shown_values(table, name)
+    scale = shown_scale(table[name], known)
+    shown = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
+    shown[~known] = _GREY
+    corners = corners_of(scene) - scene.origin
+    colours = np.full((len(corners), 3, 3), _GREY)
+    if sensors.kind == "face":
+        colours[sensors.faces] = shown[:, None]
+    elif sensors.kind == "vertex":
+        used = sensors.corners[:, 0] >= 0
+        colours[used] = shown[sensors.corners[used]]
+    soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
+    parts = [ColouredMesh(scene.name, corners.reshape(-1, 3), colours.reshape(-1, 3), soup)]
+    if sensors.kind not in ("face", "vertex"):
+        parts.append(_squares(sensors, shown, scene))
+    told = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
+    told["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
+    return coloured_glb(parts, scene.up, told)
+
+
+def _squares(sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
+    """A square for each sensor, as large as its area, a little off its surface; level if it has no normal."""
+    n = len(sensors)
+    width = np.sqrt(sensors.areas) if sensors.areas is not None else np.full(n, 1.0)
+    normals = sensors.normals if sensors.normals is not None else np.broadcast_to(axes(scene.up)[1], (n, 3))
+    side = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    u = np.cross(side, normals)
+    u *= (width / np.linalg.norm(u, axis=1) / 2.0)[:, None]
+    v = np.cross(normals, u)
+    middle = sensors.points - scene.origin + _LIFT * width[:, None] * normals
+    vertices = np.stack([middle - u - v, middle + u - v, middle + u + v, middle - u + v], 1)
+    faces = 4 * np.arange(n, dtype=np.uint32)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
+    return ColouredMesh("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
+
+
+def coloured_glb(parts: list[ColouredMesh], up: str, extras: dict) -> bytes:
+    """A binary glTF 2.0 file of coloured meshes, one node each, without light."""
+    blocks, accessors, meshes = list[np.ndarray](), list[dict](), list[dict]()
+    for part in parts:
+        vertices, colours = (np.ascontiguousarray(a, "<f4") for a in (part.vertices, part.colours))
+        first, floats = len(accessors), {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
+        box = {"min": vertices.min(0).tolist(), "max": vertices.max(0).tolist()}
+        accessors += [{"bufferView": first, **floats, **box}, {"bufferView": first + 1, **floats}]
+        kind = {"componentType": UNSIGNED_INT, "type": "SCALAR", "count": part.faces.size}
+        accessors.append({"bufferView": first + 2, **kind})
+        blocks += [vertices, colours, np.ascontiguousarray(part.faces, "<u4")]
+        use = {
+            "attributes": {"POSITION": first, "COLOR_0": first + 1},
+            "indices": first + 2,
+            "material": 0,
+            "mode": part.mode,
+        }
+        meshes.append({"name": part.name, "primitives": [use]})
+    root = {
+        "asset": {"version": "2.0", "generator": "antumbra", "extras": extras},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(parts)))}],
+        "nodes": [{"name": part.name, "mesh": k, **up_axis_transform(up)} for k, part in enumerate(parts)],
+        "meshes": meshes,
+        "materials": [{"doubleSided": True, "extensions": {_UNLIT: {}}}],
+        "accessors": accessors,
+        **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER] * len(parts)),
+        "extensionsUsed": [_UNLIT],
+    }
+    return glb_bytes(root, blocks)

@@ -1,0 +1,331 @@
+"""Areas of the ground, such as gardens, from GeoJSON or Python; their sensors, and which of these lie inside buildings.
+
+Points inside solids are found by exact rays towards the sky: along a ray that leaves a closed surface, faces met from
+behind outnumber those met from the front. The difference is the winding number, which overlapping solids and shared
+walls do not upset. Real models have holes and missing floors, so several rays vote.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..checks import flag, number, path_of
+from ..engine.paged_scene import PagedScene
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import SceneLike, scene_of
+from ..errors import InputError
+from ..files import checked_file
+from ..kernels.parallel import thread_count
+from ..query.receivers import Receivers
+from ..scene.crs import checked_crs, reproject
+from ..trace.rays.ray_hits import intersections
+from .raster_grid import Raster
+from .sensors import LOW, Sensors, Zone, ground_at, raster_of
+
+# --- Points inside solids, such as the buildings of a city, by exact rays towards the sky -----------------------------
+#
+# Along a ray that leaves a closed surface, faces seen from behind outnumber those seen from the front. Their
+# difference is the winding number, which overlapping solids and shared walls do not upset. Real models have holes,
+# missing floors, and sheets such as canopies. So several rays vote, all of them upwards: missing floors and hillsides
+# then do no harm. Level rays that count walls alone find roofs of buildings that have neither a floor nor ground below
+# them.
+
+
+_PLAN = "bsah+wide"
+_RAYS = 16
+_SHARE = 0.75  # of the rays, which must leave a solid
+_LOWEST = 0.2  # height of the lowest ray's unit vector
+_DEPTHS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0, 40.0  # world units below a roof, for level rays
+_STEEP = 0.5  # height of a unit normal: steeper faces are walls
+_AT_A_TIME = 1 << 12  # points
+
+
+def covered_by_solids(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """(n,) bool: whether points of the ground, or points `LOW` above them, lie inside solids.
+
+    Floors of buildings often lie a little above or below the ground, hence the second test.
+
+    points : (n, 3) float64, world
+    """
+    up = np.eye(3)["xyz".index(scene.up)]
+    return inside_solids(scene, points, threads) | inside_solids(scene, points + LOW * up, threads)
+
+
+def inside_solids(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """(n,) bool: whether points lie inside closed surfaces. Points of surfaces that look up lie above them.
+
+    Faces that alpha cuts are not counted: they are leaves and fences.
+
+    points : (n, 3) float64, world
+
+    Raises
+    ------
+    InputError
+        If the scene is in a store.
+    """
+    begin = Receivers.on_surface(points, np.eye(3)["xyz".index(scene.up)], scene.origin)
+    return _leaves_solid(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
+
+
+def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads: int | None = None) -> np.ndarray:
+    """(n,) bool: whether surfaces are roofs of buildings that have no floor, and no ground below them.
+
+    Of such buildings, the roof is the lowest surface. But somewhere below it, walls are all around.
+
+    points : (n, 3) float64, world, on the surfaces
+    floor : (n,) float64, the height of the lowest ground around
+    """
+    up = "xyz".index(scene.up)
+    found, rays = np.zeros(len(points), bool), _rays(scene.up, 0.01, 0.05)
+    for depth in _DEPTHS:
+        at = points.copy()
+        at[:, up] = np.maximum(points[:, up] - depth, floor + LOW)
+        high = np.flatnonzero((points[:, up] > floor + LOW) & ~found)
+        if len(high):
+            found[high] = _leaves_solid(
+                scene, Receivers.in_space(at[high], scene.origin).origins[0], rays, True, threads
+            )
+    return found
+
+
+def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: bool, threads: int | None) -> np.ndarray:
+    """(n,) bool: whether most rays from points leave a solid.
+
+    begin : (n, 3) float32, recentred
+    rays : (_RAYS, 3) float64, unit vectors
+    walls : whether only steep faces count
+    """
+    if isinstance(scene, PagedScene):
+        raise scene.refusal()
+    ready = scene.engine.with_options(_PLAN, threads, None).accelerated(0.0)
+    assert ready.bvh is not None
+    corners = ready.triangles.vertices.astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if walls:
+        flat = np.abs(normals[:, "xyz".index(scene.up)]) > _STEEP * np.linalg.norm(normals, axis=1)
+        normals[flat] = 0.0
+    reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
+    found = np.zeros(len(begin), bool)
+    for first in range(0, len(begin), _AT_A_TIME):
+        some = begin[first : first + _AT_A_TIME]
+        origins = np.repeat(some, _RAYS, 0)
+        ends = (origins + np.tile(reach * rays, (len(some), 1))).astype(np.float32)
+        met = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
+        ray = np.repeat(np.arange(len(origins)), np.diff(met.first))
+        signs = np.sign((normals[met.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
+        winding = np.bincount(ray, signs, len(origins)).reshape(-1, _RAYS)
+        found[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
+    return found
+
+
+def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
+    """(_RAYS, 3) float64: unit vectors on a spiral, none of them along an axis, as edges of models often are."""
+    i = np.arange(_RAYS)
+    height, angle = lowest + (highest - lowest) * (i + 0.5) / _RAYS, 0.3 + i * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - height * height)
+    east, north = width * np.cos(angle), width * np.sin(angle)
+    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
+
+
+# --- Areas of the ground, such as gardens: polygons from GeoJSON or Python, and the sensors in them -------------------
+
+
+SPACING = 0.5
+"""Side of the cells of areas, if no other is given."""
+
+SUFFIXES = (".geojson", ".json")
+_WORLD = "EPSG:4326"  # of GeoJSON without a CRS [RFC 7946]
+
+
+class Area(NamedTuple):
+    """An area of the ground."""
+
+    name: str
+    rings: list[np.ndarray]  # (k, 2) float64 each, to the east and to the north; holes and further polygons included
+
+
+def area_sensors(
+    scene: SceneLike, areas, spacing: float | str | PathLike = SPACING, height: float = 0.0, *, follow: bool = True,
+    threads: int | None = None,
+) -> Sensors:  # fmt: skip
+    """Sensors on the ground of areas, such as gardens: the cells of a raster whose middles lie in them.
+
+    The ground is the lowest surface, or the upper side of a slab there that is less than 1 world unit thick. So no
+    sensor lies on a roof. Cells inside buildings are left out.
+
+    Parameters
+    ----------
+    scene : Scene, or anything that `antumbra.load` takes
+    areas : str, path-like, dict, or sequence
+        A GeoJSON file or object of Polygons and MultiPolygons; an object with ``__geo_interface__``, such as a shapely
+        polygon or a GeoDataFrame; a sequence of (k, 2) rings, in the scene's coordinates to the east and to the north;
+        or a dict from names to any of these. GeoJSON is in WGS 84 unless it names a CRS or has other numbers.
+    spacing : float, str or path-like
+        As in `raster_sensors`.
+    height : float
+        World units above the ground if `follow`, else a coordinate on the up axis.
+    threads : int, optional
+        None: all cores.
+
+    Raises
+    ------
+    InputError
+        If areas cannot be read, hold no cell, or have no ground below them, or if the scene is in a store.
+    """
+    scene, follow, threads = scene_of(scene), flag(follow, "follow"), thread_count(threads)
+    height = number(height, "the height of sensors")
+    found = list(read_areas(areas, scene.crs))
+    if not found:
+        raise InputError("there is no area; give at least one polygon")
+    corners = np.concatenate([ring for area in found for ring in area.rings])
+    raster = raster_of(scene, spacing, np.stack([corners.min(0), corners.max(0)]))
+    cells = [_cells_in(area, raster) for area in found]
+    cell, zone = np.concatenate(cells), np.repeat(np.arange(len(found)), [len(each) for each in cells])
+    at, faces, up = raster.places(cell, scene.up), np.full(len(cell), -1, np.int64), "xyz".index(scene.up)
+    if follow:
+        at[:, up], faces = ground_at(scene, at, 0.0, threads)
+        _check_ground(found, zone, faces)
+        floor = np.array([at[zone == k, up].min() for k in range(len(found))])
+        out = below_roofs(scene, at, floor[zone], threads)
+        at[:, up] += height
+    else:
+        at[:, up], out = height, np.zeros(len(at), bool)
+    out |= covered_by_solids(scene, at, threads)
+    zones = [Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(found, cells))]
+    normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.area)
+    kept = ~out
+    return Sensors(
+        at[kept], normals[kept], sizes[kept], faces[kept], "raster", raster, cells=cell[kept], zone=zone[kept],
+        zones=tuple(zones),
+    )  # fmt: skip
+
+
+def check_areas(path: Path) -> None:
+    """Raise an InputError, before a scene is read, unless a path names a GeoJSON file."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"--areas is {str(path)!r}; it must be a {' or '.join(SUFFIXES)} file")
+    checked_file(path, path.name)
+
+
+def read_areas(given, crs: str | None) -> Iterator[Area]:
+    """The areas of all that `area_sensors` takes, in the coordinates of a scene with a CRS."""
+    if isinstance(given, (str, PathLike)):
+        path = path_of(given, "areas")
+        checked_file(path, path.name)
+        try:
+            yield from _of_json(json.loads(path.read_bytes()), crs, path.name, None)
+        except ValueError as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"{path.name}: is no GeoJSON ({str(error)[:80]}); export it again") from None
+    elif hasattr(given, "__geo_interface__"):
+        own = getattr(given, "crs", None)
+        yield from _of_json(given.__geo_interface__, crs, "areas", crs if own is None else checked_crs(own))
+    elif isinstance(given, Mapping) and "type" in given:
+        yield from _of_json(given, crs, "areas", None)
+    elif isinstance(given, Mapping):
+        for name, each in given.items():
+            yield Area(str(name), [ring for area in read_areas([each], crs) for ring in area.rings])
+    elif isinstance(given, (list, tuple)):
+        for k, each in enumerate(given):
+            if hasattr(each, "__geo_interface__") or isinstance(each, Mapping):
+                yield from (area._replace(name=f"area {k + 1}") for area in read_areas(each, crs))
+            else:
+                yield Area(f"area {k + 1}", [_ring(each, f"area {k + 1}")])
+    else:
+        raise InputError(f"areas are a {type(given).__name__}; give GeoJSON, or a list of rings ((k, 2) numbers)")
+
+
+def _of_json(root: Any, crs: str | None, where: str, own: str | None) -> Iterator[Area]:
+    """The areas of GeoJSON. own: the CRS of its numbers; None: as the file says."""
+    if not isinstance(root, Mapping):
+        raise InputError(f"{where}: is no GeoJSON object; export it again")
+    features = root.get("features") or [] if root.get("type") == "FeatureCollection" else [root]
+    if not isinstance(features, list | tuple):
+        raise InputError(f"{where}: has features that are no list; export it again")
+    found = [_of_feature(each, k, where) for k, each in enumerate(features)]
+    corners = np.concatenate([np.empty((0, 2)), *(ring for area in found for ring in area.rings)])
+    source = own or _named_crs(root)
+    if source is None and crs is not None and (np.abs(corners) <= [180.0, 90.0]).all():
+        source = _WORLD
+    if source is not None and crs is None and _is_world(source):
+        raise InputError(f"{where}: is in degrees, and the scene's CRS is unknown; give it, such as --crs EPSG:7415")
+    if source is not None and crs is not None:
+        found = [area._replace(rings=[reproject(ring, source, crs) for ring in area.rings]) for area in found]
+    yield from found
+
+
+def _of_feature(given: Any, k: int, where: str) -> Area:
+    """The area of a Feature or a geometry."""
+    shape, name = given, None
+    if isinstance(given, Mapping) and given.get("type") == "Feature":
+        told = given.get("properties") or {}
+        shape, name = given.get("geometry"), told.get("name") or told.get("id") or given.get("id")
+    name = f"area {k + 1}" if name is None else str(name)
+    kind = shape.get("type") if isinstance(shape, Mapping) else None
+    if kind not in ("Polygon", "MultiPolygon"):
+        raise InputError(f"{where}: {name} is a {kind}; areas are Polygons and MultiPolygons")
+    boundaries = shape.get("coordinates")
+    polygons = [boundaries] if kind == "Polygon" else boundaries
+    try:
+        return Area(name, [_ring(ring, name) for polygon in polygons for ring in polygon])
+    except TypeError:
+        raise InputError(f"{where}: {name} has coordinates that are no list of rings; export it again") from None
+
+
+def _ring(given, name: str) -> np.ndarray:
+    try:
+        ring = np.array([[float(x), float(y)] for x, y, *_ in given])
+    except (TypeError, ValueError, OverflowError):
+        ring = np.empty((0, 2))
+    if len(ring) < 3 or not np.isfinite(ring).all():
+        raise InputError(f"{name}: a ring must have at least three corners of finite numbers, to the east and north")
+    return ring
+
+
+def _named_crs(root: Mapping) -> str | None:
+    """The CRS that GeoJSON names, as GIS programs write it."""
+    told = root.get("crs")
+    if not isinstance(told, Mapping):
+        return None
+    name = (told.get("properties") or {}).get("name")
+    return None if name is None else checked_crs(str(name))
+
+
+def _is_world(crs: str) -> bool:
+    from pyproj import CRS
+
+    return CRS.from_user_input(crs).is_geographic
+
+
+def _cells_in(area: Area, raster: Raster) -> np.ndarray:
+    """The cells whose middles lie in an area, by the even-odd rule; middles on an edge belong to one side of it."""
+    a = np.concatenate(area.rings)
+    b = np.concatenate([np.roll(ring, -1, 0) for ring in area.rings])
+    east, north = raster.middles()
+    rows = np.flatnonzero((north >= a[:, 1].min()) & (north <= a[:, 1].max()))
+    found = [np.empty(0, np.int64)]
+    for row in rows.tolist():
+        y = north[row]
+        spans = (a[:, 1] <= y) != (b[:, 1] <= y)
+        (x0, y0), (x1, y1) = a[spans].T, b[spans].T
+        crossed = np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
+        inside = np.searchsorted(crossed, east, side="right") % 2 == 1
+        found.append(row * raster.columns + np.flatnonzero(inside))
+    if not sum(map(len, found)):
+        raise InputError(f"{area.name}: no cell of {raster.spacing:g} has its middle in it; make the spacing finer")
+    return np.concatenate(found)
+
+
+def _check_ground(areas: list[Area], zone: np.ndarray, faces: np.ndarray) -> None:
+    for k, area in enumerate(areas):
+        lost = int((faces[zone == k] < 0).sum())
+        if lost:
+            raise InputError(
+                f"{area.name}: {lost} of {(zone == k).sum()} cells have no surface below them; "
+                "give the height of the ground, such as raster:0.5@12.3, or a scene with terrain"
+            )

@@ -1,0 +1,89 @@
+"""All compile jobs, for ahead-of-time compilation: those of rendering, and those of `jobs`."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..engine.accelerator import best_tree_job
+from ..engine.engine import wide_lights_job
+from ..engine.in_memory_source import rays_job
+from ..engine.paged_source import paged_job
+from ..engine.plan import Plan, covering_plans
+from ..engine.precompilation import Job, fixed_job, small_scene
+from ..engine.primary_visibility import camera_rays_job, cutouts_job
+from ..engine.scene import Scene
+from ..engine.store_building import store_job
+from ..picture.render_kernels import (
+    antialias_job,
+    appearance_job,
+    bounce_job,
+    explicit_rays_job,
+    ground_job,
+    indirect_job,
+    quality_job,
+    rendering_job,
+)
+from ..picture.traversal_steps import steps_job
+from ..query.light_samples import light_samples
+from ..query.receivers import Receivers
+from ..query.shadow_query import below_horizon
+from ..scene.lights import PointLight
+from .bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from .bit_matrices import reorder_bits
+from .sun.sun_visibility import tally_job
+
+# --- All jobs whose kernels can be compiled ahead of time -------------------------------------------------------------
+
+
+def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
+    """The jobs of the given plans, and the jobs common to all plans.
+
+    plans : None: enough plans to cover every method
+    papers : cover the methods added by packages too; they come last
+    """
+    plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
+    found = [
+        rays_job(),
+        best_tree_job(),
+        camera_rays_job(),
+        quality_job(),
+        antialias_job(),
+        appearance_job(),
+        ground_job(),
+        explicit_rays_job(),
+        indirect_job("raster"),
+        indirect_job("rays"),
+    ]
+    found += [steps_job(), store_job(), paged_job(), cutouts_job()]
+    found += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
+    found += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
+    for plan in plans:
+        for gbuffer in ("raster", "rays"):
+            for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
+                found.append(rendering_job(plan, gbuffer, counters))
+    return found
+
+
+# --- All jobs whose kernels can be compiled ahead of time: those of rendering, and those of this folder ---------------
+
+
+def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
+    """The jobs of the given plans, and the jobs common to all plans; arguments as for `jobs.job_kernels.rendering_jobs`."""
+    return [tally_job(), points_job(), *rendering_jobs(plans, papers)]
+
+
+def points_job() -> Job:
+    """The job of baked light, and of matrices of lines of sight, without tracing."""
+
+    def work():
+        scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
+        samples = light_samples(light, 1)
+        for what in ("light", "bent-normal"):
+            asked = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+            Meter(scene, asked, 1).values(SurfacePoints(np.zeros((1, 3)), up))
+        ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
+        (query,) = scene.engine.with_options("bsah+single", 1, None).queries(ends, [light], [samples])
+        below_horizon(query, 1)
+        reorder_bits(np.zeros((1, 1), np.uint64), np.zeros(1, np.int64), 1)
+
+    return fixed_job("points", work)

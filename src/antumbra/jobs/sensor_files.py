@@ -1,0 +1,245 @@
+"""Sensors from command-line text and from point files: CSV, Parquet, NPZ and NPY."""
+
+import csv
+import json
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ..checks import quoted, spelling_hint
+from ..engine.scene import AnyScene
+from ..engine.scene_loading import SceneLike, scene_of
+from ..errors import InputError
+from ..extras import import_extra
+from ..files import checked_file
+from ..formats.array_files import check_expansion, mapped_array, npz_arrays
+from ..kernels.parallel import thread_count
+from ..scene.crs import check_plan, checked_crs
+from .ground_areas import area_sensors
+from .raster_grid import SUFFIXES as RASTERS
+from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
+
+FORMS = (
+    "face, vertex, grid:SPACING, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif, "
+    "or a .csv, .parquet, .npy or .npz file"
+)
+SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
+
+_GRID = re.compile(r"grid:([0-9.eE+-]+)")
+_RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
+_ROWS = 1 << 16  # lines of a CSV file that are lists at a time
+_NUMBER_BYTES = 8  # of a column of Parquet, at most
+_WORLD = "OGC:CRS84"  # of GeoParquet that names no CRS
+_POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
+
+
+def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> None:
+    """Raise an InputError, before a scene is read, unless `sensors_of` knows this form; `areas`: in areas."""
+    if not isinstance(text, str):
+        raise InputError(f"{option} is {quoted(text)}; it must be {FORMS}")
+    if areas and not _RASTER.fullmatch(text):
+        forms = "raster:SPACING[+HEIGHT|@HEIGHT] or raster:FILE.tif"
+        raise InputError(f"{option} is {quoted(text)}; in areas it must be {forms}")
+    if text in ("face", "vertex") or _GRID.fullmatch(text):
+        return
+    if _RASTER.fullmatch(text):
+        if file := raster_file(text):
+            checked_file(Path(file), file)
+        return
+    check_point_file(text, option, FORMS)
+
+
+def check_point_file(text: str, option: str, forms: str) -> None:
+    """Raise an InputError unless the text of an option names a file of points; `forms`: what it may be."""
+    path = Path(text)
+    if path.suffix.lower() not in SUFFIXES:
+        hint = "" if "." in text else spelling_hint(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
+        raise InputError(f"{option} is {quoted(text)}; {hint}it must be {forms}")
+    checked_file(path, path.name)
+
+
+def raster_file(text: str) -> str | None:
+    """The path in ``raster:FILE.tif`` and its like; None: the text names no raster file."""
+    raster = _RASTER.fullmatch(text)
+    return raster[1] if raster and Path(raster[1]).suffix.lower() in RASTERS else None
+
+
+def kind_of(text: str) -> str:
+    """The kind of the sensors that a checked text names."""
+    word = text.partition(":")[0]
+    return word if word in ("face", "vertex", "grid", "raster") else "points"
+
+
+def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=None) -> Sensors:
+    """The sensors that a text names.
+
+    With `areas`, as `area_sensors` takes them, the text must be one of ``raster``: its heights are above the ground of
+    the areas.
+
+    - ``face``, ``vertex``: one for each face, or each place of corners
+    - ``grid:1.5``: a grid on every surface
+    - ``raster:2``, ``raster:2+1.6``, ``raster:2@30``: a horizontal raster on the highest surfaces, 1.6 above them,
+      or at the coordinate 30; its cells begin at multiples of 2
+    - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
+    - a file of points: see `read_points`
+    """
+    check_sensors(text, areas=areas is not None)
+    scene, threads = scene_of(scene), thread_count(threads)
+    if text == "face":
+        return face_sensors(scene)
+    if text == "vertex":
+        return vertex_sensors(scene)
+    if grid := _GRID.fullmatch(text):
+        return grid_sensors(scene, _number(grid[1], text))
+    if raster := _RASTER.fullmatch(text):
+        height = _number(raster[3], text) if raster[3] else 0.0
+        cells = raster_file(text) or _number(raster[1], text)
+        if areas is not None:
+            return area_sensors(scene, areas, cells, height, follow=raster[2] != "@", threads=threads)
+        return raster_sensors(scene, cells, height, follow=raster[2] != "@", threads=threads)
+    check_file_crs(scene, Path(text))
+    return read_points(Path(text))
+
+
+def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
+    """Raise an InputError if a file of points names a CRS with other horizontal coordinates than the scene's."""
+    for path in paths:
+        if scene.crs and path is not None and path.suffix.lower() == ".parquet":
+            with _reader_errors(path):
+                check_plan(path.name, _crs_of(path), scene.crs)
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise InputError(f"sensors are {whole!r}; {text!r} is no number")
+    return value
+
+
+def read_points(path: Path) -> Sensors:
+    """Points from a file.
+
+    - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area
+    - NPY: (n, 3) points, or (n, 6) points and normals
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a column is missing or holds anything but numbers.
+    """
+    if path.suffix.lower() == ".npy":
+        return _from_array(read_array(path), path.name)
+    columns = read_columns(path, (*_POSITION, *_NORMAL, "area"))
+    missing = [name for name in _POSITION if name not in columns]
+    if missing:
+        raise InputError(f"{path.name}: column {missing[0]!r} is missing; points need the columns x, y and z")
+    normals = np.stack([columns[n] for n in _NORMAL], 1) if all(n in columns for n in _NORMAL) else None
+    return point_sensors(np.stack([columns[n] for n in _POSITION], 1), normals, columns.get("area"))
+
+
+def read_array(path: Path) -> np.ndarray:
+    """The array of a .npy file. InputError if it cannot be read."""
+    with _reader_errors(path):
+        return np.array(mapped_array(path, path.name))
+
+
+def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Those of the columns with these names, in lower case, that a .csv, .parquet or .npz file has, as numbers.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a column holds anything but numbers.
+    """
+    checked_file(path, path.name)
+    reader = {".csv": _csv, ".parquet": _parquet, ".npz": _npz}[path.suffix.lower()]
+    with _reader_errors(path):
+        return reader(path, names)
+
+
+@contextmanager
+def _reader_errors(path: Path) -> Iterator[None]:
+    """Errors of readers as an InputError that names the file."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # damage makes the readers of csv, zipfile and pyarrow raise errors of many kinds
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(f"{path.name}: cannot be read ({reason}); write it again") from error
+
+
+def _from_array(array: np.ndarray, name: str) -> Sensors:
+    if array.ndim != 2 or array.shape[1] not in (3, 6) or array.dtype.kind not in "fiu":
+        raise InputError(
+            f"{name}: the array is {array.dtype} {array.shape}; points are (n, 3), points and normals (n, 6)"
+        )
+    return point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
+
+
+def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = csv.reader(file)
+        header = [name.strip().lower() for name in next(rows, [])]
+        found = [(k, name) for k, name in enumerate(header) if name in wanted]
+        tables, values = list[np.ndarray](), list[list[float]]()
+        for line, row in enumerate(rows, 2):
+            if not row:
+                continue
+            try:
+                values.append([float(row[k]) for k, _ in found])
+            except (ValueError, IndexError):
+                shown = ",".join(row)[:60]
+                raise InputError(f"{path.name}, line {line}: {shown!r} lacks a number of a point") from None
+            if len(values) == _ROWS:  # as an array, they take a fifth of the memory
+                tables, values = [*tables, np.array(values, np.float64)], []
+    table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(found))])
+    return {name: table[:, k] for k, (_, name) in enumerate(found)}
+
+
+def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+    import_extra("pyarrow", ".parquet", "gis")
+    import pyarrow.parquet
+
+    with pyarrow.parquet.ParquetFile(path) as file:
+        names = [name for name in file.schema_arrow.names if name.lower() in wanted]
+        for name in names:
+            _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
+        check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
+        table = file.read(columns=names)
+    return {name.lower(): _numbers(table[name].to_numpy(), name, path) for name in names}
+
+
+def _crs_of(path: Path) -> str | None:
+    """The CRS of the geometry that GeoParquet names as the main one; None: none, or the file is plain Parquet."""
+    import_extra("pyarrow", ".parquet", "gis")
+    import pyarrow.parquet
+
+    told = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    if told is None:
+        return None
+    geo = json.loads(told)
+    named = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
+    return None if named is None else checked_crs(named)
+
+
+def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+    return {name: _numbers(values, name, path) for name, values in npz_arrays(path, wanted).items()}
+
+
+def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    _check_kind(values.dtype, name, path)
+    if values.ndim != 1:
+        raise InputError(f"{path.name}: column {name!r} must hold numbers, not arrays {values.shape}")
+    return values.astype(np.float64)
+
+
+def _check_kind(kind: np.dtype, name: str, path: Path) -> None:
+    if kind.kind not in "fiu":
+        raise InputError(f"{path.name}: column {name!r} must hold numbers, not {kind}")

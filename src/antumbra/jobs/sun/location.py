@@ -1,0 +1,227 @@
+"""Where on Earth a scene lies: latitude, longitude, time zone, and true north in the scene's frame."""
+
+import re
+from datetime import UTC, timedelta, timezone, tzinfo
+from typing import Any, NamedTuple
+from zoneinfo import ZoneInfo
+
+from ...checks import number, quoted, text
+from ...engine.scene_loading import scene_of
+from ...errors import InputError
+from ...extras import import_extra
+from ...scene.crs import checked_crs
+
+# --- Time zones from text ---------------------------------------------------------------------------------------------
+
+
+_OFFSET = re.compile(r"([+-])(\d{1,2})(?::?(\d{2}))?")
+_CURE = "write a name such as Europe/Amsterdam, or +01:00"
+
+
+def parse_zone(text: str) -> tzinfo:
+    """A time zone from an IANA name (Europe/Amsterdam), UTC, or a fixed offset (+01:00).
+
+    Raises
+    ------
+    InputError
+        If the zone is unknown.
+    """
+    if not isinstance(text, str):
+        raise InputError(f"timezone is {quoted(text)}; {_CURE}")
+    match = _OFFSET.fullmatch(text.strip())
+    if match:
+        minutes = 60 * int(match[2]) + int(match[3] or 0)
+        if minutes <= 14 * 60 and int(match[3] or 0) < 60:
+            return timezone((-1 if match[1] == "-" else 1) * timedelta(minutes=minutes))
+    else:
+        try:
+            return UTC if text.strip() == "UTC" else ZoneInfo(text.strip())
+        except (OSError, ValueError, KeyError):  # ZoneInfoNotFoundError is a KeyError
+            pass
+    raise InputError(f"timezone {quoted(text)} is unknown; {_CURE}")
+
+
+# --- Where on Earth a scene lies, and how it is turned ----------------------------------------------------------------
+
+
+_DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
+_MARGIN = 1.0  # degrees around the area of use of a CRS
+
+
+class _PlaceFields(NamedTuple):
+    """The fields of a `Place`."""
+
+    latitude: float  # degrees, WGS 84
+    longitude: float  # degrees, WGS 84, from -180 to 180
+    elevation: float = 0.0  # metres above the sea
+    north: float = 0.0  # degrees: direction of true north, clockwise from the scene's own north axis
+    timezone: str | None = None  # IANA name, or a fixed offset such as "+01:00"; None: the whole hour of the longitude
+
+
+class Place(_PlaceFields):
+    """A position on Earth, and the orientation of the scene there.
+
+    The scene's own north axis is +Y if +Z is up, and -Z if +Y is up. Its east axis is +X in both.
+
+    Raises
+    ------
+    InputError
+        If a number is out of range: latitudes lie between -90 and 90, and longitudes between -360 and 360 degrees. If
+        the time zone is unknown.
+    """
+
+    def __new__(cls, latitude, longitude, elevation=0.0, north=0.0, timezone=None):
+        return checked_place(super().__new__(cls, latitude, longitude, elevation, north, timezone))
+
+
+def place_of(
+    scene, *, crs=None, latitude=None, longitude=None, north=None, elevation=None, timezone=None
+) -> Place | None:
+    """The place of a scene.
+
+    A position that is given replaces the one of a coordinate reference system (CRS). Grid north and true north then
+    count as one, unless `north` is given.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        Its bounds, its up axis, and its CRS are used.
+    crs : str, optional
+        Such as "EPSG:7415"; it replaces the scene's CRS.
+    latitude, longitude : float, optional
+        Degrees, WGS 84; both or none.
+    north : float, optional
+        Degrees: direction of true north, clockwise from the scene's own north axis.
+    elevation : float, optional
+        Metres above the sea.
+    timezone : str, optional
+        IANA name, or a fixed offset such as "+01:00".
+
+    Returns
+    -------
+    Place or None
+        None if neither arguments nor the scene tell the position.
+
+    Raises
+    ------
+    InputError
+        If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
+        `place_of_crs` refuses the CRS.
+    """
+    given = given_position(
+        latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
+    )  # fmt: skip
+    if crs is not None:
+        checked_crs(text(crs, "crs"))
+    scene = scene_of(scene)
+    crs = crs or getattr(scene, "crs", None)
+    if latitude is not None:
+        return Place(**given)
+    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**given))
+
+
+def given_position(**given) -> dict[str, Any]:
+    """Those fields of a `Place` that are not None. It needs no scene, so that mistakes are found before one is read.
+
+    Raises
+    ------
+    InputError
+        If only one of latitude and longitude is given, or a value is wrong.
+    """
+    found = {name: value for name, value in given.items() if value is not None}
+    if ("latitude" in found) != ("longitude" in found):
+        raise InputError("a position needs a latitude and a longitude; give both")
+    Place(**({"latitude": 0.0, "longitude": 0.0} | found))
+    return found
+
+
+def checked_place(place: Place) -> Place:
+    """`place` as floats, with its longitude from -180 to 180. Raises InputError if a value is wrong."""
+    limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
+    values: dict[str, Any] = {
+        name: number(getattr(place, name), name, -limit, limit, "[]") for name, limit in limits.items()
+    }
+    if place.timezone is not None:
+        parse_zone(place.timezone)
+    if not -180.0 <= values["longitude"] <= 180.0:
+        values["longitude"] = (values["longitude"] + 180.0) % 360.0 - 180.0
+    return place._replace(**values)
+
+
+def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -> Place:
+    """The place of a scene in the coordinates of a projected coordinate reference system (CRS).
+
+    Coordinates are easting and northing along the scene's own east and north axes, whatever order the CRS gives them.
+    Feet are allowed if heights are in feet, too: directions depend on no unit.
+
+    Parameters
+    ----------
+    crs : str
+        Anything that pyproj accepts, such as "EPSG:7415". Of a compound CRS, the projected part is used.
+    bounds : (2, 3) float, world
+        The position is that of its middle, the elevation that of its lower end.
+    up : "y" or "z"
+    timezone : str, optional
+        Becomes the place's.
+
+    Raises
+    ------
+    InputError
+        If pyproj is missing, the CRS is unknown, it is not projected, its axes do not point east and north, its heights
+        have another unit than its plan, or the scene lies outside its area of use.
+
+    Notes
+    -----
+    Grid north lies clockwise from true north by the meridian convergence, which pyproj computes at the position.
+    """
+    pyproj = import_extra("pyproj", "the position of a CRS", "sun")
+    projected, metres = _projected(pyproj, crs)
+    x, y, height = _middle(bounds, up)
+    project = pyproj.Proj(projected)
+    own = project(x, y, inverse=True)  # in the CRS's own datum
+    to_wgs84 = pyproj.Transformer.from_crs(projected.geodetic_crs, "EPSG:4326", always_xy=True)
+    longitude, latitude = to_wgs84.transform(*own)
+    _check_area(projected, crs, (x, y), (longitude, latitude))
+    convergence = project.get_factors(*own).meridian_convergence
+    return checked_place(Place(latitude, longitude, height * metres, -convergence, timezone))
+
+
+def _projected(pyproj, text: str):
+    """(the projected CRS, metres in one unit of height)."""
+    crs = pyproj.CRS.from_user_input(checked_crs(text))
+    parts = crs.sub_crs_list if crs.is_compound else [crs]
+    plan = parts[0].source_crs if parts[0].is_bound else parts[0]
+    cure = "reproject the scene to a projected CRS, such as the UTM zone of the place"
+    if not plan.is_projected:
+        raise InputError(f"crs {text} has no plan in metres (it is a {plan.type_name}); {cure}")
+    if [axis.direction for axis in plan.axis_info[:2]] not in (["east", "north"], ["north", "east"]):
+        raise InputError(f"crs {text} has axes that do not point east and north; {cure}")
+    units = {axis.unit_conversion_factor for part in [plan, *parts[1:]] for axis in part.axis_info}
+    if max(units) - min(units) > 1e-4 * max(units):  # the survey foot and the international foot are one here
+        raise InputError(f"crs {text} has other units for heights than for the plan; {cure}")
+    return plan, max(units)
+
+
+def _middle(bounds, up: str) -> tuple[float, float, float]:
+    """(easting, northing, height of the lower end) of bounds, in units of the scene."""
+    (x0, y0, z0), (x1, y1, z1) = ((float(c) for c in corner) for corner in bounds)
+    if up == "z":
+        return (x0 + x1) / 2.0, (y0 + y1) / 2.0, z0
+    return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
+
+
+def _check_area(projected, text: str, middle: tuple[float, float], found: tuple[float, float]) -> None:
+    """Raise InputError if a position (longitude, latitude) is outside the area in which the CRS is used."""
+    longitude, latitude = found
+    area = projected.area_of_use
+    inside = abs(latitude) <= _DEGENERATE
+    if inside and area is not None:
+        inside = area.south - _MARGIN <= latitude <= area.north + _MARGIN
+        span = (area.east - area.west) % 360.0 or 360.0  # an area may cross the antimeridian
+        inside &= (longitude - area.west + _MARGIN) % 360.0 <= span + 2.0 * _MARGIN
+    if not inside:
+        place = "" if area is None else f" ({area.name[:60]})"
+        raise InputError(
+            f"crs {text}: the middle of the scene, {middle[0]:.6g}, {middle[1]:.6g}, is outside its area{place}; "
+            "if coordinates were shifted, give latitude, longitude and north instead"
+        )

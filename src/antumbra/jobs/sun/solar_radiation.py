@@ -1,0 +1,135 @@
+"""Solar radiation by interval: from an EPW weather file, or of a clear sky."""
+
+from datetime import timedelta, timezone
+from typing import NamedTuple
+
+import numpy as np
+
+from ...checks import path_of
+from ...errors import InputError
+from ...extras import import_extra
+from ...files import checked_file
+from .location import Place, checked_place
+from .sun_positions import Times, intervals, month_days, zone_of
+
+TYPICAL_YEAR = 2025
+"""The year of the suns of a typical year, whose months come from several years. It has no 29 February."""
+
+_MISSING = 9999.0  # of radiation in EPW files
+_HOUR = 3600
+
+
+class Weather(NamedTuple):
+    """Radiation in intervals of time."""
+
+    times: Times  # n intervals
+    dni: np.ndarray  # (n,) float64, direct normal irradiance, W/m2
+    dhi: np.ndarray  # (n,) float64, diffuse horizontal irradiance, W/m2
+
+
+def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
+    """Read an EPW file with one row an hour. A row is the hour before its time stamp.
+
+    Parameters
+    ----------
+    path : str or path-like
+    place : Place, optional
+        None: the file's position and time zone. Otherwise only its time zone is taken from the file, if it has none.
+
+    Returns
+    -------
+    weather : Weather
+        The 8760 hours of a year, or 8784. A typical year (TMY) gets the suns of `TYPICAL_YEAR`.
+    place : Place
+
+    Raises
+    ------
+    InputError
+        If pvlib is missing, the file is not an EPW file, it has several rows an hour, or radiation is missing.
+    """
+    import_extra("pvlib", "an EPW file", "sun")
+    from pvlib.iotools import read_epw as read
+
+    path = path_of(path, "epw")
+    checked_file(path, path.name)
+    try:
+        table, head = read(path)
+        table = table[["year", "month", "day", "hour", "dni", "dhi"]].astype(np.float64)
+        own = Place(head["latitude"], head["longitude"], head["altitude"], 0.0, _offset_text(float(head["TZ"])))
+    except Exception as error:  # pvlib checks nothing: each kind of damage raises another exception
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise InputError(f"{path.name}: not an EPW file ({reason}); download it again") from None
+    _check(table, path.name)
+    place = checked_place(own if place is None else place._replace(timezone=place.timezone or own.timezone))
+    starts = _starts(table, float(head["TZ"]), path.name)
+    times = intervals(starts, starts + _HOUR, zone_of(place))
+    return Weather(times, table["dni"].to_numpy(), table["dhi"].to_numpy()), place
+
+
+def on_days(weather: Weather, days) -> Weather:
+    """The intervals of a year's weather on some days, whatever their year.
+
+    days : iterable of datetime.date
+
+    Raises
+    ------
+    InputError
+        If the weather has none of the days.
+    """
+    wanted = [100 * day.month + day.day for day in days]
+    found = np.isin(month_days(weather.times.local), wanted)
+    if not found.any():
+        raise InputError("the weather file has none of these days; choose others")
+    return Weather(Times(*(column[found] for column in weather.times)), weather.dni[found], weather.dhi[found])
+
+
+def clear_sky(place: Place, times: Times) -> Weather:
+    """Radiation of a clear sky at the middle of each interval.
+
+    It is pvlib's model of a clear sky [Ineichen and Perez 2002], with pvlib's monthly climatology of Linke turbidity.
+
+    Raises
+    ------
+    InputError
+        If pvlib is missing.
+    """
+    import_extra("pvlib", "a clear sky", "sun")
+    import pandas
+    from pvlib.location import Location
+
+    index = pandas.DatetimeIndex(times.middle).tz_localize("UTC")
+    sky = Location(place.latitude, place.longitude, altitude=place.elevation).get_clearsky(index)
+    return Weather(times, sky["dni"].to_numpy(np.float64), sky["dhi"].to_numpy(np.float64))
+
+
+def _check(table, file: str) -> None:
+    keys = table[["year", "month", "day", "hour"]].to_numpy()
+    if len(np.unique(keys, axis=0)) < len(keys) or not np.isin(table["hour"], np.arange(1, 25)).all():
+        raise InputError(f"{file}: there is not one row for each hour; use an hourly EPW file")
+    bad = int((~((table[["dni", "dhi"]] >= 0) & (table[["dni", "dhi"]] < _MISSING)).all(axis=1)).sum())
+    if bad:
+        raise InputError(
+            f"{file}: {bad} of {len(table)} rows lack direct or diffuse radiation; use a complete EPW file"
+        )
+
+
+def _starts(table, offset: float, file: str) -> np.ndarray:
+    """Begin of each row's hour, in seconds since 1970 in UTC ((n,) int64)."""
+    year = table["year"].to_numpy(np.int64)
+    if (year != year[0]).any():  # a typical year
+        year = np.full(len(year), TYPICAL_YEAR)
+    month, day, hour = (table[name].to_numpy(np.int64) for name in ("month", "day", "hour"))
+    months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
+    days = months.astype("datetime64[D]") + (day - 1)
+    if not ((month >= 1) & (month <= 12) & (day >= 1) & (days.astype("datetime64[M]") == months)).all():
+        raise InputError(f"{file}: some rows have a day that does not exist; download the file again")
+    starts = days.astype("datetime64[s]").astype(np.int64) + _HOUR * (hour - 1) - round(_HOUR * offset)
+    if (np.diff(starts) <= 0).any():
+        raise InputError(f"{file}: its rows are not in the order of time; use an EPW file of one year")
+    return starts
+
+
+def _offset_text(hours: float) -> str:
+    """The fixed offset of `parse_zone`."""
+    text = timezone(timedelta(minutes=round(60 * hours))).tzname(None)
+    return "+00:00" if text == "UTC" else text[3:]

@@ -1,0 +1,378 @@
+"""`sun_hours` and `sky_view`: tables of the sun, and of the share of the sky, that each sensor sees."""
+
+from collections.abc import Iterable, Sequence
+from datetime import date
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...checks import choice, flag, instance, items, whole_number
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
+from ...engine.scene import AnyScene
+from ...engine.scene_loading import SceneLike, scene_of
+from ...errors import InputError
+from ...files import atomic_output, check_disk_space, checked_output
+from ...kernels.parallel import thread_count
+from ...progress import Progress, with_progress
+from ..bit_matrices import row_file_size
+from ..executors import checked_keep, executor_of
+from ..ground_areas import SPACING
+from ..result_table import Column, Table
+from ..sensor_files import sensors_of
+from ..sensors import Sensors, sensors_from
+from .daylight_rules import Rule, check_rule, meets_rule, rule_named, weights_of
+from .location import Place, checked_place, place_of
+from .solar_radiation import TYPICAL_YEAR, clear_sky, on_days, read_epw
+from .sun_positions import Suns, checked_step, days_of, suns_of, times_of, zone_of
+from .sun_visibility import SunQuery, SunSums, Tally, sum_suns, sun_query
+
+# --- How much of the sky sensors see: `sky_view`, and the sky-view factor of `sun_hours` ------------------------------
+
+
+MOST_DIRECTIONS = 1 << 14
+SKY_VIEW_ABOUT = "sky-view factor: share of a uniform sky's light that arrives"
+
+
+def sky_directions(count: int, up: str) -> np.ndarray:
+    """(count, 3) float64: unit vectors to points of equal share of the sky, on a spiral (Vogel's, lifted)."""
+    i = np.arange(count)
+    height, angle = (i + 0.5) / count, i * np.pi * (3.0 - np.sqrt(5.0))
+    width = np.sqrt(1.0 - height * height)
+    east, north = width * np.cos(angle), width * np.sin(angle)
+    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
+
+
+@with_progress
+def sky_view(
+    scene: SceneLike, sensors: Sensors | ArrayLike | str = "face", *, directions: int = 4096,
+    plan: str | Plan | None = None, threads: int | None = None, progress: Progress = None,
+) -> Table:  # fmt: skip
+    """Find how much of the sky each sensor sees. It needs no place and no dates.
+
+    Two definitions are common, and each has its column:
+
+    - ``sky_view``: the sky-view factor, in which a direction counts by its cosine to the sensor's normal. It is the
+      share of a uniform sky's light that arrives, over the light on an open horizontal plane.
+    - ``sky_share``: the share of the sky's hemisphere that is visible, in which all directions count alike. On a
+      floor, obstructions near the horizon take more from it than from ``sky_view``.
+
+    Both are 1 on an open floor and 0.5 on a free wall: half of the hemisphere above the wall's plane is ground.
+
+    Directions below the horizon belong to the ground. Sensors without normals are points in the air: both columns count
+    all directions alike.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float
+        As in `sun_hours`.
+    directions : int
+        Number of directions, 1 to 16384. In a street, 1024 err by up to 0.007, and 4096 by up to 0.002.
+    plan, threads
+        As in `antumbra.render`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+
+    Returns
+    -------
+    Table
+        Columns "sky_view" and "sky_share", both from 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If a text has another form, or a number is out of range.
+    """
+    count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
+    scene, threads = scene_of(scene), thread_count(threads)
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    sensors = sensors_from(scene, named, None, "sensors")
+    tally = sum_suns(sky_query(scene, sensors, count, plan, threads), what="sky")
+    columns = {
+        "sky_view": Column(share_of_sky(tally), "", SKY_VIEW_ABOUT),
+        "sky_share": Column(tally.hours / count, "", "share of the sky's hemisphere that is visible"),
+    }
+    return Table(sensors, columns, {"job": "sky view", "directions": count}, scene)
+
+
+def sky_query(scene: AnyScene, sensors: Sensors, count: int, plan, threads) -> SunQuery:
+    """The directions of the sky as suns, whose energy is that of a uniform sky."""
+    towards = sky_directions(count, scene.up)
+    zeros, times = np.zeros(count), np.zeros(count, "datetime64[s]")
+    suns = Suns(times, times, np.ones(count), towards, zeros, zeros)
+    energy = np.full(count, 1.0 if sensors.normals is None else 2.0) / count
+    return sun_query(scene, sensors, suns, np.empty((count, 0), np.int64), 1, energy=energy, plan=plan, threads=threads)
+
+
+def share_of_sky(tally: Tally) -> np.ndarray:
+    """(n,) float64 in [0, 1]: the sky-view factor, from the sums over the directions of `asked_sky`."""
+    return np.minimum(tally.energy, 1.0)
+
+
+# --- `sun_hours`: from a scene, a place and days to a table of what each sensor sees of the sun -----------------------
+
+
+MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
+BY = "month", "hour"
+"""What `sun_hours` can sort hours by."""
+
+MOST_SAMPLES = 64
+"""Points on the sun's disk."""
+
+
+class Study(NamedTuple):
+    """Where, when and what: `sun_hours` explains the fields."""
+
+    place: Place
+    suns: Suns
+    rule: Rule | None
+    diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane, of each interval
+    by: tuple[str, ...]
+    step: float  # minutes
+
+
+@with_progress
+def sun_hours(
+    scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
+    place: Place | None = None, step: float | None = None, rule: str | None = None, areas=None, epw=None,
+    energy: bool = False, sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None,
+    plan: str | Plan | None = None, threads: int | None = None, keep=None, progress: Progress = None,
+) -> Table:  # fmt: skip
+    """Find the hours of direct sun of each sensor, exactly.
+
+    Each sun stands for an interval and is placed at its middle. A sensor sees it if no triangle is in between, and if
+    the sun is above the sensor's own surface.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    sensors : Sensors, str, or (n, 3) float, optional
+        A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`. None:
+        ``face``; in areas ``raster:0.5``.
+    days : str or iterable of date, optional
+        ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several with commas. None: the days of the rule, or
+        those of the EPW file.
+    place : Place, optional
+        None: that of the scene's CRS.
+    step : float, optional
+        Minutes of an interval. None: 60, or those of the rule. EPW files have hours.
+    rule : str, optional
+        A daylight rule, see `antumbra plans`: its criteria become columns. Days that it is not about are refused.
+    areas : optional
+        Gardens or other areas of the ground, as `antumbra.area_sensors` takes them: a GeoJSON file, or polygons. The
+        table has the cells of a raster in them, but for those inside buildings. ``about["areas"]`` lists each area: its
+        name, cells, those that were left out, the mean of the hours, and with the rule br209-amenity the share of its
+        cells that get two hours, and whether the area passes.
+    epw : str or path-like, optional
+        Weather file: direct and diffuse radiation, and the place if there is no other.
+    energy : bool
+        Whether to add the energy of direct light, of a clear sky if there is no EPW file.
+    sky : int
+        Directions of the sky for the sky-view factor, 0 to 16384; 0: none. `sky_view` needs no place and no days.
+    by : sequence of {"month", "hour"}
+        Hours for each month, or each hour of the day, as columns of their own.
+    samples : int
+        Points on the sun's disk, 1 to 64; 1: its centre.
+    matrix : str or path-like, optional
+        A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
+    plan, threads
+        As in `antumbra.render`.
+    keep : str, path-like or engine, optional
+        Folder in which an interrupted job keeps its finished parts; or who does them, see `antumbra.jobs.executors`.
+    progress : function of (text, done, total), or bool, optional
+        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+
+    Returns
+    -------
+    Table
+        Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
+        stretch without a break; "first" and "last", the middle of the first and last interval with sun (wall clock);
+        and those that were asked for. None if the engine leaves parts to others.
+
+    Raises
+    ------
+    InputError
+        If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
+        sun is above the horizon.
+    """
+    scene, threads = scene_of(scene), thread_count(threads)
+    samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
+    parse_plan(DEFAULT_PLAN if plan is None else plan)
+    keep = checked_keep(keep)
+    in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
+    study = checked_study(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
+    if sensors is None:
+        sensors = "face" if areas is None else f"raster:{SPACING:g}"
+    if isinstance(sensors, str):
+        sensors = sensors_of(sensors, scene, threads, areas)
+    elif areas is not None:
+        raise InputError("areas need sensors as text, such as raster:0.5; or leave areas out, and give area_sensors")
+    sensors = sensors_from(scene, sensors, None, "sensors")
+    target = None if matrix is None else checked_output(matrix, (".npy",))
+    suns, bins = study.suns, _Bins(study)
+    asked = sun_query(
+        scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
+        energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
+    )  # fmt: skip
+    if keep is None and target is not None:
+        keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
+    engine = executor_of(keep)
+    sums = [SunSums(asked, "suns", engine.folder, matrix=target is not None)]
+    if target is not None:
+        check_disk_space(target, row_file_size(sums[0].matrix_shape))
+    if count:
+        sums.append(SunSums(sky_query(scene, sensors, count, plan, threads), "sky", engine.folder))
+    job = [each.parts for each in sums]
+    if not engine.finish(job):
+        return None  # type: ignore[return-value]  # a shard, of a command
+    tally, *of_sky = [each.tally() for each in sums]
+    table = Table(sensors, _columns(study, bins, tally), _about(study, samples), scene)
+    if sensors.zone is not None:
+        table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
+    if of_sky:
+        _add_sky(table, study, share_of_sky(*of_sky))
+    if target is not None:
+        with atomic_output(target) as temporary:
+            sums[0].write_matrix(temporary)
+    engine.end(job)
+    return table
+
+
+def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
+    """Everything but the scene's answer: the place, the suns, and what to count."""
+    by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
+    energy = flag(energy, "energy")
+    found = None if rule is None else rule_named(rule)
+    days = None if days is None else days_of(days)
+    if found is not None:
+        check_rule(found.name, days, areas)
+    if step is None:
+        step = 60.0 if found is None else found.step
+    step = checked_step(step)
+    place = place_of(scene) if place is None else checked_place(instance(place, Place, "place"))
+    weather = None
+    if epw is not None:
+        weather, place = read_epw(epw, place)
+    if place is None:
+        raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
+    if days is None and found is not None:
+        days = found.days(TYPICAL_YEAR)
+    if weather is not None:
+        weather = weather if days is None else on_days(weather, days)
+        suns = suns_of(place, weather.times, scene.up, weather.dni)
+        diffuse = weather.dhi * weather.times.hours
+    else:
+        if days is None:
+            raise InputError("the days are unknown; give days such as 2026-06-21 or year:2026, a rule, or an EPW file")
+        times = times_of(days, zone_of(place), step)
+        clear = clear_sky(place, times) if energy else None
+        suns = suns_of(place, times, scene.up, None if clear is None else clear.dni)
+        diffuse = None if clear is None else clear.dhi * times.hours
+    if not len(suns.hours):
+        raise InputError("no sun is above the horizon on these days; check the days and the place")
+    return Study(place, suns, found, diffuse, by, step)
+
+
+class _Bins:
+    """Columns of hours: months, hours of the day, and criteria of a rule. Suns that count for none go to the last."""
+
+    def __init__(self, study: Study):
+        suns, self.names, columns = study.suns, list[str](), list[np.ndarray]()
+        if "month" in study.by:
+            columns.append(self._add([f"hours_{name}" for name in MONTHS]) + _month(suns))
+        if "hour" in study.by:
+            columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
+        self.criteria: list[tuple[str, float]] = []  # column, and the score of an hour in it
+        weights = np.empty((0, len(suns.hours))) if study.rule is None else weights_of(study.rule, suns)
+        for k, weight in enumerate(weights):
+            counts = weight > 0.0
+            first = self._add([f"criterion {k}"])
+            columns.append(np.where(counts, first, -1))
+            self.criteria.append((self.names[first], float((weight[counts] / suns.hours[counts]).max(initial=0.0))))
+        self.count = len(self.names) + 1
+        chosen = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
+        self.of_suns = np.where(chosen < 0, self.count - 1, chosen)
+        self.used = set(self.of_suns.ravel().tolist())
+
+    def _add(self, names: list[str]) -> int:
+        self.names += names
+        return len(self.names) - len(names)
+
+    def hours(self, tally: Tally) -> dict[str, np.ndarray]:
+        """Name -> hours of each sensor, of the months and hours with a sun, and of all criteria."""
+        criteria = [name for name, _ in self.criteria]
+        return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used or name in criteria}
+
+
+def _month(suns: Suns) -> np.ndarray:
+    return suns.local.astype("datetime64[M]").astype(np.int64) % 12
+
+
+def _hour(suns: Suns) -> np.ndarray:
+    return (suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64)
+
+
+def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
+    suns, total = study.suns, study.suns.hours.sum()
+    found = {
+        "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
+        "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
+        "longest": Column(tally.longest, "h", "longest stretch of sun without a break"),
+        "first": Column(_time_of(suns, tally.first), "", "first sun, wall clock"),
+        "last": Column(_time_of(suns, tally.last), "", "last sun, wall clock"),
+    }
+    if suns.dni is not None:
+        found["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
+    hours = bins.hours(tally)
+    criteria = dict(bins.criteria)
+    for name, values in hours.items():
+        if name not in criteria:
+            found[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
+    if study.rule is not None:
+        scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)
+        for k, criterion in enumerate(study.rule.criteria):
+            unit = "" if criterion.share else "h"
+            found[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
+        what = "meets" if study.rule.area is None else "gets the hours of"
+        found["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
+    return found
+
+
+def _time_of(suns: Suns, which: np.ndarray) -> np.ndarray:
+    """(n,) datetime64[s]: wall clock of suns; NaT for -1."""
+    return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
+
+
+def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
+    table.columns["sky_view"] = Column(view, "", SKY_VIEW_ABOUT)
+    if study.diffuse is not None:
+        values = view * (study.diffuse.sum() / 1000.0)
+        table.columns["diffuse_kwh_m2"] = Column(values, "kWh/m2", "energy of diffuse light, uniform sky")
+
+
+def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: Table) -> list[dict[str, Any]]:
+    """What is found in each area, as JSON can hold it. All cells have one size: their shares are those of the area."""
+    assert sensors.zone is not None
+    records = []
+    for k, zone in enumerate(sensors.zones):
+        own = sensors.zone == k
+        record: dict[str, Any] = {"name": zone.name, "cells": int(own.sum()), "left_out": zone.left_out}
+        record["sun_hours"] = float(hours[own].mean()) if own.any() else None
+        if rule is not None and rule.area is not None:
+            share = float(table["passes"][own].mean()) if own.any() else None
+            record |= {"share": share, "passes": None if share is None else share >= rule.area}
+        records.append(record)
+    return records
+
+
+def _about(study: Study, samples: int) -> dict[str, Any]:
+    """Facts of the study, as JSON can hold them."""
+    suns, place, rule = study.suns, study.place, study.rule
+    found: dict[str, Any] = {"job": "sun", **place._asdict()}
+    found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
+    found |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
+    if rule is not None:
+        found |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
+    return found

@@ -1,0 +1,252 @@
+"""Time intervals of days in a time zone, and the sun position of each interval as a direction in the scene."""
+
+import re
+from datetime import date, datetime, time, timedelta, timezone, tzinfo
+from typing import NamedTuple
+
+import numpy as np
+
+from ...checks import as_array, choice, instance, number, parts_of, quoted
+from ...errors import InputError
+from ...extras import import_extra
+from .location import Place, checked_place, parse_zone
+
+# --- Intervals of time: days in a time zone, cut in steps -------------------------------------------------------------
+
+
+FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th day), year:2026, or several with commas"
+"""The forms of days in text."""
+
+YEARS = 1900, 2199
+"""The first and last year of days in text."""
+
+_MOST_MINUTES = 24 * 60
+_DAYS_AT_MOST = 366 * 100
+
+
+class Times(NamedTuple):
+    """Intervals of time, in ascending order; each is known by its middle."""
+
+    middle: np.ndarray  # (n,) datetime64[s], UTC
+    local: np.ndarray  # (n,) datetime64[s], the same on the wall clock
+    hours: np.ndarray  # (n,) float64, length of the interval
+
+
+def times_of(days, zone: tzinfo, step: float = 60) -> Times:
+    """The days, each cut in intervals from midnight to midnight on the wall clock.
+
+    A day on which clocks change has 23 or 25 hours. If the step does not divide a day, its last interval is shorter.
+
+    Parameters
+    ----------
+    days : iterable of datetime.date
+    zone : tzinfo
+        As from `zone_of`.
+    step : float
+        Minutes, at least 1 second and at most a day.
+
+    Raises
+    ------
+    InputError
+        If there are no days, or the step is out of range.
+    """
+    days = sorted(set(checked_days(days)))
+    if not days:
+        raise InputError(f"there are no days; write {FORMS}")
+    if not isinstance(zone, tzinfo):
+        raise InputError(f"zone is {quoted(zone)}; it must be a tzinfo, such as zoneinfo.ZoneInfo('Europe/Amsterdam')")
+    step = checked_step(step)
+    seconds = round(60.0 * step)
+    starts, ends = [], []
+    for day in days:
+        first, last = _midnight(day, zone), _midnight(day + timedelta(days=1), zone)
+        start = np.arange(first, last, seconds)
+        starts.append(start)
+        ends.append(np.minimum(start + seconds, last))
+    return intervals(np.concatenate(starts), np.concatenate(ends), zone)
+
+
+def checked_step(step) -> float:
+    """Minutes of an interval; InputError unless it is a number from a second to a day."""
+    return number(step, "step (minutes)", 1.0 / 60.0, _MOST_MINUTES, "[]")
+
+
+def days_of(days) -> list[date]:
+    """The days of a text (`parse_days`) or of an iterable of dates; otherwise an InputError."""
+    return parse_days(days) if isinstance(days, str) else checked_days(days, "a text such as 2026-06-21, or ")
+
+
+def checked_days(days, instead: str = "") -> list[date]:
+    """The days of an iterable; InputError unless all are dates. `instead`: what else its message proposes."""
+    found = parts_of(days)
+    if found is None:
+        raise InputError(f"days are {quoted(days)}; give {instead}a list of datetime.date")
+    for day in found:
+        if not isinstance(day, date) or isinstance(day, datetime):
+            raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
+        if not YEARS[0] <= day.year <= YEARS[1]:
+            raise InputError(f"a day is {day}; choose a year from {YEARS[0]} to {YEARS[1]}")
+    return found
+
+
+def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
+    """`Times` of intervals, given in seconds since 1970 in UTC ((n,) int64)."""
+    middle = starts + (ends - starts) // 2
+    offsets = [datetime.fromtimestamp(second, zone).utcoffset() for second in middle.tolist()]
+    local = middle + np.array([int(offset.total_seconds()) for offset in offsets], np.int64)  # type: ignore[union-attr]
+    return Times(middle.astype("datetime64[s]"), local.astype("datetime64[s]"), (ends - starts) / 3600.0)
+
+
+def parse_days(text: str) -> list[date]:
+    """The days that a text names, in ascending order, each once.
+
+    ``2026-06-21``; ``FIRST:LAST`` or ``FIRST:LAST:STEP`` with LAST included and a step in days; ``year:2026``; or
+    several of these with commas between them.
+
+    Raises
+    ------
+    InputError
+        If the text has another form, a day does not exist, or LAST is before FIRST.
+    """
+    days: set[date] = set()
+    for part in text.split(","):
+        days.update(_range(part.strip()))
+    return sorted(days)
+
+
+def zone_of(place: Place) -> tzinfo:
+    """The time zone of a place: its own, or the whole hour of its longitude, without daylight saving.
+
+    Raises
+    ------
+    InputError
+        If the zone is unknown.
+    """
+    if place.timezone is None:
+        return timezone(timedelta(hours=round(place.longitude / 15.0)))
+    return parse_zone(place.timezone)
+
+
+def month_days(local: np.ndarray) -> np.ndarray:
+    """100 * month + day, (n,) int64, of (n,) datetime64."""
+    months = local.astype("datetime64[M]")
+    days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
+    return 100 * (months.astype(np.int64) % 12 + 1) + days
+
+
+def _midnight(day: date, zone: tzinfo) -> int:
+    """Seconds since 1970 in UTC of the begin of a day on the wall clock."""
+    return int(datetime.combine(day, time(), zone).timestamp())
+
+
+def _range(text: str) -> list[date]:
+    parts = text.split(":")
+    if parts[0] == "year" and len(parts) == 2:
+        return _days(_day(f"{parts[1]}-01-01", text), _day(f"{parts[1]}-12-31", text), 1)
+    ends = [_day(part, text) for part in parts[:2]]
+    step = parts[2] if len(parts) == 3 else "1"
+    if len(parts) > 3 or ends[-1] < ends[0] or not (step.isdecimal() and int(step)):
+        raise InputError(
+            f"days {text[:60]!r}: write FIRST:LAST:STEP, with FIRST before LAST and at least 1 day as STEP"
+        )
+    return _days(ends[0], ends[-1], int(step))
+
+
+def _days(first: date, last: date, step: int) -> list[date]:
+    count = (last - first).days // step + 1
+    if count > _DAYS_AT_MOST:
+        raise InputError(f"days {first}:{last} are {count} days; take at most 100 years")
+    return [first + timedelta(days=step * k) for k in range(count)]
+
+
+def _day(text: str, whole: str) -> date:
+    reason = "write " + FORMS
+    if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
+        try:
+            day = date.fromisoformat(text)
+            if YEARS[0] <= day.year <= YEARS[1]:
+                return day
+            reason = f"choose a year from {YEARS[0]} to {YEARS[1]}"
+        except ValueError as error:
+            reason = f"{error}; choose a day that exists"
+    raise InputError(f"days {whole[:60]!r}: {text[:30]!r} is no day; {reason}")
+
+
+# --- Positions of the sun, as directions in a scene -------------------------------------------------------------------
+
+
+_AT_A_TIME = 16384  # instants: pvlib needs about 1 kB for each
+
+
+class Suns(NamedTuple):
+    """Suns above the horizon, in the order of time; each stands for an interval."""
+
+    times: np.ndarray  # (k,) datetime64[s], UTC, middle of the interval
+    local: np.ndarray  # (k,) datetime64[s], the same on the wall clock
+    hours: np.ndarray  # (k,) float64, length of the interval
+    directions: np.ndarray  # (k, 3) float64, unit vectors towards the sun in the scene's axes
+    altitude: np.ndarray  # (k,) float64, degrees above the horizon, geometric: without refraction
+    azimuth: np.ndarray  # (k,) float64, degrees, clockwise from true north
+    dni: np.ndarray | None = None  # (k,) float64, direct normal irradiance, W/m2
+    dropped: int = 0  # intervals in whose middle the sun is not above the horizon
+    kept: np.ndarray | None = None  # (k,) int64, index of the sun's interval in the `Times` asked for
+
+
+def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.0) -> Suns:
+    """The suns of intervals, by the algorithm of NREL's SPA in pvlib [Reda and Andreas 2004].
+
+    Parameters
+    ----------
+    place : Place
+    times : Times
+    up : "y" or "z"
+        The scene's up axis.
+    dni : (n,) float, optional
+        Direct normal irradiance of each interval, W/m2.
+    lowest : float
+        Degrees. Only suns higher than this are kept.
+
+    Raises
+    ------
+    InputError
+        If pvlib is missing, or `dni` does not fit `times`.
+    """
+    place, up = checked_place(instance(place, Place, "place")), choice(up, "up", ("y", "z"))
+    instance(times, Times, "times", "times_of makes them")
+    lowest = number(lowest, "lowest (degrees)", -90.0, 90.0, "[]")
+    if dni is not None:
+        dni = as_array(dni, "dni")
+        if dni.shape != times.middle.shape:
+            raise InputError(f"dni has shape {dni.shape} for {len(times.middle)} intervals; give one value for each")
+    altitude, azimuth = solar_angles(place, times.middle)
+    kept = np.flatnonzero(altitude > lowest)
+    altitude, azimuth = altitude[kept], azimuth[kept]
+    directions = directions_of(altitude, azimuth + place.north, up)
+    radiation = None if dni is None else np.asarray(dni, np.float64)[kept]
+    middle, local, hours = (column[kept] for column in times)
+    dropped = len(times.middle) - len(kept)
+    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, kept)
+
+
+def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(geometric altitude, azimuth clockwise from true north), degrees, of (n,) datetime64 instants in UTC."""
+    import_extra("pvlib", "the position of the sun", "sun")
+    import pandas
+    from pvlib.solarposition import get_solarposition
+
+    angles = np.empty((2, len(instants)))
+    for first in range(0, len(instants), _AT_A_TIME):
+        index = pandas.DatetimeIndex(instants[first : first + _AT_A_TIME]).tz_localize("UTC")
+        found = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
+        angles[:, first : first + _AT_A_TIME] = found["elevation"], found["azimuth"]
+    return angles[0], angles[1]
+
+
+def directions_of(altitude, bearing, up: str) -> np.ndarray:
+    """Unit vectors ((n, 3) float64) in the scene's axes.
+
+    altitude, bearing : (n,) degrees; the bearing is clockwise from the scene's own north axis
+    """
+    altitude, bearing = np.radians(altitude), np.radians(bearing)
+    east, north, height = np.sin(bearing) * np.cos(altitude), np.cos(bearing) * np.cos(altitude), np.sin(altitude)
+    return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=-1)

@@ -1,0 +1,293 @@
+"""`Frame`, the result of a `Renderer` with its timings, and the state that the passes of one frame share."""
+
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine.auto.strategies import StrategyChoice
+from ..engine.engine import Engine
+from ..query.gbuffer import GBuffer
+from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
+from ..scene.lights import Light
+from ..scene.sky import Sky
+from ..trace.counters import new_counters
+from .frame_request import Request
+from .image_files import LUMINANCE
+from .irradiance import Facing, facing_of
+from .light_visibility import irradiance_shares
+from .pixel_appearance import albedo, eye_of, places_of, shading_normals
+from .shading import arriving_irradiance, shade
+
+# --- The result of a `Renderer`: a frame with its timings -------------------------------------------------------------
+
+
+PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
+
+
+class Layers(NamedTuple):
+    """The parts of a frame's image. Their sum, with ambient light, is the image, but for divided edges."""
+
+    albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
+    lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
+    indirect: np.ndarray | None  # (H, W, 3) float32: the image by light that bounced once; None without `bounce`
+    object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+
+    @property
+    def images(self) -> list[np.ndarray]:
+        """The images by a part of the light."""
+        return self.lights if self.indirect is None else [*self.lights, self.indirect]
+
+
+class Ground(NamedTuple):
+    """The ground that catches shadows, where the centre of a pixel sees no surface but this ground.
+
+    Lists of lights, and their bits, are as in `Frame`, without lights that stand for bounced light.
+    """
+
+    height: float  # along the scene's up axis, world
+    mask: np.ndarray  # (H, W) bool: pixels whose centre sees the ground
+    position: np.ndarray  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
+    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
+    share: np.ndarray  # (H, W, 3) float32: light with shadows over light without, of what shows no surface; 1 elsewhere
+
+    @property
+    def lost(self) -> np.ndarray:
+        """(H, W) float32: the share of the light's luminance that is lost; 0 where no shadow is."""
+        return np.float32(1.0) - self.share @ LUMINANCE
+
+
+class Frame(NamedTuple):
+    """A rendered frame. H, W: the camera's height and width."""
+
+    image: np.ndarray  # (H, W, 3) float32, linear
+    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 in the background
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 in the background
+    gbuffer: GBuffer  # the surface seen by each pixel
+    rays: int  # shadow rays, including those at bounce surfaces; diffuse rays are not counted
+    timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
+    counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
+    refined: np.ndarray | None = None  # (H, W) bool: refined pixels in penumbrae and at edges; None unless requested
+    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
+    scheduled: list[dict] | None = None  # CHC+RT only: the statistics of each query, as from `Statistics.as_dict`
+    paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
+    plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
+    choices: list[StrategyChoice] | None = None  # the plan "auto" only: how each query was answered, and why
+    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel with surfaces; None: edges not smoothed
+    names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
+    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind, with shadows
+    layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
+    ambient: np.ndarray | None = None  # (3,) float32: ambient irradiance of surfaces that face up; 0 with `indirect`
+    ground: Ground | None = None  # the shadows on the ground; None unless requested
+
+    @property
+    def coverage(self) -> np.ndarray:
+        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at smoothed edges."""
+        return self.mask.astype(np.float32) if self.divided is None else self.divided
+
+    @property
+    def mask(self) -> np.ndarray:
+        """(H, W) bool: whether the pixel sees a surface. Elsewhere `visibility` is 1, since nothing hides the light.
+
+        ``np.where(frame.mask, frame.visibility[0], np.nan)`` leaves the background out of means and plots.
+        """
+        return self.gbuffer.face >= 0
+
+    def save(self, path, exposure: float | None = None, background=None) -> None:
+        """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear).
+
+        An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the share of each light that is seen; depth.Z,
+        normal.X/Y/Z, position.X/Y/Z and triangle.id. With a ground also ground.R/G/B, `Ground.share`; A then has
+        `Ground.lost` where no surface is seen. With `layers` also ``light.NAME.R/G/B``, albedo.R/G/B,
+        indirect.R/G/B and object.id.
+
+        Parameters
+        ----------
+        path : str or path-like
+            A name that ends in ``.png`` or ``.exr``.
+        exposure : float or None
+            Exposure of a PNG; None: automatic.
+        background : None, "transparent" or (3,) float
+            Of a PNG: an alpha channel, or an sRGB colour in [0, 1], for frames rendered with ``background=False``.
+
+        Raises
+        ------
+        InputError
+            If the suffix is unknown or the path cannot be written; no partial file is left.
+        """
+        from .image_files import save_frame
+
+        save_frame(self, path, exposure, background=background)
+
+    def _repr_png_(self) -> bytes:
+        """The picture as a notebook shows it: as `save` writes it to a ``.png``."""
+        from .image_files import frame_exposure, png_bytes, screen_picture
+
+        return png_bytes(screen_picture(self, frame_exposure(self)))
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        lights, seconds = len(self.visibility), self.timings["total"]
+        about = f"{width}x{height}, {lights} light{'s' * (lights != 1)}, {self.rays:,} rays, {1000 * seconds:.3g} ms"
+        return f"Frame({about}, plan {self.plan!r}; {', '.join(self._fields)})"
+
+
+class FrameClock:
+    """Accumulates the seconds of each phase."""
+
+    def __init__(self):
+        self.seconds = dict.fromkeys(PHASES, 0.0)
+        self.start = self.last = perf_counter()
+
+    def lap(self, phase: str) -> None:
+        now = perf_counter()
+        self.seconds[phase] += now - self.last
+        self.last = now
+
+    def timings(self) -> dict[str, float]:
+        return {**self.seconds, "total": self.last - self.start}
+
+
+# --- The state of a frame during rendering, and the steps that several passes share: trace, accelerate, shade ---------
+
+
+class TracedLights(NamedTuple):
+    """The queries of all lights, and their bits."""
+
+    queries: list[ShadowQuery]  # one per light
+    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64
+
+
+class TracedBits(NamedTuple):
+    """What the rays of a picture found."""
+
+    bits: list[np.ndarray]  # per light (H, W, words) uint64
+    finer: list[np.ndarray]  # per light (H, W, words) uint64, of refined penumbrae; empty without refinement
+    edges: list[np.ndarray]  # per light (edges, 4, 4, words) uint64, of the sub-pixels of edges, row by row
+    indirect: np.ndarray | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
+
+
+class FrameState:
+    """The state of one frame during rendering.
+
+    tracer : FrameTracer
+        Of the engine.
+    request : Request
+    clock : Clock
+        Each pass adds its seconds.
+    tally : (n,) int64 or None
+        Counters, if requested.
+    rays : int
+        Shadow rays traced so far.
+    kept : KeptRows or None
+        What the rays found, if all of them were traced before.
+    """
+
+    def __init__(self, engine: Engine, request: Request, kept: TracedBits | None = None):
+        self.tracer, self.request = engine.frame_tracer(), request
+        self.clock, self.threads, self.rays = FrameClock(), engine.threads, 0
+        self.tally = new_counters() if request.options.counters else None
+        self.kept = kept
+
+
+def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
+    """One query per light at these surfaces, with the given samples of each light."""
+    return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
+
+
+def trace_query(state: FrameState, query: ShadowQuery) -> np.ndarray:
+    """Trace a query: (h, w, ceil(n / 64)) uint64."""
+    return trace_queries(state, [query]).bits[0]
+
+
+def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> TracedLights:
+    """Trace several queries of pictures of the same shape."""
+    return with_known_bits(state, queries, state.tracer.trace(queries, state.tally, state.request.progress))
+
+
+def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> TracedLights:
+    """Queries whose bits are known. Their rays are counted."""
+    state.rays += sum(ray_count(query) for query in queries)
+    return TracedLights(queries, bits)
+
+
+def arriving_light(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
+    """The light that each light source sends to each pixel's surface; see `picture.shading.arriving_irradiance`.
+
+    seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
+    """
+    request = state.request
+    return [
+        arriving_irradiance(
+            surfaces.gbuffer, light, query, b, seen if smooths_light(request, light) else None, surfaces.shading,
+            state.threads,
+        )
+        for light, query, b in zip(request.lights, *traced)
+    ]  # fmt: skip
+
+
+def smooths_light(request: Request, light: Light) -> bool:
+    """Whether the irradiance from a list of lights is smoothed."""
+    return request.smooth or (request.smooth_skies and isinstance(light, Sky))
+
+
+def surface_facing(surfaces: Surfaces) -> Facing:
+    """The normals of these surfaces."""
+    return facing_of(surfaces.gbuffer, surfaces.shading)
+
+
+def shade_surfaces(state: FrameState, surfaces: Surfaces, arrived, shares_of, ambient, indirect=None) -> np.ndarray:
+    """The shaded image of these surfaces, (H, W, 3) float32."""
+    up, lights = state.tracer.scene.up, state.request.lights
+    return shade(*shading_inputs(surfaces), lights, arrived, shares_of, ambient, up, indirect, state.threads)
+
+
+def shading_inputs(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
+    """A G-buffer with shading normals, and the colours ((m, 3) float32) that its faces index, for `shade`.
+
+    With textures each pixel has a colour of its own.
+    """
+    gbuffer, albedo = surfaces.gbuffer, surfaces.albedo
+    if surfaces.shading is not None:
+        gbuffer = gbuffer._replace(normal=surfaces.shading.normal)
+    if albedo is None:
+        return gbuffer, surfaces.triangles.colour
+    own = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
+    return gbuffer._replace(face=np.where(surfaces.ids >= 0, own, np.int32(-1))), albedo.reshape(-1, 3)
+
+
+def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
+    """The surfaces with the base colours and normals that pixels see, if the scene has textures or smooth normals.
+
+    parts : sub-pixels along a side of a pixel
+    """
+    appearance, request = state.tracer.scene.appearance, state.request
+    if appearance is None:
+        return surfaces
+    places = places_of(surfaces)
+    if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
+        eye = eye_of(state.tracer.view, parts)
+        surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))
+    if request.options.smooth_normals and appearance.normals is not None:
+        surfaces = surfaces._replace(shading=shading_normals(places, appearance, state.threads))
+    state.clock.lap("shade")
+    return surfaces
+
+
+def shade_unfiltered(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
+    """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
+    facing = surface_facing(surfaces)
+    shown = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shown, ambient, indirect)
+
+
+def edge_colours(state: FrameState) -> np.ndarray:
+    """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
+    colour, appearance = state.tracer.triangles.colour, state.tracer.scene.appearance
+    if appearance is None or not state.request.options.textures:
+        return colour
+    factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
+    own = appearance.material_of_face[state.tracer.triangles.face_id]
+    varied = appearance.textured[state.tracer.triangles.face_id] | (appearance.colours is not None)
+    return np.where((varied & (own >= 0))[:, None], factors[own], colour)

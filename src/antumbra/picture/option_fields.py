@@ -1,0 +1,169 @@
+"""Options as annotated dataclass fields, from which signatures, docstrings and CLI options are derived.
+
+Each field carries an `Option`: its check, its description, and how commands spell it. Records and digests are derived
+from the same fields.
+"""
+
+import inspect
+import textwrap
+from collections.abc import Callable
+from dataclasses import MISSING, Field, fields
+from functools import wraps
+from typing import Any, ForwardRef, NamedTuple, TypeVar
+
+from ..checks import flag, number, whole_number
+
+Check = Callable[[Any, str], Any]
+"""Function of (value, name): the value in one form. InputError, naming the option, unless the value is valid."""
+
+_K = TypeVar("_K", bound=type)
+_WIDTH = 116  # of the text of a parameter, as in other docstrings
+
+
+class CommandOption(NamedTuple):
+    """How commands write an option."""
+
+    help: str
+    panel: str = "Quality"  # title of the group in the help
+    kind: Any = None  # type of the text, such as a StrEnum, whose "none" is None; None: the type of the option
+    start: Any = MISSING  # value if nothing is written; MISSING: the default of the option
+    note: str = ""  # what a start value of None stands for
+    metavar: str | None = None
+    commands: tuple[str, ...] = ("render", "compare")
+    name: str = ""  # of another way to set the option; "": the option's own name
+    literal: bool = True  # whether the text is the value; else the command finds the value
+
+
+class Option(NamedTuple):
+    """What is known of an option besides its type and its default."""
+
+    check: Check
+    kind: str  # the type, as docstrings write it
+    text: str  # the description in docstrings
+    words: tuple[CommandOption, ...] = ()
+    decides: bool = True  # whether pictures depend on it
+
+
+class WholeNumber(NamedTuple):
+    """Check of a whole number."""
+
+    low: int
+    high: int
+    optional: bool = False  # whether None is valid
+
+    def __call__(self, value, what: str) -> int | None:
+        return None if value is None and self.optional else whole_number(value, what, self.low, self.high)
+
+
+class RealNumber(NamedTuple):
+    """Check of a number."""
+
+    low: float
+    high: float
+    ends: str = "()"  # as in `checks.number`
+    unit: str = ""
+
+    def __call__(self, value, what: str) -> float:
+        return number(value, f"{what} ({self.unit})" if self.unit else what, self.low, self.high, self.ends)
+
+
+def optional_flag(value, what: str) -> bool | None:
+    """Check of True, False or None."""
+    return None if value is None else flag(value, what)
+
+
+def unchecked(value, what: str) -> Any:
+    """No check: the function that gets the value has one."""
+    return value
+
+
+def option_of(field: Field) -> Option:
+    """The `Option` of a field."""
+    annotation: Any = field.type
+    return annotation.__metadata__[0]
+
+
+def type_of(field: Field) -> Any:
+    """The type of a field, as text if it was written so."""
+    annotation: Any = field.type
+    kind = annotation.__origin__
+    return kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
+
+
+def check_fields(options: Any) -> None:
+    """Check all fields of frozen options, and replace the values by those that the checks return."""
+    for field in fields(options):
+        value = option_of(field).check(getattr(options, field.name), field.name)
+        object.__setattr__(options, field.name, value)
+
+
+def field_values(options: Any) -> dict[str, Any]:
+    """Name -> value, in the order of the fields."""
+    return {field.name: getattr(options, field.name) for field in fields(options)}
+
+
+def deciding_fields(options: Any) -> dict[str, Any]:
+    """Name -> value of the options on which pictures depend, for digests."""
+    return {field.name: getattr(options, field.name) for field in fields(options) if option_of(field).decides}
+
+
+def split_keywords(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The keywords that are fields of a class, and all others."""
+    names = {field.name for field in fields(kind)}
+    own = {name: value for name, value in keywords.items() if name in names}
+    return own, {name: value for name, value in keywords.items() if name not in names}
+
+
+def describe_fields(kind: _K) -> _K:
+    """Decorator of a class of options: its docstring describes the fields."""
+    kind.__doc__ = _with_fields(kind.__doc__, kind)
+    return kind
+
+
+def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a function with ``**keywords``: its signature and its docstring show the fields of `kind` instead.
+
+    Unknown keywords are a TypeError, as of any function.
+    """
+    names = {field.name for field in fields(kind)}
+
+    def wrap(function: Callable[..., Any]) -> Any:
+        own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        known = names | {parameter.name for parameter in own}
+
+        @wraps(function)
+        def run(*given, **keywords):
+            if not keywords.keys() <= known:
+                unknown = min(keywords.keys() - known)
+                raise TypeError(f"{function.__name__}() got an unexpected keyword argument {unknown!r}")
+            return function(*given, **keywords)
+
+        made: Any = run
+        made.__doc__ = _with_fields(function.__doc__, kind)
+        made.__signature__ = inspect.signature(function).replace(parameters=[*own, *_parameters(kind)])
+        return made
+
+    return wrap
+
+
+def _parameters(kind: type) -> list[inspect.Parameter]:
+    """The fields of a class as keywords of a signature."""
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return [inspect.Parameter(f.name, keyword, default=f.default, annotation=type_of(f)) for f in fields(kind)]
+
+
+def _with_fields(doc: str | None, kind: type) -> str | None:
+    """A docstring whose section Parameters ends with the fields of a class. Without docstrings (-OO) it is None."""
+    if doc is None:
+        return None
+    lines = inspect.cleandoc(doc).splitlines()
+    start = lines.index("Parameters") + 2
+    end = next((i for i in range(start, len(lines)) if not lines[i]), len(lines))
+    return "\n".join([*lines[:end], *map(_described, fields(kind)), *lines[end:]])
+
+
+def _described(field: Field) -> str:
+    """A field as a parameter in a NumPy docstring."""
+    option = option_of(field)
+    text = textwrap.fill(" ".join(option.text.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
+    return f"{field.name} : {option.kind}\n{textwrap.indent(text, '    ')}"

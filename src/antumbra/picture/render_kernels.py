@@ -1,0 +1,129 @@
+"""Compile jobs of rendering: frames of a plan, and the kernels of filter, refinement, appearance and bounced light."""
+
+from dataclasses import replace
+
+from ..engine.engine import Engine, record_of, recorded, trace_all_ways, wide_lights_job
+from ..engine.plan import Plan
+from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
+from ..scene.camera import Camera
+from ..techniques.srdh.representative_rays import SrdhRays
+from .frame_passes import render_frame
+from .frame_request import request_of
+from .render_options import RenderOptions
+
+PLAIN = RenderOptions(spp=1, sampler="hammersley", filter=False, antialias=False)
+"""Options of pictures that call no kernel without need."""
+
+QUALITY = replace(PLAIN, filter=True, adaptive=2)
+"""... of the kernels of the filter and of refinement too."""
+
+
+def precompile_plan(plan: Plan, gbuffer: str, counters: bool = False) -> None:
+    """Compile the kernels of rendering by a plan. `counters`: include a tracer's separate counting kernels."""
+    precompile(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
+    if plan.trace == "cones":
+        precompile(wide_lights_job)
+
+
+def precompile_quality() -> None:
+    """Compile the kernels of the filter and of adaptive sampling; they are the same for every plan."""
+    precompile(quality_job)
+
+
+def precompile_antialias() -> None:
+    """Compile the kernels of anti-aliasing; they are the same for every plan."""
+    precompile(antialias_job)
+
+
+def precompile_appearance() -> None:
+    """Compile the kernels of textures and smooth normals; they are the same for every plan."""
+    precompile(appearance_job)
+
+
+def precompile_bounce() -> None:
+    """Compile the kernels of the diffuse rays that `SrdhRays` can request."""
+    precompile(bounce_job)
+
+
+def precompile_indirect(gbuffer: str) -> None:
+    """Compile the kernels of bounced light; they are the same for every plan."""
+    precompile(indirect_job, gbuffer)
+
+
+def precompile_explicit_rays() -> None:
+    """Compile the kernels of cameras that are not perspective; they are the same for every plan."""
+    precompile(explicit_rays_job)
+
+
+def precompile_ground() -> None:
+    """Compile the kernels of a ground that catches shadows; they are the same for every plan."""
+    precompile(ground_job)
+
+
+def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
+    """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
+
+    def work():
+        if plan.tracer.chooses:
+            trace_all_ways(counters)
+        _render_small(plan, gbuffer, replace(PLAIN, counters=counters))
+
+    return Job(record_of(plan, gbuffer, counters), work, recorded(plan, gbuffer, counters))
+
+
+def quality_job() -> Job:
+    """The job of the filter and of adaptive sampling."""
+    return fixed_job("filter and refinement", lambda: _render_small(Plan(), options=QUALITY))
+
+
+def antialias_job() -> Job:
+    """The job of anti-aliasing."""
+    return fixed_job("anti-aliasing", lambda: _render_small(Plan(), options=replace(PLAIN, antialias=True)))
+
+
+def bounce_job() -> Job:
+    """The job of the diffuse rays that a builder is shown."""
+    plan = Plan(build="srdh", trace="single", sample=SrdhRays(bounce=True))
+    return fixed_job("a diffuse bounce", lambda: _render_small(plan))
+
+
+def appearance_job() -> Job:
+    """The job of textures and smooth normals."""
+    return fixed_job("textures and normals", lambda: _render_small(Plan(), dressed=True))
+
+
+def indirect_job(gbuffer: str = "raster") -> Job:
+    """The job of bounced light."""
+    return fixed_job(
+        f"light that bounces ({gbuffer})", lambda: _render_small(Plan(), gbuffer, replace(PLAIN, bounce=1))
+    )
+
+
+def explicit_rays_job() -> Job:
+    """The job of cameras whose rays are listed."""
+
+    def work():
+        camera, lights = small_view(True)
+        above = Camera(camera.position, camera.target, width=8, height=8, projection="orthographic", extent=3.0)
+        _render_small(Plan(), view=(above, lights))
+
+    return fixed_job("orthographic and panoramic cameras", work)
+
+
+def ground_job() -> Job:
+    """The job of a ground that catches shadows, with lights that are partly below it."""
+    return fixed_job("a ground", lambda: _render_small(Plan(), options=replace(QUALITY, ground=1.95)))
+
+
+def _render_small(
+    plan: Plan, gbuffer: str = "raster", options: RenderOptions = PLAIN, *,
+    view: tuple[Camera, list] | None = None, dressed: bool = False,
+) -> None:  # fmt: skip
+    """Render a frame of the small scene; `view`: camera and lights, `dressed`: with textures and smooth normals."""
+    scene = small_scene(dressed)
+    engine = Engine(scene, plan, 2, gbuffer=gbuffer)
+    camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
+    request = request_of(camera, lights, options, None if options.ground is False else options.ground)
+    if engine.accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
+        engine.accelerator.build(scene.triangles(0.0, 2))
+    render_frame(engine, request)

@@ -1,0 +1,253 @@
+"""`render` and `Renderer`: one frame, or a sequence of frames with cached state, of one scene under one plan."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, ParamSpec, Protocol
+
+from ..checks import choice, instance
+from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.engine import Engine
+from ..engine.frame_tracer import Progress, RenderSource
+from ..engine.plan import Plan
+from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from ..engine.scene_loading import SceneLike, scene_of
+from ..errors import InputError
+from ..progress import show_progress, with_quiet_progress
+from ..query.gbuffer import GBuffer
+from ..scene.camera import Camera
+from ..scene.lights import Light, check_lights
+from ..scene.triangles import Triangles
+from .frame import Frame, TracedBits
+from .frame_passes import render_frame
+from .frame_request import Request, request_of
+from .option_fields import split_keywords, with_keywords
+from .render_kernels import (
+    precompile_antialias,
+    precompile_appearance,
+    precompile_bounce,
+    precompile_explicit_rays,
+    precompile_ground,
+    precompile_indirect,
+    precompile_plan,
+    precompile_quality,
+)
+from .render_options import EngineOptions, RenderKeywords, RenderOptions, options_of
+from .row_bands import RowBands
+
+_P = ParamSpec("_P")
+
+
+class RenderFunction(Protocol[_P]):
+    """`render` as type checkers see it: its keywords are those of a class."""
+
+    def __call__(
+        self, scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None,
+        options: RenderOptions | None = None, progress: Progress | bool | None = None, *own: _P.args,
+        **keywords: _P.kwargs,
+    ) -> Frame: ...  # fmt: skip
+
+
+class FrameFunction(Protocol[_P]):
+    """`Renderer.render` of one renderer as type checkers see it."""
+
+    def __call__(
+        self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None,
+        progress: Progress | bool | None = None, *own: _P.args, **keywords: _P.kwargs,
+    ) -> Frame: ...  # fmt: skip
+
+
+class RenderMethod(Protocol[_P]):
+    """`Renderer.render` as type checkers see it."""
+
+    def __get__(self, renderer: Any, kind: type | None = None) -> FrameFunction[_P]: ...
+
+
+def _function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
+    """Decorator: `with_keywords` with types."""
+    return with_keywords(kind)
+
+
+def _method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
+    """Decorator: `with_keywords` of a method with types."""
+    return with_keywords(kind)
+
+
+class Renderer:
+    """Renders frames of one scene by one plan, and keeps state from frame to frame.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        A scene in memory or in a store, a path, or a mesh of another library.
+    plan : str, Plan or None
+        None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``.
+    threads : int or None
+        None: all cores.
+    gbuffer : "raster", "rays" or "auto"
+        The method of primary visibility; both give the same bits. "auto" is raster, or rays through a tree that an
+        earlier frame has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
+    max_memory : int or None
+        Limit in bytes on the memory of the process at any time, for a scene in a store; None: 4 GiB.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, the plan is unknown, or the plan cannot render a scene in a store.
+    """
+
+    def __init__(
+        self,
+        scene: SceneLike,
+        plan: str | Plan | None = None,
+        threads: int | None = None,
+        gbuffer: str = AUTO,
+        max_memory: int | None = None,
+    ):
+        scene = scene_of(scene)
+        choice(gbuffer, "gbuffer", METHODS)
+        self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
+        self.plan, self.threads = self.engine.plan, self.engine.threads
+
+    @property
+    def accelerator(self) -> Accelerator:
+        """That of the engine."""
+        return self.engine.accelerator
+
+    @property
+    def source(self) -> RenderSource:
+        """That of the engine."""
+        return self.engine.source
+
+    @_method(RenderOptions)
+    @with_quiet_progress
+    def render(
+        self, camera: Camera, lights: Sequence[Light] | Light, *, options: RenderOptions | None = None,
+        progress: Progress | bool | None = None, **keywords: Any,
+    ) -> Frame:  # fmt: skip
+        """Render one frame.
+
+        Parameters
+        ----------
+        camera : Camera
+        lights : list of lights, or one light
+        options : RenderOptions or None
+            All options together; keywords beside it replace single ones.
+        progress : function of (done, total), or bool, optional
+            As in `antumbra.render`.
+
+        Returns
+        -------
+        Frame
+
+        Raises
+        ------
+        InputError
+            If a value is out of range, or an argument is not a camera or a light.
+        """
+        request = self.request(camera, lights, options_of(options, keywords))
+        with show_progress("tracing", progress) as heard:
+            return render_frame(self.engine, request._replace(progress=heard))
+
+    def rows(self, request: Request) -> RowBands:
+        """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
+        return RowBands(self.engine, request)
+
+    def from_rows(self, request: Request, kept: TracedBits) -> Frame:
+        """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
+        frame = render_frame(self.engine, request, kept)
+        return frame._replace(timings={**frame.timings, "trace": 0.0})
+
+    def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
+        """The checked arguments of `render`. The kernels that they need are compiled."""
+        camera, lights = _checked_view(self.scene, camera, lights)
+        options = options_of(options, {})
+        options = replace(options, time=self.scene.clamped(options.time))
+        request = request_of(camera, lights, options, self._ground(options))
+        self._warm_up(request)
+        return request
+
+    def _ground(self, options: RenderOptions) -> float | None:
+        """The height of the ground that the options ask for."""
+        if options.ground is False:
+            return None
+        if self.source.in_store:
+            raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
+        return self.scene.ground_height(options.time) if options.ground is True else options.ground
+
+    def _warm_up(self, request: Request) -> None:
+        """Compile all kernels that the frame calls."""
+        gbuffer, showing, options = compiled_for(self.source.gbuffer), self.accelerator.showing, request.options
+        precompile_plan(self.plan, gbuffer, options.counters)
+        self.source.warm_up()
+        if request.smooth or request.smooth_skies or request.finer is not None:
+            precompile_quality()
+        if options.smooths_edges:
+            precompile_antialias()
+        if (options.textures or options.smooth_normals) and self.scene.appearance is not None:
+            precompile_appearance()
+        if showing is not None and showing.asked.bounce:
+            precompile_bounce()
+        if request.camera.listed:
+            precompile_explicit_rays()
+        if request.passes is not None:
+            precompile_indirect(gbuffer)
+        if request.ground is not None:
+            precompile_ground()
+
+    def accelerate(self, time=0.0) -> Accelerated:
+        """The scene's triangles at a time in seconds, with their BVH if the plan has one."""
+        return self.accelerator.build(self.scene.triangles(time, self.threads))
+
+    def see(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
+        """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
+        return primary_visibility(triangles, camera, accelerated, self.threads)
+
+
+def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
+    """The camera and the list of lights of a picture; the order of `render` is scene, camera, lights."""
+    if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
+        raise InputError("camera and lights stand in the wrong order; write render(scene, camera, lights)")
+    return instance(camera, Camera, "camera"), check_lights(lights, scene.up)
+
+
+@_function(RenderKeywords)
+@with_quiet_progress
+def render(
+    scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
+    options: RenderOptions | None = None, progress: Progress | bool | None = None, **keywords: Any,
+) -> Frame:  # fmt: skip
+    """Render one frame with exact shadows.
+
+    A shadow ray is occluded if a triangle meets its segment strictly between receiver and light sample.
+
+    Parameters
+    ----------
+    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+        A scene in memory or in a store, a path, or a mesh of another library.
+    camera : Camera or None
+        None: ``scene.default_camera(time=time)``.
+    lights : list of lights, one light, or None
+        None: ``scene.default_lights(time)``, the scene's own lights or daylight.
+    options : RenderOptions or None
+        The options of the picture together; keywords beside it replace single ones.
+    progress : function of (done, total), or bool, optional
+        Called about ten times a second while rays are traced. False: nothing is shown. None: terminals and notebooks
+        show a bar after a second.
+
+    Returns
+    -------
+    Frame
+        The image (H, W, 3) float32, and the visibility, bits and timings.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
+    """
+    of_renderer, of_picture = split_keywords(keywords, EngineOptions)
+    asked, scene = options_of(options, of_picture), scene_of(scene)
+    if camera is None:
+        camera = scene.default_camera(time=asked.time)
+    if lights is None:
+        lights = scene.default_lights(asked.time)
+    return Renderer(scene, **of_renderer).render(camera, lights, options=asked, progress=progress)

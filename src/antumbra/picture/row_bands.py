@@ -1,0 +1,136 @@
+"""Render a picture in bands of rows: trace the occlusion bits of each band, and assemble the picture from all bands.
+
+A band holds bits, not colours, so the filter, ambient light and exposure see the whole picture, as if there were no
+bands. docs/design/shards.md compares this with bands of finished pixels.
+"""
+
+import numpy as np
+
+from ..engine.engine import Engine
+from ..query.gbuffer import seen_by
+from ..query.pixel_refinement import blocks_of, edges, picture_of
+from ..query.receivers import NOTHING
+from ..query.shadow_query import Surfaces
+from .frame import FrameState, TracedBits, TracedLights, edge_colours, queries_of, trace_queries, trace_query
+from .frame_passes import evaluate, find_surfaces, indirect_light, trace
+from .frame_request import Request
+from .light_visibility import finer_query, without_equal_samples
+
+BAND = 32
+"""Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
+
+_ABOVE, _BELOW = 4, 1  # more rows that a band looks at; the penumbra's test sees one row on each side
+
+
+def band_array_names(request: Request) -> list[str]:
+    """The names of a band's arrays."""
+    lights = range(len(request.lights))
+    kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
+    return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
+
+
+def joined_bits(found: dict[str, np.ndarray]) -> TracedBits:
+    """The arrays of all bands, each joined, as a picture takes them."""
+    named = lambda kind: [values for name, values in found.items() if name.startswith(f"{kind} ")]
+    return TracedBits(named("bits"), named("finer"), named("edges"), found.get("indirect"))
+
+
+class RowBands:
+    """Traces bands of one picture. They share the surfaces that the camera sees, and the tree if the plan allows it.
+
+    A store has no such picture of surfaces: it reads only what a band's rays meet.
+    """
+
+    def __init__(self, engine: Engine, request: Request):
+        self._state = FrameState(engine, request)
+        evaluate(self._state)
+        self._seen: Surfaces | None = None  # by the whole picture
+        self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
+
+    def band(self, first: int, last: int) -> dict[str, np.ndarray]:
+        """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
+        request = self._state.request
+        near = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
+        if request.finer is None:
+            near = slice(first, last)
+        own = slice(first - near.start, last - near.start)
+        surfaces = self._look(near)
+        surfaces.gbuffer.side[: max(own.start - 1, 0)] = NOTHING
+        traced = self._trace(surfaces)
+        made = {f"bits {i}": bits[own] for i, bits in enumerate(traced.bits)}
+        if request.finer is not None:
+            made |= self._finer(surfaces, traced, own) | self._divided(surfaces, traced, near, own)
+        if request.passes is not None:
+            made["indirect"] = self._indirect(_rows(surfaces, own), traced.queries[0].origins[own])
+        return made
+
+    def _look(self, rows: slice) -> Surfaces:
+        state = self._state
+        if state.tracer.in_store:
+            return find_surfaces(state, rows)
+        if self._seen is None:
+            self._seen = find_surfaces(state, slice(0, state.request.camera.height))
+        return _rows(self._seen, rows)
+
+    def _trace(self, surfaces: Surfaces) -> TracedLights:
+        self._state.tracer.reuse_tree()
+        return trace(self._state, surfaces, slice(0))
+
+    def _finer(self, surfaces: Surfaces, traced: TracedLights, own: slice) -> dict[str, np.ndarray]:
+        """The bits of finer samples in penumbrae."""
+        state, made = self._state, {}
+        assert state.request.finer is not None
+        seen = seen_by(surfaces.gbuffer, state.tracer.view)
+        for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
+            finer = finer_query(seen, query, bits, samples, state.threads)
+            sides = np.full_like(finer.sides, NOTHING)
+            sides[own] = finer.sides[own]
+            made[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[own]
+        return made
+
+    def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:
+        """The bits of the sub-pixels of edges."""
+        state, finer = self._state, self._state.request.finer
+        assert finer is not None
+        pixels, blocks = self._subpixels(surfaces, near, own)
+        if not len(blocks):
+            needed = [without_equal_samples(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
+            words = [-(-query.samples.shape[1] // 64) for query in needed]
+            return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
+        g = pixels.gbuffer
+        row = lambda array: picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+        gbuffer = g._replace(
+            **{name: row(getattr(g, name)) for name in ("position", "normal", "face", "depth", "side")}
+        )
+        queries = queries_of(state, pixels._replace(gbuffer=gbuffer, ids=row(pixels.ids)), finer.edges)
+        queries = [without_equal_samples(query) for query in queries]
+        state.tracer.prepare_again(queries, state.clock.lap)
+        return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
+
+    def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
+        """The sub-pixels of edges; and the blocks that are the band's own."""
+        state, shape = self._state, (self._state.request.camera.height, self._state.request.camera.width)
+        rows = slice(near.start + own.start, near.start + own.stop)
+        if self._seen is None:
+            edge = np.zeros(shape, np.bool_)
+            edge[rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[own]
+            count = np.count_nonzero(edge)
+            return state.tracer.subpixels(edge) if count else surfaces, range(count)
+        if self._edges is None:
+            edge = edges(seen_by(self._seen.gbuffer, state.tracer.view), edge_colours(state), state.threads)
+            self._edges = edge, state.tracer.subpixels(edge)
+        edge, pixels = self._edges
+        before = np.count_nonzero(edge[: rows.start])
+        return pixels, range(before, before + np.count_nonzero(edge[rows]))
+
+    def _indirect(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
+        state = self._state
+        nearest = state.tracer.closest_hits(state.clock.lap)
+        return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)
+
+
+def _rows(surfaces: Surfaces, rows: slice) -> Surfaces:
+    """Some rows of a picture of surfaces, as copies."""
+    g = surfaces.gbuffer
+    gbuffer = g._replace(**{n: getattr(g, n)[rows].copy() for n in ("position", "normal", "face", "depth", "side")})
+    return surfaces._replace(gbuffer=gbuffer, ids=surfaces.ids[rows].copy())

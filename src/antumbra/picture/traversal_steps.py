@@ -1,0 +1,282 @@
+"""Count traversal steps of shadow rays by plan: per pixel, per class of ray, and the depths of frequent blockers.
+
+The tracer `single` and its variants trace one ray at a time, so each test belongs to one ray. Other tracers test boxes
+for ray bundles or eight boxes at once; their queries are traced in windows of 16 x 16 pixels, and the tests of a window
+are divided evenly among its pixels.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import numpy as np
+
+from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
+from ..engine.engine import Engine
+from ..engine.plan import Plan, parse_plan
+from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
+from ..engine.scene import Scene
+from ..errors import InputError
+from ..kernels.parallel import thread_count
+from ..query.shadow_query import ShadowQuery, with_receivers
+from ..scene.lights import check_lights
+from ..trace.counters import BOX_TESTS, TRIANGLE_TESTS, new_counters
+from ..trace.rays.ray_traversal import BUILT, Ordered
+from ..trace.rays.single_rays import Steps, add_steps, count_steps, hit_depths, leaf_depths
+from .frame_request import PictureQueries, TimeSample, build_for, picture_queries
+from .render_kernels import precompile_bounce, precompile_plan
+from .render_options import RenderOptions
+
+# --- A query traced window by window, so that the tests of ray bundles belong to a part of the picture ----------------
+
+
+WINDOW = 16  # pixels; no ray bundle crosses the border of a window
+
+
+def trace_windows(
+    accelerator: Accelerator, accelerated: Accelerated, query: ShadowQuery
+) -> tuple[np.ndarray, np.ndarray]:
+    """Trace a query window by window: (bits, tests); tests: (rows, columns, 2) int64, box and triangle tests.
+
+    Windows begin at multiples of 16 pixels, so they contain whole 4 x 4 blocks of interleaved samples. The bits
+    therefore equal the bits of the query traced as a whole.
+    """
+    h, w = query.sides.shape
+    rows, columns = -(-h // WINDOW), -(-w // WINDOW)
+    bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
+    tests, alone = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
+
+    def trace(window):
+        y, x = divmod(window, columns)
+        part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
+        tally = new_counters()
+        bits[part] = alone.answer(accelerated, with_receivers(query, lambda array: array[part]), tally)
+        tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
+
+    with ThreadPoolExecutor(accelerator.threads) as pool:
+        list(pool.map(trace, range(rows * columns)))
+    return bits, tests
+
+
+# --- Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers -------
+#
+# `single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). Other
+# tracers
+# test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
+# counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second
+# walk,
+# one ray at a time, finds the leaf in which each ray ends.
+
+
+class Depths(NamedTuple):
+    """Depths of leaves: the number of boxes on the path from the root, the leaf's included. NaN: no ray is blocked."""
+
+    frequent: float  # mean depth of the frequent blockers' leaves, weighted by the rays they block in the first plan
+    mean: float  # mean depth of the leaves in which this plan's blocked rays end
+    median: float  # median of the same depths
+    deepest: int  # depth of the deepest leaf of the tree
+    histogram: np.ndarray  # (deepest + 1,) int64: blocked rays that end at each depth
+
+
+class PlanSteps(NamedTuple):
+    """The steps of one plan. H, W: the camera's height and width."""
+
+    plan: Plan
+    boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
+    box_tests: int
+    triangle_tests: int
+    classes: (
+        np.ndarray | None
+    )  # (3,) int64: box tests by `trace.rays.single_rays.CLASSES`; None: tests belong to bundles
+    depths: Depths
+
+
+class Explanation(NamedTuple):
+    """The traversal steps of several plans; all plans give the same bits."""
+
+    asks: np.ndarray  # (H, W) bool: pixels with at least one shadow ray
+    rays: int  # shadow rays: samples above the horizon, over all lights
+    blocked: int  # blocked rays among them
+    frequent: np.ndarray  # (k,) int64: frequent blockers, the fewest triangles that block half of the blocked rays
+    frequent_rays: int  # rays that the frequent blockers block in the first plan
+    plans: list[PlanSteps]
+
+
+class _CountedTrace(NamedTuple):
+    """The result of tracing with one plan."""
+
+    plan: Plan
+    ready: Accelerated
+    steps: Steps  # counted one ray at a time
+    bits: list[np.ndarray]
+    bundles: np.ndarray | None  # (rows, columns, 2) int64: box and triangle tests of each window; None: one by one
+    ids: np.ndarray | None = None  # indices in the scene of the triangles that `steps` counts; None: all triangles
+
+
+def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explanation:
+    """Count the traversal steps of a picture's shadow rays under several plans.
+
+    Parameters
+    ----------
+    scene : Scene or PagedScene
+        A store is explained by its own tree, with the plan ``"bsah+chcrt"``.
+    moments : list of Moment
+        The last moment is explained. Earlier ones stand for the preceding frames of an animation. They supply the
+        trees kept from frame to frame and the rays of the last frame.
+    plans : list of str or Plan, one or more
+    spp, threads
+        As in `antumbra.render`.
+    say : function of (plan, its number), optional
+        Called before each plan.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, or a plan is unknown or has no BVH.
+    RuntimeError
+        If two plans differ in a bit, which is a bug.
+    """
+    plans = explained_plans(plans)
+    source = scene.engine.source
+    for plan in plans if source.in_store else ():
+        Engine(scene, plan, threads)  # a store has its own tree
+    moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
+    for plan in plans:
+        precompile_plan(plan, "rays" if source.in_store else "raster")
+    if source.in_store:
+        source.warm_up()
+    precompile(steps_job)
+    if any(plan.sample is not None and plan.sample.bounce for plan in plans):
+        precompile_bounce()
+    return explain_compiled(scene, moments, plans, spp, thread_count(threads), say)
+
+
+def steps_job() -> Job:
+    """The job of the counting walk of `antumbra explain`."""
+
+    def work():
+        camera, lights = small_view()
+        explain_compiled(
+            Scene.of_data(small_scene()), [TimeSample(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2
+        )
+
+    return fixed_job("counted steps", work)
+
+
+def explained_plans(plans) -> list[Plan]:
+    """Parse the plans; InputError if one is unknown or has no BVH."""
+    plans = [parse_plan(plan) for plan in plans]
+    for plan in plans:
+        if plan.build is None:
+            raise InputError(f"plan {str(plan)!r} has no BVH, so its rays take no steps; leave it out")
+    return plans
+
+
+def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
+    """`explain` with checked arguments and compiled kernels."""
+    pictures, told = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
+    for i, plan in enumerate(plans):
+        if say is not None:
+            say(plan, i)
+        walked = _walk(accelerator_of(plan, threads), pictures)
+        if i == 0:
+            first, frequent = walked, _frequent(walked.steps.hits)
+        _check_bits(first, walked)
+        told.append(_plan_steps(walked, first.steps.hits, frequent))
+    steps = first.steps
+    asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
+    named = frequent if first.ids is None else first.ids[frequent]
+    return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
+
+
+def _walk(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
+    """Build for every picture in turn, then trace the last one and count its steps."""
+    if pictures[-1].source is not None:
+        return _walk_store(accelerator, pictures[-1])
+    for picture in pictures:
+        ready = build_for(accelerator, picture)
+    queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
+    one_by_one = isinstance(ready.prepared, Ordered)
+    ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
+    steps = add_steps([count_steps(ordered, query, n, threads) for query in queries])
+    if one_by_one:
+        return _CountedTrace(
+            accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None
+        )
+    bits, tests = zip(*(trace_windows(accelerator, ready, query) for query in queries))
+    return _CountedTrace(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+
+
+def _walk_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
+    """Trace a picture of a store, and count the steps of its rays through the store's tree.
+
+    The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
+    """
+    from ..engine.paged_source import tree_for
+
+    bvh, ids = tree_for(picture.source, picture.queries)
+    whole = picture.source.accelerated
+    bits, tests = zip(*(trace_windows(accelerator, whole, query) for query in picture.queries))
+    faces = picture.queries[0].ids
+    places = np.searchsorted(ids, faces)
+    known = (faces >= 0) & (np.append(ids, -1)[places] == faces)
+    own = np.where(known, places, -1).astype(np.int32)
+    ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
+    steps = add_steps([count_steps(ordered, q._replace(ids=own), n, threads) for q in picture.queries])
+    return _CountedTrace(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
+
+
+def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
+    """Raise RuntimeError if two plans give different bits."""
+    differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
+    if any(differ):
+        raise RuntimeError(
+            f"the plans {first.plan} and {other.plan} differ in the shadows of {sum(differ)} pixels, and no two plans "
+            "may; please report this with the scene and the command"
+        )
+
+
+def _frequent(hits: np.ndarray) -> np.ndarray:
+    """The fewest triangles that have half of all hits, in order of falling hits."""
+    order = np.argsort(-hits, kind="stable")
+    reached = np.cumsum(hits[order])
+    if reached.size == 0 or reached[-1] == 0:
+        return order[:0]
+    return order[: int(np.searchsorted(reached, reached[-1] / 2)) + 1]
+
+
+def _plan_steps(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
+    """The figures of one plan; `hits`: the number of rays that each triangle blocks in the first plan."""
+    steps, depths = walked.steps, _depths(walked, hits, frequent)
+    if walked.bundles is None:
+        boxes, classes = steps.boxes.sum(axis=-1), steps.boxes.sum(axis=(0, 1))
+        tested, triangles = int(classes.sum()), int(steps.triangles.sum())
+        return PlanSteps(walked.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
+    tested, triangles = (int(n) for n in walked.bundles.sum(axis=(0, 1)))
+    return PlanSteps(
+        walked.plan, _window_shares(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths
+    )
+
+
+def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
+    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays."""
+    rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
+    window = rows[:, None] * tests.shape[1] + columns
+    n = np.bincount(window[asks], minlength=tests.size).reshape(tests.shape)
+    return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
+
+
+def _depths(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
+    bvh = walked.ready.bvh
+    histogram = hit_depths(bvh, walked.steps.hits)
+    reached, depth_of = np.cumsum(histogram), np.zeros(len(hits))
+    depth_of[bvh.prim_ids] = leaf_depths(bvh)
+    deepest = max(len(histogram) - 1, 0)
+    if not len(frequent):
+        return Depths(np.nan, np.nan, np.nan, deepest, histogram)
+    return Depths(
+        float(np.average(depth_of[frequent], weights=hits[frequent])),
+        float(np.average(np.arange(len(histogram)), weights=histogram)),
+        float(np.searchsorted(reached, reached[-1] / 2)),
+        deepest,
+        histogram,
+    )

@@ -1,0 +1,175 @@
+"""The proxy mesh that the browser shows while the camera moves: simplified triangles with baked light, as GLB."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..formats.gltf.gltf_file import ARRAY_BUFFER, FLOAT, buffer_views, glb_bytes
+from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
+from ..picture.image_files import roll_off
+from ..picture.shading import SIDEWAYS
+from ..query.query_bounds import morton_codes
+from ..scene.triangles import Triangles
+from .viewer_model import Model
+
+# --- The stand-in as a glTF file whose colours the browser shows as they are ------------------------------------------
+
+
+# three.js maps the tones of all materials by a fit of ACES, and viser leaves that on. These are its constants.
+_INTO = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
+_OUT = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
+_DARKER = 0.6
+
+
+def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
+    """A GLB file of triangles, each seen from its two sides in the colours of these.
+
+    corners : (n, 3, 3) float32, at least one
+    colours : (2, n, 3) float32, linear, in [0, 1]: of the front and of the back
+    """
+    both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3).astype(np.float32)
+    shown = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
+    root = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "materials": [{"extensions": {"KHR_materials_unlit": {}}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
+        "accessors": [
+            {**_accessor(0, both), "min": both.min(0).tolist(), "max": both.max(0).tolist()},
+            _accessor(1, shown),
+        ],
+        **buffer_views([both, shown], [ARRAY_BUFFER, ARRAY_BUFFER]),
+    }
+    return glb_bytes(root, [both, shown])
+
+
+def before_aces(colours: np.ndarray) -> np.ndarray:
+    """(..., 3) float64: the linear colours that three.js maps to these; the inverse of its ACES curve."""
+    y = np.clip(np.asarray(colours, np.float64) @ np.linalg.inv(_OUT).T, 0.0, 0.99)
+    # y = (x (x + p) - q) / (x (r x + s) + t), solved for x
+    p, q, r, s, t = 0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081
+    a, b, c = 1.0 - r * y, p - s * y, -q - t * y
+    x = (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
+    return np.maximum(x @ np.linalg.inv(_INTO).T, 0.0) * _DARKER
+
+
+def _accessor(view: int, array: np.ndarray) -> dict:
+    return {"bufferView": view, "componentType": FLOAT, "count": len(array), "type": "VEC3"}
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The stand-in for traced pictures while the camera moves: triangles with baked light, few enough for any browser.
+
+
+MOST = 100_000
+"""Triangles of the stand-in, each of which the browser gets once for each side."""
+
+_SPP = 8  # rays to each light
+_AT_ONCE = 1 << 14  # receivers between two checks
+_FINER = 1.25  # factor between two sizes that are tried
+_SHORTEST = 1e-3  # of edges of divided faces, as a share of the longest edge
+_MIXED = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64).astype(np.int64)
+"""Odd factors by which three numbers become one, which is very likely another one for three other numbers."""
+
+
+class ProxyMesh(NamedTuple):
+    """The triangles of a stand-in, and where their light is measured."""
+
+    corners: np.ndarray  # (n, 3, 3) float32, recentred frame
+    points: np.ndarray  # (n, 3) float64, world: on the face of the scene that the piece stands for
+    normals: np.ndarray  # (n, 3) float64, unit
+    faces: np.ndarray  # (n,) int64: that face
+
+
+def proxy_mesh(triangles: Triangles, most: int = MOST) -> ProxyMesh:
+    """At most `most` pieces: small faces put together, and then large ones divided."""
+    corners = triangles.vertices
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
+    length = np.linalg.norm(across, axis=1)
+    faces = np.flatnonzero(length > 0.0)
+    if not len(faces):
+        return ProxyMesh(corners[:0], np.empty((0, 3)), np.empty((0, 3)), faces)
+    shown, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
+    both = np.concatenate([shown, corners[faces]], 2)  # light is measured on the face: the piece may lie within a wall
+    both, faces = _divided(both, faces, most)
+    points = both[:, :, 3:].astype(np.float64).mean(1) + triangles.origin
+    order = np.argsort(morton_codes(points - points.mean(0)), kind="stable")
+    faces = faces[order]
+    return ProxyMesh(both[order, :, :3], points[order], across[faces] / length[faces, None], faces)
+
+
+def _divided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces cut in four again and again, until edges are short: the pieces (m, 3, k) and their faces (m,).
+
+    corners : (n, 3, k); the first three coordinates count for the length of edges
+    """
+    longest = np.linalg.norm(np.roll(corners[..., :3], 1, 1) - corners[..., :3], axis=2).max(1)
+    size = float(longest.max())
+
+    def times(edge: float) -> np.ndarray:
+        return np.ceil(np.log2(np.maximum(longest / edge, 1.0)))
+
+    while size > _SHORTEST * longest.max() and (4.0 ** times(size / _FINER)).sum() <= most:
+        size /= _FINER
+    left, done = times(size), []
+    while len(corners):
+        last = left <= 0
+        done.append((corners[last], faces[last]))
+        a, b, c = corners[~last].swapaxes(0, 1)
+        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        corners = np.concatenate([np.stack(each, 1) for each in four])
+        faces, left = np.tile(faces[~last], 4), np.tile(left[~last] - 1, 4)
+    return np.concatenate([pieces for pieces, _ in done]), np.concatenate([owner for _, owner in done])
+
+
+def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces whose corners move to the middles of the cells of a grid, as coarse as necessary; each triangle once.
+
+    Faces that become lines or points vanish [Rossignac and Borrel 1993].
+    """
+    low, extent = corners.min((0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    cells = 1024.0
+    while True:
+        at = np.floor((corners[faces] - low) * (cells / extent)).astype(np.int64)
+        keys = (at[..., 0] << 42) | (at[..., 1] << 21) | at[..., 2]
+        a, b, c = keys.T
+        whole = np.flatnonzero((a != b) & (b != c) & (c != a))
+        _, first = np.unique(np.sort(keys[whole], 1) @ _MIXED, return_index=True)
+        if len(first) <= most:
+            kept = whole[first]
+            return ((at[kept] + 0.5) * (extent / cells) + low).astype(np.float32), faces[kept]
+        cells /= max(_FINER, (len(first) / most) ** 0.5)
+
+
+def proxy_light(model: Model, pieces: ProxyMesh, check: Callable = lambda *_: None) -> np.ndarray:
+    """(2, n, 3) float32: the irradiance of the front and of the back of each piece.
+
+    check : called between parts of the work; it may raise an exception to end it
+    """
+    lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
+    asked = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
+    meter = Meter(model.scene, asked, 2 * n)
+    out = np.zeros((2, n, 3), np.float32)
+    for side, sign in enumerate((1.0, -1.0)):
+        for start in range(0, n, _AT_ONCE):
+            check()
+            part = slice(start, start + _AT_ONCE)
+            receivers = SurfacePoints(pieces.points[part], sign * pieces.normals[part])
+            out[side, part] = meter.values(receivers)
+    return out
+
+
+def proxy_colours(light: np.ndarray, normals: np.ndarray, base: np.ndarray, model: Model) -> np.ndarray:
+    """(2, n, 3) float32, linear, in [0, 1]: how pieces look on the screen in this light, as in pictures.
+
+    light : (2, n, 3) float32, irradiance of fronts and backs
+    normals : (n, 3), of the fronts; base : (n, 3) float32, base colours
+    """
+    upwards = normals @ model.stage.up
+    ambient = (SIDEWAYS + (1.0 - SIDEWAYS) * np.stack([upwards, -upwards]))[..., None] * model.ambient
+    return roll_off((light + ambient) * base * ((model.exposure or 1.0) / np.pi)).astype(np.float32)

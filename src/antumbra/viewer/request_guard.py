@@ -1,0 +1,220 @@
+"""Guard the viewer's server: check the host, origin and token of each request, and drop malformed messages.
+
+Any web page may open a WebSocket to any address, and a DNS name can be pointed at this machine at any time. So the
+``Host`` and the ``Origin`` of every request are checked, and a page that other machines reach needs a token.
+"""
+
+import asyncio
+import logging
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from http import HTTPStatus
+from ipaddress import ip_address
+from typing import Any
+from urllib.parse import urlsplit
+
+from ..checks import quoted
+from ..errors import InputError
+
+LOG = logging.getLogger("antumbra.viewer")
+
+_LOOPBACK = "localhost", "127.0.0.1", "::1"
+_LONGEST = 200  # characters of a line that a client can write to the log
+_STARTING = threading.Lock()  # of one server at a time
+
+
+class Guard:
+    """Decides which requests reach the page.
+
+    Parameters
+    ----------
+    host : str
+        The address at which the server listens.
+    allow_host : names or addresses
+        Under which the page may be reached besides its own.
+
+    Attributes
+    ----------
+    token : str
+        The first part of the path of each request; empty if the server listens for this machine alone.
+    """
+
+    def __init__(self, host: str, allow_host: Sequence[str] = ()):
+        self.allowed = {_allowed(name) for name in allow_host}
+        own = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
+        self.names = {*self.allowed, *own, canonical(host)}
+        self.token = "" if is_loopback(host) else secrets.token_urlsafe(16)
+        self.in_place = False  # a server has taken it
+
+    def refusal(self, request: Any, reached: str) -> str | None:
+        """Why a request is refused, in one line; None: it is not.
+
+        Parameters
+        ----------
+        request : websockets.http11.Request
+        reached : str
+            The address of this machine that the client has reached.
+        """
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        host = name_of(hosts[0]) if len(hosts) == 1 else None
+        if host is None or host not in {*self.names, canonical(reached)}:
+            return f"{_shown(hosts)} is no address of this page; --allow-host or allow_host= adds one"
+        if origins and not (len(origins) == 1 and self._own(origins[0], hosts[0])):
+            return f"a page of {_shown(origins)} may not use this one"
+        if not secrets.compare_digest(_token_of(request.path).encode(), self.token.encode()) and self.token:
+            return "the token is missing; open the whole address that was printed when the page was opened"
+        return None
+
+    def _own(self, origin: str, host: str) -> bool:
+        """Whether a page of this origin is the one that this host serves.
+
+        The port of `host` may differ from ours, as in ``ssh -L 9000:localhost:8080``: no page can write that header.
+        """
+        scheme, _, rest = origin.partition("://")
+        return scheme in ("http", "https") and (rest.lower() == host.lower() or name_of(rest) in self.allowed)
+
+    def check(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
+        """The answer to a request: 403, or that of `serve` to the path without the token."""
+        reason = self.refusal(request, connection.local_address[0])
+        if reason is not None:
+            LOG.warning("refused a request: %s", one_line(reason))
+            return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
+        if self.token:
+            request = type(request)(request.path.removeprefix(f"/{self.token}") or "/", request.headers)
+        return serve(connection, request)
+
+
+@contextmanager
+def guarding(guard: Guard) -> Iterator[None]:
+    """Within this block, the websockets server that viser starts gets the guard.
+
+    viser takes ``serve`` from its module when a server starts. Whoever relies on it must check `Guard.in_place`
+    afterwards, for another version might find it elsewhere.
+    """
+    import websockets.asyncio.server as library
+
+    serve = library.serve
+
+    def guarded(handler: Callable, *args: Any, process_request: Any = None, **options: Any) -> Any:
+        if process_request is None or not handler.__module__.startswith("viser."):
+            return serve(handler, *args, process_request=process_request, **options)  # a server of somebody else
+        guard.in_place = True
+        asyncio.get_running_loop().set_exception_handler(_log_task)
+        check = lambda connection, request: guard.check(connection, request, process_request)
+        return serve(_quiet(handler), *args, process_request=check, logger=_logger(), **options)
+
+    with _STARTING:
+        library.serve = guarded  # type: ignore
+        try:
+            yield
+        finally:
+            library.serve = serve  # type: ignore
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches a server that listens at a name or address.
+
+    Raises
+    ------
+    InputError
+        If the host is none.
+    """
+    try:
+        found = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"cannot listen at {host!r} ({error}); 127.0.0.1 is this machine") from None
+    return all(ip_address(address[0].partition("%")[0]).is_loopback for *_, address in found)
+
+
+def name_of(netloc: str) -> str | None:
+    """The name or address in ``name:port``, in lower case; None if it is neither."""
+    try:
+        parts = urlsplit(f"//{netloc}")
+        _ = parts.port  # raises
+    except ValueError:
+        return None
+    if not parts.hostname or parts.netloc != netloc or set(netloc) & set("@ "):
+        return None
+    return canonical(parts.hostname)
+
+
+def canonical(name: str) -> str:
+    """A name in lower case, or an address as Python writes it."""
+    try:
+        return str(ip_address(name.partition("%")[0]))
+    except ValueError:
+        return name.lower()
+
+
+def one_line(text: Any) -> str:
+    """A text, or an exception, that a client caused, on one line of bounded length."""
+    text = f"{type(text).__name__}: {text}" if isinstance(text, BaseException) else str(text)
+    line = " ".join("".join(c if c.isprintable() else " " for c in text[: 4 * _LONGEST]).split())
+    return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
+
+
+def _allowed(name: Any) -> str:
+    found = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
+    if found is None or found != canonical(name):
+        raise InputError(
+            f"allow_host: {quoted(name)} is no name or address; give one as gpu.example.org, without a port"
+        )
+    return found
+
+
+def _names() -> set[str]:
+    """The names of this machine."""
+    own = {socket.gethostname().lower(), socket.getfqdn().lower()} - {""}
+    return own | {f"{name}.local" for name in own if "." not in name}
+
+
+def _token_of(path: str) -> str:
+    return path.partition("?")[0].split("/")[1] if path.startswith("/") else ""
+
+
+def _shown(values: list[str]) -> str:
+    return one_line(", ".join(map(repr, values))) or "a request without Host"
+
+
+def _quiet(handler: Callable) -> Callable:
+    """viser's handler of a connection, whose failures are one line of the log."""
+    import viser
+
+    async def quiet(connection: Any) -> None:
+        if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print it
+            LOG.warning("refused a client of another version: %s", one_line(connection.subprotocol))
+            await connection.close(1002, f"the page is of viser {viser.__version__}; reload it")
+            return
+        try:
+            await handler(connection)
+        except Exception as error:
+            LOG.warning("a malformed message ended a connection: %s", one_line(error))
+            await connection.close(1002, "malformed message")
+
+    return quiet
+
+
+def _log_task(loop: Any, context: dict[str, Any]) -> None:
+    """The exception handler of the server's event loop."""
+    LOG.warning("a message was not understood: %s", one_line(context.get("exception") or context.get("message")))
+
+
+class _OneLine(logging.Filter):
+    """Replaces the tracebacks of websockets, which a port scanner causes at will, by one line."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        if record.exc_info and record.exc_info[1] is not None:
+            record.msg, record.args = "%s: %s", (record.getMessage(), one_line(record.exc_info[1]))
+            record.exc_info = record.exc_text = None
+        return True
+
+
+def _logger() -> logging.Logger:
+    """The logger of a websockets server."""
+    logger = logging.Logger("antumbra.viewer.server", logging.WARNING)
+    logger.parent = LOG
+    logger.addFilter(_OneLine())
+    return logger
