@@ -18,9 +18,9 @@ fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
 LIVING = """
 import sys
-from antumbra.files import replacing
+from antumbra.files import atomic_output
 
-with replacing(sys.argv[1]) as temporary:
+with atomic_output(sys.argv[1]) as temporary:
     temporary.write_bytes(b"half")
     print("ready", flush=True)
     sys.stdin.readline()
@@ -224,7 +224,7 @@ from pathlib import Path
 os.kill(os.getpid(), signal.SIGKILL)
 """
 MAKERS = {
-    "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
+    "a context": "from antumbra import files\nmade = files.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
     "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._own",
 }
@@ -253,4 +253,4 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
 def test_no_other_module_makes_folders_that_outlive_a_killed_process():
     makers = re.compile(r"TemporaryDirectory|mkdtemp\(")
     found = [path.name for path in (ROOT / "src").rglob("*.py") if makers.search(path.read_text(encoding="utf-8"))]
-    assert sorted(found) == ["private.py", "temporary.py"]
+    assert sorted(found) == ["files.py"]

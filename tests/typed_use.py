@@ -4,6 +4,7 @@ from datetime import UTC, date
 from typing import assert_type
 
 import numpy as np
+from numpy.typing import NDArray
 
 import antumbra as at
 
@@ -21,7 +22,7 @@ def use() -> None:
     assert_type(at.RenderOptions(ground=True).cull_faces, str | None)
     assert_type(frame.image, np.ndarray)
     frame.save("picture.png")
-    assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), np.ndarray)
+    assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), NDArray[np.bool_])
     assert_type(scene.closest_hit(np.zeros((5, 3)), np.ones((5, 3))), at.Hit)
     assert_type(scene.lights, list[at.Light])
     assert_type(scene.cameras, list[at.Camera])

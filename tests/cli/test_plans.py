@@ -37,7 +37,7 @@ def done(monkeypatch):
     names: list[str] = []
 
     def precompile_all(jobs):
-        names.extend(job.name for job in all_jobs)
+        names.extend(job.name for job in jobs)
         return 3
 
     monkeypatch.setattr(ready, "precompile_all", precompile_all)

@@ -148,11 +148,12 @@ def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
 def test_compiling_processes_use_the_same_private_folder(package, own, tmp_path):
     own.chmod(0o777)
     program = """
-from antumbra.kernels.toolchain.compile_pool import Wanted, compile_all
-from antumbra.kernels.toolchain.kernel_cache import is_kept
-from antumbra.kernels.marshalling import named
+from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels
+from antumbra.kernels.toolchain.kernel_cache import is_cached
+from antumbra.kernels.marshalling import import_object
 
-print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("antumbra.sample.top:alone"), "i"))
+wrong = compile_kernels([KernelRequest("antumbra.sample.top:alone", "i")])
+print(wrong, is_cached(import_object("antumbra.sample.top:alone"), "i"))
 """
     env = sample.environment(package, own)
     done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, timeout=300)

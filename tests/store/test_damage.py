@@ -95,7 +95,7 @@ def with_header(data, **changes) -> bytes:
         (lambda d: with_header(d, complete=0), "not finished; build it again"),
         (lambda d: bytes(PAGE) + d[PAGE:], "not finished; build it again"),
         (lambda d: bytes(100), "not finished; build it again"),
-        (lambda d: d + b"x", "behind its end"),
+        (lambda d: d + b"x", "after its end"),
         (lambda d: b"glTF" + d[4:], "is not a store; make one by antumbra build"),
         (lambda d: b"", "the file is empty"),
     ],

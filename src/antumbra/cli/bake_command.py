@@ -161,20 +161,19 @@ def bake(given: BakeArguments) -> int:
     spec = arguments.parse_scene(given.scene)
     asked = [arguments.parse_light(text) for text in given.light or []]
 
-    from ..jobs.bake import bake_job as baking
+    from ..jobs.bake.bake_input import BakeSource, check_options, is_gltf
+    from ..jobs.bake.bake_job import bake as bake_source
 
     engine = engine_for(given, given.output)
-    baking.check_options(
-        given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options()
-    )
+    check_options(given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options())
     with ProgressDisplay(given.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
         lights = _lights(given, asked, scene)
-        source = baking.BakeSource(scene, spec.path if spec.path is not None and baking.is_gltf(spec.path) else None)
+        source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
         start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
         with quietly():
-            made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
+            made = bake_source(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
         if made is None:
             return report_shard(engine, given, perf_counter() - start)
     if given.json:

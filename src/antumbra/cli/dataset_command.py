@@ -32,6 +32,7 @@ from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.dataset.dataset_job import Dataset
+    from ..jobs.executors import ShardIndex
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class _Parsed(NamedTuple):
     lights: list  # lights, and indices of the scene's own
     ambient: list  # ambient occlusion, or nothing
     memory: int | None  # bytes
-    shard: "Share | None"
+    shard: "ShardIndex | None"
 
 
 @takes(DatasetArguments)
@@ -183,7 +184,7 @@ def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display:
     )
 
 
-def _fields(made: "Dataset", scene: "AnyScene", shard: "Share | None") -> Iterator[tuple[str, str]]:
+def _fields(made: "Dataset", scene: "AnyScene", shard: "ShardIndex | None") -> Iterator[tuple[str, str]]:
     yield "data set", str(made.folder / "manifest.json")
     yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
     yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"

@@ -19,7 +19,7 @@ from .options import Json, Quiet
 
 
 if TYPE_CHECKING:
-    from ..jobs.executors import UnitCollector
+    from ..jobs.executors import Executor, ShardIndex, UnitCollector
 
 ShardOption = Annotated[
     str | None,
@@ -46,7 +46,7 @@ command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # that of a frame, at the end of a name
-node_engine: ContextVar["Asked | None"] = ContextVar("asked", default=None)
+node_engine: ContextVar["UnitCollector | None"] = ContextVar("asked", default=None)
 """The engine of a command that begins on a node of a cluster."""
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
@@ -55,7 +55,7 @@ _VALUED = "--ray", "--shard", "--merge", "--threads"  # options that change no r
 _FLAGS = "--json", "--quiet", "-q", "--debug"
 
 
-def parse_shard(text: str | None) -> "Share | None":
+def parse_shard(text: str | None) -> "ShardIndex | None":
     """The shard that ``--shard`` names; None: there is none."""
     from ..jobs.executors import ShardIndex
 
@@ -87,7 +87,7 @@ def command_words() -> list[str]:
     return found
 
 
-def engine_for(given: Any, output: Path) -> "Engine | None":
+def engine_for(given: Any, output: Path) -> "Executor | None":
     """The engine that the options --shard, --ray and --merge ask for; None if there are none.
 
     given : arguments with the fields `shard`, `ray` and `merge`
@@ -136,7 +136,7 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
         node_engine.reset(token)
 
 
-def report_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
+def report_shard(shard: "Executor | None", given: Any, seconds: float) -> int:
     """Say what a shard did, which wrote no results; return the exit code."""
     from ..jobs.executors import ShardExecutor
 

@@ -10,8 +10,7 @@ from ..engine.point_visibility import visibility
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..query.receivers import point_receivers
 from ..scene.lights import DirectionalLight
-from . import viewer_model as lamps
-from .viewer_model import FAR, Model
+from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
 # --- What a point of a surface sees of each light, and what blocks it -------------------------------------------------
 
@@ -130,7 +129,7 @@ class Gizmos:
         """Put the handles where the lights are."""
         with self._lock:
             for lamp in self._model.lamps:
-                place = lamps.handle_position(lamp.light, self._model.stage)
+                place = handle_position(lamp.light, self._model.stage)
                 if place is not None:
                     self._put(lamp, place)
 
@@ -152,19 +151,19 @@ class Gizmos:
                 "/blockers", to_page(edges), _BLOCKED, thickness=4.0, thickness_units="screen"
             )
 
-    def _put(self, lamp: lamps.EditableLight, place: np.ndarray) -> None:
+    def _put(self, lamp: EditableLight, place: np.ndarray) -> None:
         on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
         if lamp.name not in self._handles:
-            handle = self._handles[lamp.name] = self._scene.add_transform_controls(
+            handle_position = self._handles[lamp.name] = self._scene.add_transform_controls(
                 path, scale=_HANDLE, disable_rotations=True, depth_test=False, position=place
             )
             self._scene.add_label(f"{path}/name", lamp.name)
-            handle.on_update(self._page.heard(self._mover(lamp.name)))
-        handle = self._handles[lamp.name]
-        handle.visible = on
-        if not np.allclose(handle.position, place, atol=1e-5):
-            handle.position = place
-        lines = lamps.light_outline(lamp.light, self._model.stage)
+            handle_position.on_update(self._page.heard(self._mover(lamp.name)))
+        handle_position = self._handles[lamp.name]
+        handle_position.visible = on
+        if not np.allclose(handle_position.position, place, atol=1e-5):
+            handle_position.position = place
+        lines = light_outline(lamp.light, self._model.stage)
         if len(lines):
             self._scene.add_line_segments(
                 f"/outlines/{lamp.name}", lines, _LIGHT, thickness=2.0, thickness_units="screen", visible=on
