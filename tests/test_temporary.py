@@ -239,7 +239,7 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
     assert files(left) == [".lock", "model.glb"]
     (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
     monkeypatch.setattr(temporary.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(temporary, "_YOUNG", -1.0)
+    monkeypatch.setattr(temporary, "_MIN_AGE", -1.0)
     temporary._remove_abandoned_folders.cache_clear()
     with temporary_folder() as folder:
         assert set(files(tmp_path)) == {folder.name, "antumbra-theirs00"} and folder.stat().st_mode & 0o777 == 0o700

@@ -112,7 +112,7 @@ def test_what_is_no_whole_store(whole, change, words):
 def test_no_file(tmp_path):
     assert "no such file" in found(tmp_path / "none.antumbra")
     (tmp_path / "folder.antumbra").mkdir()
-    assert "not an ordinary file" in found(tmp_path / "folder.antumbra")
+    assert "not a regular file" in found(tmp_path / "folder.antumbra")
 
 
 def test_damage_after_the_store_was_opened(whole):
