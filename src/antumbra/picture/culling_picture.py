@@ -45,13 +45,14 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     start = perf_counter()
     culled = CULLERS[culler].cull(triangles, queries, renderer.threads)
     seconds = perf_counter() - start
-    kept = np.zeros(len(triangles.vertices) + 1, np.bool_)  # one extra entry for pixels that see no triangle (face -1)
-    kept[culled.kept] = True
+    # one extra entry for background pixels (face -1)
+    kept_mask = np.zeros(len(triangles.vertices) + 1, np.bool_)
+    kept_mask[culled.kept] = True
     receivers = gbuffer.position[gbuffer.side != NOTHING]
     emitters = np.concatenate([np.empty((0, 3)), *(_emitter(query) for query in queries)])
     shape, up = gbuffer.face.shape, 2 if scene.up == "z" else 1
-    panels = [_camera_view(gbuffer, camera, kept)]
-    panels += [_xray_view(triangles.vertices, kept[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
+    panels = [_camera_view(gbuffer, camera, kept_mask)]
+    panels += [_xray_view(triangles.vertices, kept_mask[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
     cells, marked = (0, 0) if culled.marked is None else (culled.marked.size, int(culled.marked.sum()))
     image = np.concatenate(panels, axis=1)
     return CullingPicture(image, len(culled.kept), cells, marked, culled.sources, culled.targets, seconds)
@@ -67,15 +68,15 @@ def _emitter(query) -> np.ndarray:
     return sample_points(query)
 
 
-def _camera_view(gbuffer, camera, kept) -> np.ndarray:
+def _camera_view(gbuffer, camera, kept_mask) -> np.ndarray:
     """The camera's view, lit from the camera: (H, W, 3) float32."""
     ahead = np.asarray(camera.target, np.float64) - camera.position
     facing = np.abs(gbuffer.normal @ (ahead / np.linalg.norm(ahead)).astype(np.float32))
-    colour = np.where(kept[gbuffer.face][..., None], KEPT, DROPPED)
+    colour = np.where(kept_mask[gbuffer.face][..., None], KEPT, DROPPED)
     return np.where((gbuffer.side != NOTHING)[..., None], colour * (0.15 + 0.85 * facing[..., None]), np.float32(0.0))
 
 
-def _xray_view(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
+def _xray_view(vertices, kept_mask, receivers, emitters, shape, axis) -> np.ndarray:
     """X-ray view along an axis: points on all surfaces add up their colours; receivers and lights are drawn on top."""
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down
@@ -93,7 +94,7 @@ def _xray_view(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
     face, points = _surface_points(vertices, _POINTS * h * w)
     where, inside = pixels(points)
     image = np.zeros((h * w, 3), np.float32)
-    for which, colour in ((kept, KEPT), (~kept, DROPPED)):
+    for which, colour in ((kept_mask, KEPT), (~kept_mask, DROPPED)):
         count = np.bincount(where[which[face[inside]]], minlength=h * w)
         image += (1.0 - np.exp(-count[:, None] / (0.5 * _POINTS))).astype(np.float32) * colour
     image[pixels(receivers[:: max(1, len(receivers) // 20000)])[0]] = RECEIVER

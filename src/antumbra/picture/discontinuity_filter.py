@@ -23,7 +23,7 @@ docs/design/filter.md). The error of spp stratified samples of an edge falls as 
 _ZERO = np.float32(0.0)
 
 
-class _Counted(NamedTuple):
+class _FilterInputs(NamedTuple):
     """What the filter averages, as pointers, and how it judges neighbours."""
 
     counts: I64Ptr  # (H, W) int64: occluded samples
@@ -33,70 +33,70 @@ class _Counted(NamedTuple):
 
 
 @inlined
-def _constant(points, asked, y, x):
+def _is_constant(points, inputs, y, x):
     """Whether all values in the window are the same. Then there is nothing to filter, on any surface."""
-    own, share = at(points, asked.counts, y, x), at(points, asked.shares, y, x) if asked.shared else _ZERO
+    centre, share = at(points, inputs.counts, y, x), at(points, inputs.shares, y, x) if inputs.shared else _ZERO
     for v in range(max(y - 2, 0), min(y + 3, points.h)):
         for u in range(max(x - 2, 0), min(x + 3, points.w)):
-            if at(points, asked.counts, v, u) != own:
+            if at(points, inputs.counts, v, u) != centre:
                 return False
-            if asked.shared and at(points, asked.shares, v, u) != share:
+            if inputs.shared and at(points, inputs.shares, v, u) != share:
                 return False
     return True
 
 
 @inlined
-def _pair(points, asked, y, x, dy, dx):
+def _accepted_pair(points, inputs, y, x, dy, dx):
     """Which of the pixels (y + dy, x + dx) and (y - dy, x - dx) are accepted, two booleans."""
-    own = at(points, asked.counts, y, x)
+    centre = at(points, inputs.counts, y, x)
     after, before = same_surface(points, y, x, y + dy, x + dx), same_surface(points, y, x, y - dy, x - dx)
-    a = at(points, asked.counts, y + dy, x + dx) if after else own
-    b = at(points, asked.counts, y - dy, x - dx) if before else own
+    a = at(points, inputs.counts, y + dy, x + dx) if after else centre
+    b = at(points, inputs.counts, y - dy, x - dx) if before else centre
     if after and before:
-        near = abs(a + b - 2 * own) <= asked.limit
+        similar = abs(a + b - 2 * centre) <= inputs.limit
     else:
-        near = 2 * abs(a + b - 2 * own) <= asked.limit
-    return after and near, before and near
+        similar = 2 * abs(a + b - 2 * centre) <= inputs.limit
+    return after and similar, before and similar
 
 
 @inlined
-def _window(points, asked, y, x):
+def _window_sums(points, inputs, y, x):
     """(weighted sum of counts, of shares, sum of weights) over the accepted pixels of the window around (y, x).
 
     Pixels are accepted in opposite pairs, by the pair's mean, because a steady slope of the penumbra does not change
     this mean. A pixel is judged alone if the other pixel of its pair sees another surface. The weights are those of
     equation 1 of docs/design/filter.md, times 4.
     """
-    total, weight = 4 * at(points, asked.counts, y, x), 4
-    shares = 4.0 * at(points, asked.shares, y, x) if asked.shared else 0.0
+    total, weight = 4 * at(points, inputs.counts, y, x), 4
+    shares = 4.0 * at(points, inputs.shares, y, x) if inputs.shared else 0.0
     for k in range(13, 25):  # the pixels of the 5 x 5 window that come after (y, x)
         dy, dx = k // 5 - 2, k % 5 - 2
         w = (1 if dy == 2 else 2) * (1 if abs(dx) == 2 else 2)
-        after, before = _pair(points, asked, y, x, dy, dx)
+        after, before = _accepted_pair(points, inputs, y, x, dy, dx)
         for sign, accepted in ((1, after), (-1, before)):
             if accepted:
                 v, u = y + sign * dy, x + sign * dx
-                total, weight = total + w * at(points, asked.counts, v, u), weight + w
-                if asked.shared:
-                    shares += np.float64(w) * at(points, asked.shares, v, u)
+                total, weight = total + w * at(points, inputs.counts, v, u), weight + w
+                if inputs.shared:
+                    shares += np.float64(w) * at(points, inputs.shares, v, u)
     return total, shares, weight
 
 
 @kernel
-def _filter_rows(ticket, seen, counts, shares, limit, spp, out, out_shares):
-    points, asked = points_of(seen), _Counted(ptr(counts), ptr(shares), len(shares) > 0, limit)
+def _filter_rows(ticket, surfaces, counts, shares, limit, spp, out, out_shares):
+    points, inputs = points_of(surfaces), _FilterInputs(ptr(counts), ptr(shares), len(shares) > 0, limit)
     for y in items(ticket):
         for x in range(points.w):
-            total, weight = at(points, asked.counts, y, x), np.int64(1)
-            share = np.float64(at(points, asked.shares, y, x)) if asked.shared else 0.0
-            if at(points, points.side, y, x) != NOTHING and not _constant(points, asked, y, x):
-                total, share, weight = _window(points, asked, y, x)
+            total, weight = at(points, inputs.counts, y, x), np.int64(1)
+            share = np.float64(at(points, inputs.shares, y, x)) if inputs.shared else 0.0
+            if at(points, points.side, y, x) != NOTHING and not _is_constant(points, inputs, y, x):
+                total, share, weight = _window_sums(points, inputs, y, x)
             out[y, x] = np.float32(1.0 - np.float64(total) / np.float64(weight * spp))
-            if asked.shared:
+            if inputs.shared:
                 out_shares[y, x] = np.float32(share / np.float64(weight))
 
 
-def filter_fractions(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
+def filter_fractions(surfaces: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
     """(H, W) float32: the fraction of samples that are not occluded, filtered over 4 x 4 pixels.
 
     Parameters
@@ -114,27 +114,27 @@ def filter_fractions(seen: PictureSurfaces, counts: np.ndarray, spp: int, thread
     count half. So each sample set counts once. If all pixels are accepted, the result is exactly the fraction of
     16 spp samples.
     """
-    return _filtered(seen, counts, np.empty((0, 0), np.float32), spp, threads)[0]
+    return _filter(surfaces, counts, np.empty((0, 0), np.float32), spp, threads)[0]
 
 
 def filter_shares(
-    seen: PictureSurfaces, counts: np.ndarray, shares: np.ndarray, spp: int, threads=None
+    surfaces: PictureSurfaces, counts: np.ndarray, shares: np.ndarray, spp: int, threads=None
 ) -> tuple[np.ndarray, np.ndarray]:
     """`filtered`, and the mean of `shares` ((H, W) float32, of `picture.light_visibility`) over the same pixels."""
-    return _filtered(seen, counts, np.ascontiguousarray(shares), spp, threads)
+    return _filter(surfaces, counts, np.ascontiguousarray(shares), spp, threads)
 
 
-def _filtered(seen, counts, shares, spp, threads) -> tuple[np.ndarray, np.ndarray]:
+def _filter(surfaces, counts, shares, spp, threads) -> tuple[np.ndarray, np.ndarray]:
     counts, out, smooth = np.ascontiguousarray(counts, np.int64), np.empty(counts.shape, "f4"), np.empty_like(shares)
     limit = int(NOISE * math.sqrt(math.sqrt(spp)))
-    args = seen, counts, shares, limit, int(spp), out, smooth
+    args = surfaces, counts, shares, limit, int(spp), out, smooth
     run(_filter_rows, thread_count(threads), new_ticket(len(out), 8), *args)
     return out, smooth
 
 
 @kernel
-def _smooth_rows(ticket, seen, irradiance, out):
-    points = points_of(seen)
+def _smooth_rows(ticket, surfaces, irradiance, out):
+    points = points_of(surfaces)
     for y in items(ticket):
         for x in range(points.w):
             red = green = blue = weight = 0.0
@@ -149,12 +149,12 @@ def _smooth_rows(ticket, seen, irradiance, out):
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
 
 
-def smooth_irradiance(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
+def smooth_irradiance(surfaces: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
     """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filtered`.
 
     The average includes every pixel of the window that sees the same surface. Neighbours ask different lights. So their
     irradiance differs far more than it changes from place to place, and the difference says nothing about shadows.
     """
     out = np.empty_like(irradiance)
-    run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), seen, irradiance, out)
+    run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, irradiance, out)
     return out

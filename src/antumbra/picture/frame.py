@@ -7,7 +7,7 @@ import numpy as np
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
-from ..query.gbuffer import GBuffer
+from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..scene.lights import Light
 from ..scene.sky import Sky
@@ -180,15 +180,15 @@ class FrameState:
         Counters, if requested.
     rays : int
         Shadow rays traced so far.
-    kept : KeptRows or None
+    known : KeptRows or None
         What the rays found, if all of them were traced before.
     """
 
-    def __init__(self, engine: Engine, request: Request, kept: TracedBits | None = None):
+    def __init__(self, engine: Engine, request: Request, known: TracedBits | None = None):
         self.tracer, self.request = engine.frame_tracer(), request
         self.clock, self.threads, self.rays = FrameClock(), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
-        self.kept = kept
+        self.known = known
 
 
 def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
@@ -212,15 +212,17 @@ def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np
     return TracedLights(queries, bits)
 
 
-def arriving_light(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
-    """The light that each light source sends to each pixel's surface; see `picture.shading.arriving_irradiance`.
+def arriving_light(
+    state: FrameState, surfaces: Surfaces, traced: TracedLights, visible: PictureSurfaces | None = None
+) -> list[np.ndarray]:
+    """The irradiance from each light at each pixel's surface; see `picture.shading.arriving_irradiance`.
 
-    seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
+    visible : the visible surfaces, for lights whose irradiance is smoothed; None: no smoothing
     """
     request = state.request
     return [
         arriving_irradiance(
-            surfaces.gbuffer, light, query, b, seen if smooths_light(request, light) else None, surfaces.shading,
+            surfaces.gbuffer, light, query, b, visible if smooths_light(request, light) else None, surfaces.shading,
             state.threads,
         )
         for light, query, b in zip(request.lights, *traced)
@@ -253,8 +255,8 @@ def shading_inputs(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
         gbuffer = gbuffer._replace(normal=surfaces.shading.normal)
     if albedo is None:
         return gbuffer, surfaces.triangles.colour
-    own = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
-    return gbuffer._replace(face=np.where(surfaces.ids >= 0, own, np.int32(-1))), albedo.reshape(-1, 3)
+    pixel_ids = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
+    return gbuffer._replace(face=np.where(surfaces.ids >= 0, pixel_ids, np.int32(-1))), albedo.reshape(-1, 3)
 
 
 def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
@@ -278,8 +280,8 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
 def shade_unfiltered(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
     """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
     facing = surface_facing(surfaces)
-    shown = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
-    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shown, ambient, indirect)
+    shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shares, ambient, indirect)
 
 
 def edge_colours(state: FrameState) -> np.ndarray:
@@ -288,6 +290,6 @@ def edge_colours(state: FrameState) -> np.ndarray:
     if appearance is None or not state.request.options.textures:
         return colour
     factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
-    own = appearance.material_of_face[state.tracer.triangles.face_id]
+    materials = appearance.material_of_face[state.tracer.triangles.face_id]
     varied = appearance.textured[state.tracer.triangles.face_id] | (appearance.colours is not None)
-    return np.where((varied & (own >= 0))[:, None], factors[own], colour)
+    return np.where((varied & (materials >= 0))[:, None], factors[materials], colour)

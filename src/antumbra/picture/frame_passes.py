@@ -48,12 +48,15 @@ from .shadow_catcher import ShadowCatcher
 
 
 def frame_layers(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares, indirect
 ) -> Layers:
     """The `Layers` of a frame: its surfaces are shaded once more for each light."""
     request, ids = state.request, surfaces.ids
     gbuffer, colour = shading_inputs(surfaces)
-    arrived, dark = arriving_light(state, surfaces, traced, seen if request.smooth else None), np.zeros(3, np.float32)
+    arrived, dark = (
+        arriving_light(state, surfaces, traced, visible if request.smooth else None),
+        np.zeros(3, np.float32),
+    )
     up = state.tracer.scene.up
 
     def shaded(lights, arrived, shares, indirect=None) -> np.ndarray:
@@ -72,16 +75,16 @@ def frame_layers(
 
 
 def smooth_edges(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
 ) -> np.ndarray:
     """Mix the pixels at edges of pictures with those across. Returns (H, W) float32: the share that shows surfaces."""
     coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
+    mixed, free = mixture(visible, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
     for each in [coverage, *pictures]:
         mixed.mix(each)
     if ground is not None:
-        kept, whole = mixed.of(free * ground.share), mixed.of(free)
-        share = np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
+        lit, total = mixed.of(free * ground.share), mixed.of(free)
+        share = np.divide(lit, total, out=np.ones_like(lit), where=total > 0.0)
         ground.share.reshape(-1, 3)[mixed.pixels] = share
     state.clock.lap("shade")
     return coverage
@@ -116,28 +119,28 @@ def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Near
             queries = [queries_of(state, each, [of_light[k] for of_light in passes.lights]) for k, each in few]
             traced = trace_queries(state, [query for of_pass in queries for query in of_pass])
             for i, (_, each) in enumerate(few):
-                own = slice(i * n_lights, (i + 1) * n_lights)
-                radiance += shade_unfiltered(state, each, TracedLights(traced.queries[own], traced.bits[own]), _BLACK)
+                part = slice(i * n_lights, (i + 1) * n_lights)
+                radiance += shade_unfiltered(state, each, TracedLights(traced.queries[part], traced.bits[part]), _BLACK)
     return (np.pi / len(passes.directions) * radiance).astype(np.float32)
 
 
 def _batches(items: Iterable, n: int) -> Iterator[list]:
     """Lists of up to n items, in order."""
-    rest = iter(items)
-    while some := list(islice(rest, n)):
+    iterator = iter(items)
+    while some := list(islice(iterator, n)):
         yield some
 
 
 # --- One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and smooth edges --------------
 
 
-def render_frame(engine: Engine, request: Request, kept: TracedBits | None = None) -> Frame:
+def render_frame(engine: Engine, request: Request, known: TracedBits | None = None) -> Frame:
     """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
 
     kept : what the rays of this frame found, if they were traced before; no tree is built then
     """
     with engine.lock:
-        return _render_frame(FrameState(engine, request, kept))
+        return _render_frame(FrameState(engine, request, known))
 
 
 def _render_frame(state: FrameState) -> Frame:
@@ -145,27 +148,27 @@ def _render_frame(state: FrameState) -> Frame:
     evaluate(state)
     surfaces, traced = find_and_trace(state)
     surfaces = with_appearance(state, surfaces)
-    seen, found = visible_fractions(state, surfaces, traced)
+    visible, fractions = visible_fractions(state, surfaces, traced)
     edge = finer = indirect = coverage = None
     if request.finer is not None:
-        edge, finer = refine(state, surfaces, seen, traced, found)
-    visibility, shares = [each.fraction for each in found], [each.share for each in found]
+        edge, finer = refine(state, surfaces, visible, traced, fractions)
+    visibility, shares = [each.fraction for each in fractions], [each.share for each in fractions]
     if request.passes is not None:
-        indirect = bounce(state, surfaces, seen, traced)
-    image, ambient, fill = shade_frame(state, surfaces, seen, traced, shares, indirect)
+        indirect = bounce(state, surfaces, visible, traced)
+    image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect)
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
     ground = None if catcher is None else catcher.picture(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = frame_layers(state, surfaces, seen, traced, shares, indirect) if request.options.layers else None
+    layers = frame_layers(state, surfaces, visible, traced, shares, indirect) if request.options.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         shade_edges(state, edge, EdgeInputs(image, coverage, ground, catcher), ambient, indirect)
     if request.options.smooths_edges:
-        coverage = smooth_edges(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
+        coverage = smooth_edges(state, surfaces, visible, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
     counted = None if state.tally is None else as_dict(state.tally)
     tracer = state.tracer
-    methods = tracer.methods() if state.kept is None else FrameMethods(str(tracer.plan), None, None)
+    methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None)
     return Frame(
         image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
         methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,
@@ -210,8 +213,8 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
     request, tracer = state.request, state.tracer
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
-    if state.kept is not None:
-        return with_known_bits(state, queries, [bits[rows] for bits in state.kept.bits])
+    if state.known is not None:
+        return with_known_bits(state, queries, [bits[rows] for bits in state.known.bits])
     finer = [] if request.finer is None else [q._replace(samples=s) for q, s in zip(queries, request.finer.penumbra)]
     tracer.sample(surfaces.gbuffer, queries, request.lights, request.samples, request.facing)
     tracer.prepare([*queries, *finer], state.clock.lap)
@@ -224,28 +227,32 @@ def visible_fractions(
     state: FrameState, surfaces: Surfaces, traced: TracedLights
 ) -> tuple[PictureSurfaces, list[LightFractions]]:
     """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
-    seen, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
-    found = [light_fractions(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+    visible, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
+    fractions = [light_fractions(visible, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
-    return seen, found
+    return visible, fractions
 
 
 def refine(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, found: list[LightFractions]
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    fractions: list[LightFractions],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace more rays in penumbrae, and replace what was found there.
 
     Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
     """
-    more, kept = state.request.finer, state.kept
+    more, known = state.request.finer, state.known
     assert more is not None
-    edge = edges(seen, edge_colours(state), state.threads)
+    edge = edges(visible, edge_colours(state), state.threads)
     chosen = edge.copy()
     for i, (query, bits, samples) in enumerate(zip(*traced, more.penumbra)):
-        finer = finer_query(seen, query, bits, samples, state.threads)
-        better = trace_query(state, finer) if kept is None else _known(state, kept.finer[i], finer)
-        found[i] = refine_fractions(
-            found[i], seen, surface_facing(surfaces), finer, better, state.request.smooth, state.threads
+        finer = finer_query(visible, query, bits, samples, state.threads)
+        better = trace_query(state, finer) if known is None else _known(state, known.finer[i], finer)
+        fractions[i] = refine_fractions(
+            fractions[i], visible, surface_facing(surfaces), finer, better, state.request.smooth, state.threads
         )
         chosen |= finer.sides != NOTHING
     state.clock.lap("trace")
@@ -256,29 +263,29 @@ def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarra
     return with_known_bits(state, [query], [bits]).bits[0]
 
 
-def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
+def bounce(state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights) -> np.ndarray:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
-    if state.kept is None:
+    if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)
         indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
         state.clock.lap("trace")
     else:
-        assert state.kept.indirect is not None
-        indirect = state.kept.indirect
+        assert state.known.indirect is not None
+        indirect = state.known.indirect
     if state.request.smooth:
-        indirect = smooth_irradiance(seen, indirect, state.threads)
+        indirect = smooth_irradiance(visible, indirect, state.threads)
         state.clock.lap("filter")
     return indirect
 
 
 def shade_frame(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares, indirect
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
     The ambient light is zero if the frame has bounced light. That of the ground still stands for it then.
     """
-    arrived, lights = arriving_light(state, surfaces, traced, seen), state.request.lights
+    arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
     fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
@@ -291,8 +298,8 @@ def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, gr
     """Write the light of skies, dimmed by shadows on the ground, to the pixels that see no surface."""
     if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
-        shown = sky_behind(skies, state.tracer.view, rows, columns)
-        image[rows, columns] = shown if ground is None else shown * ground.share[rows, columns]
+        radiance = sky_behind(skies, state.tracer.view, rows, columns)
+        image[rows, columns] = radiance if ground is None else radiance * ground.share[rows, columns]
         state.clock.lap("shade")
 
 
@@ -303,8 +310,8 @@ def backdrop_of(
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    shown = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
-    return shown if ground is None else shown * ground.share
+    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
+    return daylight if ground is None else daylight * ground.share
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:
@@ -320,18 +327,18 @@ class EdgeInputs(NamedTuple):
     catcher: ShadowCatcher | None  # of the ground
 
 
-def shade_edges(state: FrameState, edge: np.ndarray, shown: EdgeInputs, ambient: np.ndarray, indirect) -> None:
+def shade_edges(state: FrameState, edge: np.ndarray, inputs: EdgeInputs, ambient: np.ndarray, indirect) -> None:
     """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
     most = state.tracer.at_once(edge_bytes(len(state.request.lights)))
     for first in range(0, len(rows), most):
         some = np.zeros_like(edge)
         some[rows[first : first + most], columns[first : first + most]] = True
-        _shade_edges(state, some, first, shown, ambient, indirect)
+        _shade_edges(state, some, first, inputs, ambient, indirect)
 
 
 def _shade_edges(
-    state: FrameState, edge: np.ndarray, first: int, shown: EdgeInputs, ambient: np.ndarray, indirect
+    state: FrameState, edge: np.ndarray, first: int, inputs: EdgeInputs, ambient: np.ndarray, indirect
 ) -> None:
     """Divide the pixels of `edge`, of which `first` is the number of the first one among all edges."""
     finer = state.request.finer
@@ -340,12 +347,12 @@ def _shade_edges(
     state.clock.lap("gbuffer")
     queries = [without_equal_samples(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")
-    if state.kept is None:
+    if state.known is None:
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
     else:
         some = slice(first, first + int(np.count_nonzero(edge)))
-        bits = [picture_of(blocks[some], pixels.ids.shape) for blocks in state.kept.edges]
+        bits = [picture_of(blocks[some], pixels.ids.shape) for blocks in state.known.edges]
         traced = with_known_bits(state, queries, bits)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
@@ -353,10 +360,10 @@ def _shade_edges(
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
-    backdrop_of = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
-    if shown.catcher is not None and shown.ground is not None:
-        shown.ground.share[edge] = dimmed = shown.catcher.between(edge, pixels)
-        backdrop_of = backdrop_of * dimmed
-    shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * backdrop_of
-    shown.coverage[edge] = share
+    background = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
+    if inputs.catcher is not None and inputs.ground is not None:
+        inputs.ground.share[edge] = dimmed = inputs.catcher.between(edge, pixels)
+        background = background * dimmed
+    inputs.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * background
+    inputs.coverage[edge] = share
     state.clock.lap("shade")

@@ -164,5 +164,5 @@ def build_for(accelerator: Accelerator, picture: PictureQueries) -> Accelerated:
     """Cull and build for the queries of a picture in memory, as a frame does."""
     _, triangles, gbuffer, lights, samples, queries = picture
     bounce = bounced_queries(accelerator.showing, triangles, gbuffer, lights, samples)
-    shown = accelerator.show(triangles, queries, bounce=bounce)
-    return accelerator.build(triangles, accelerator.culled(triangles, queries), shown)
+    training_rays = accelerator.show(triangles, queries, bounce=bounce)
+    return accelerator.build(triangles, accelerator.culled(triangles, queries), training_rays)

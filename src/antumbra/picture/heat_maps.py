@@ -42,15 +42,15 @@ def sheet(panels: Sequence[Panel], bar: ColourBar) -> np.ndarray:
     rows = -(-len(panels) // _MOST)
     columns, pitch = -(-len(panels) // rows), above + h + gap // 2
     width = gap + columns * (cell + gap)
-    drawn = draw_bar(bar, width - 2 * gap, letters)
-    image = Image.new("RGB", (width, rows * pitch + len(drawn) + gap // 2), _PAPER)
+    bar_image = draw_bar(bar, width - 2 * gap, letters)
+    image = Image.new("RGB", (width, rows * pitch + len(bar_image) + gap // 2), _PAPER)
     draw = ImageDraw.Draw(image)
     for i, (picture, lines) in enumerate(panels):
         x, y = gap + i % columns * (cell + gap), i // columns * pitch
         for k, text in enumerate(lines):
             _write(draw, (x, y + gap // 2 + k * line), text, letters, cell, _FAINT if k else _INK)
         image.paste(Image.fromarray(picture), (x, y + above))
-    image.paste(Image.fromarray(drawn), (gap, rows * pitch))
+    image.paste(Image.fromarray(bar_image), (gap, rows * pitch))
     return np.asarray(image)
 
 
@@ -87,7 +87,7 @@ def _write_ticks(draw, ticks: Sequence[tuple[float, str]], y: int, length: int, 
     """Draw the numbers under a bar: as many, evenly chosen, as have room."""
     font, last = _font(letters), len(ticks) - 1
     lefts = [min(max(length * at - font.getlength(text) / 2, 0), length - font.getlength(text)) for at, text in ticks]
-    rights = [left + font.getlength(text) for left, (_, text) in zip(lefts, ticks)]
+    rights = [x + font.getlength(text) for x, (_, text) in zip(lefts, ticks)]
 
     def fits(every: int) -> bool:
         chosen = range(0, last + 1, every)
@@ -189,14 +189,14 @@ def _beyond(values: np.ndarray, ticks: np.ndarray) -> bool:
 
 def log_scale_of(values: np.ndarray) -> Scale:
     """A logarithmic scale from 1, 2 or 5 times a power of ten to another such number, with all of these between."""
-    found = np.asarray(values)[np.asarray(values) > 0.0]
-    low, top = np.percentile(found, (100.0 - _PERCENTILE, _PERCENTILE)) if found.size else (1.0, 1.0)
+    positive = np.asarray(values)[np.asarray(values) > 0.0]
+    low, top = np.percentile(positive, (100.0 - _PERCENTILE, _PERCENTILE)) if positive.size else (1.0, 1.0)
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(top))
     numbers = np.array([float(f"{k}e{e}") for e in range(first, last + 2) for k in (1, 2, 5)])
     begin = np.flatnonzero(numbers <= low)[-1]
     end = max(np.flatnonzero(numbers >= top)[0], begin + 1)
     ticks = numbers[begin : end + 1]
-    return Scale(ticks, True, _beyond(found, ticks))
+    return Scale(ticks, True, _beyond(positive, ticks))
 
 
 def heat_map(
@@ -218,5 +218,5 @@ def heat_map(
     (H, W, 3) uint8 sRGB
     """
     scale = linear_scale(np.concatenate([panel[known] for panel in panels]))
-    drawn = [Panel(scale.colours(panel, known), lines) for panel, lines in zip(panels, labels)]
-    return sheet(drawn, scale.bar(caption))
+    labelled_panels = [Panel(scale.colours(panel, known), lines) for panel, lines in zip(panels, labels)]
+    return sheet(labelled_panels, scale.bar(caption))

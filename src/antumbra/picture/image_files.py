@@ -37,7 +37,7 @@ _ENOUGH = 1 << 18  # pixels that automatic exposure looks at
 _ROWS = 64  # rows that are converted at a time, so that temporaries stay in the cache
 
 
-def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
+def automatic_exposure(image: np.ndarray, mask: np.ndarray) -> float:
     """The exposure that makes a picture bright but not clipped; 1.0 if there is no light.
 
     Parameters
@@ -46,11 +46,11 @@ def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
     seen : (H, W) bool
         Pixels that count.
     """
-    step = math.isqrt(seen.size // _ENOUGH)
-    if step > 1 and seen[::step, ::step].any():
-        image, seen = image[::step, ::step], seen[::step, ::step]
+    step = math.isqrt(mask.size // _ENOUGH)
+    if step > 1 and mask[::step, ::step].any():
+        image, mask = image[::step, ::step], mask[::step, ::step]
     with np.errstate(invalid="ignore"):  # pixels that are not finite do not count
-        luminance = image[seen] @ LUMINANCE
+        luminance = image[mask] @ LUMINANCE
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
@@ -147,14 +147,14 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     path = check_output(path)
     if exposure is not None:
         exposure = checked_exposure(exposure)
-    background = _checked_background(background)
+    background = _check_background(background)
     if path.suffix.lower() == ".png":
         save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), path, note)
     else:
         save_exr(exr_channels(frame), path, note, exr_header(frame))
 
 
-def _checked_background(background):
+def _check_background(background):
     if background is None or isinstance(background, str):
         return None if background is None else choice(background, "background", ("transparent",))
     colour = vector(background, "background")
@@ -180,10 +180,10 @@ def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
     if background is not None:
         colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
         colour = colour if frame.ground is None else colour * frame.ground.share
-    shown = share[..., 0] < 1.0
-    share, colour = share[shown], np.broadcast_to(colour, surfaces.shape)[shown]
-    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[shown]] + (1.0 - share) * colour
-    surfaces[shown] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
+    uncovered = share[..., 0] < 1.0
+    share, colour = share[uncovered], np.broadcast_to(colour, surfaces.shape)[uncovered]
+    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[uncovered]] + (1.0 - share) * colour
+    surfaces[uncovered] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
     return surfaces
 
 
@@ -379,19 +379,19 @@ def _encode(pictures, path: Path, fps: float, codec: str, options: list[str], pr
             writer.send(np.ascontiguousarray(_even(_pixels(picture))))
             if progress is not None:
                 progress(k + 1, len(pictures))
-    _check_whole(path, len(pictures))
+    _check_frame_count(path, len(pictures))
 
 
-def _check_whole(path: Path, count: int) -> None:
+def _check_frame_count(path: Path, count: int) -> None:
     """Raise an OSError unless a film has `count` pictures: nobody reports that ffmpeg failed, as on a full disk."""
     import imageio_ffmpeg
 
     try:
-        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+        n_frames, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
     except RuntimeError:  # it cannot be read at all
-        found = 0
-    if found != count:
-        raise OSError(f"ffmpeg wrote {found} of {count} pictures; is the disk full?")
+        n_frames = 0
+    if n_frames != count:
+        raise OSError(f"ffmpeg wrote {n_frames} of {count} pictures; is the disk full?")
 
 
 def _write_gif(pictures, path: Path, fps: float, progress) -> None:

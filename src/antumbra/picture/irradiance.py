@@ -60,12 +60,12 @@ def terminator_factor(g, n, bend, w):
 
 
 @inlined
-def _plus(a, b):
+def _sum(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inlined
-def _moved(a, s, u, t, v):
+def _offset(a, s, u, t, v):
     """a + s u + t v."""
     return a[0] + s * u[0] + t * v[0], a[1] + s * u[1] + t * v[1], a[2] + s * u[2] + t * v[2]
 
@@ -81,20 +81,20 @@ def _edge(a, b, n):
 @inlined
 def quad_irradiance(corner, u, v, area, n):
     """Irradiance from the parallelogram with a corner and two edges [Lambert 1760]."""
-    a, b, d = corner, _plus(corner, u), _plus(corner, v)
-    c = _plus(b, v)
+    a, b, d = corner, _sum(corner, u), _sum(corner, v)
+    c = _sum(b, v)
     heights = dot(n, a), dot(n, b), dot(n, c), dot(n, d)
     if max(max(heights[0], heights[1]), max(heights[2], heights[3])) <= 0.0:
         return 0.0
     if min(min(heights[0], heights[1]), min(heights[2], heights[3])) >= 0.0:
         total = _edge(a, b, n) + _edge(b, c, n) + _edge(c, d, n) + _edge(d, a, n)
     else:
-        total = _clipped((a, b, c, d), heights, n)
+        total = _clipped_quad((a, b, c, d), heights, n)
     return 0.5 * abs(total) / area
 
 
 @kernel
-def _clipped(corners, heights, n):
+def _clipped_quad(corners, heights, n):
     """The integral around the part of a convex quadrilateral above the horizon, which cuts two of its edges."""
     total, out, back = 0.0, corners[0], corners[0]  # where the boundary goes below the horizon, and comes back
     for k in range(4):
@@ -104,7 +104,7 @@ def _clipped(corners, heights, n):
             total += _edge(a, b, n)
         elif high >= 0.0 or low >= 0.0:
             share = high / (high - low)
-            cut = _moved(a, share, b, -share, a)
+            cut = _offset(a, share, b, -share, a)
             if high >= 0.0:
                 total, out = total + _edge(a, cut, n), cut
             else:
@@ -124,12 +124,12 @@ def disk_irradiance(c, axis, r, n):
     if level < extent:
         return _clipped_disk(c, axis, r, n)
     d2, r2 = dot(c, c), r * r
-    near, far = d2 + r2, d2 - r2
-    s = np.sqrt(far * far + 4.0 * r2 * h * h)
+    sum2, diff2 = d2 + r2, d2 - r2
+    s = np.sqrt(diff2 * diff2 + 4.0 * r2 * h * h)
     if not s > 0.0:
         return 0.0
-    along = 2.0 * h * h / (s + far) if far > 0.0 else 0.5 * (s - far) / r2  # Eq. (3)
-    across = 2.0 * h / (s + near)
+    along = 2.0 * h * h / (s + diff2) if diff2 > 0.0 else 0.5 * (s - diff2) / r2  # Eq. (3)
+    across = 2.0 * h / (s + sum2)
     return max((along * facing + across * (level - h * facing)) / s, 0.0)
 
 
@@ -146,7 +146,7 @@ def _clipped_disk(c, axis, r, n):
     t0 = np.arccos(min(max(-dot(n, c) / (r * tilt), -1.0), 1.0))
     x, y = r * np.cos(t0), r * np.sin(t0)
     arc = _arc(dot(c, u), dot(c, v), dot(c, axis), r, facing, tilt, t0)
-    return abs(arc + _edge(_moved(c, x, u, y, v), _moved(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
+    return abs(arc + _edge(_offset(c, x, u, y, v), _offset(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
 
 
 @inlined
@@ -162,16 +162,16 @@ def _arc(cu, cv, h, r, facing, tilt, t0):
     if not q > 0.0:
         return 0.0
     low, high = -t0 - phase, t0 - phase
-    turned = _turned(a + q, b, high) - _turned(a + q, b, low)
-    of_one = 2.0 * (t0 - b * turned) / q
-    of_cosine = 2.0 * (a * turned - t0 * b / (a + q)) / q
+    atan_difference = _atan_over(a + q, b, high) - _atan_over(a + q, b, low)
+    of_one = 2.0 * (t0 - b * atan_difference) / q
+    of_cosine = 2.0 * (a * atan_difference - t0 * b / (a + q)) / q
     step = (np.cos(high) - np.cos(low)) / (a + b * np.cos(low))
     of_sine = -step * _log1p_over(b * step)
     return i * of_sine + j * of_cosine + k * of_one
 
 
 @inlined
-def _turned(m, b, t):
+def _atan_over(m, b, t):
     """atan(b sin t / (m + b cos t)) / b, also for b = 0."""
     x = np.sin(t) / (m + b * np.cos(t))
     return np.arctan(b * x) / b if b * abs(x) > 1e-9 else x
@@ -270,12 +270,12 @@ def emitted_irradiance(light, p, n):
 
 @kernel
 def _irradiance_kernel(ticket, position, normal, side, light, out):
-    positions, normals, sides, found = ptr(position), ptr(normal), ptr(side), ptr(out)
+    positions, normals, sides, irradiances = ptr(position), ptr(normal), ptr(side), ptr(out)
     for i in items(ticket):
         e = 0.0
         if get(sides, i) != NOTHING:
             e = emitted_irradiance(light, three_at(positions, i), three_at(normals, i))
-        put(found, i, np.float32(e))
+        put(irradiances, i, np.float32(e))
 
 
 def irradiance(gbuffer, patch: LightPatch, domain: str, shading=None, threads=None) -> np.ndarray:
@@ -318,7 +318,7 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
+def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
     facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
     mx = my = mz = 0.0
     for y in items(ticket):
@@ -355,10 +355,10 @@ def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) 
     samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
     """
     out = np.empty((*gbuffer.face.shape, 3), np.float32)
-    near = isinstance(lights, PointLights)
-    normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
+    positional = isinstance(lights, PointLights)
+    normals, least = (lights.normals, lights.nearest**2) if positional else (None, 0.0)
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
-    points = samples - gbuffer.origin if near else samples
-    args = gbuffer, facing_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
-    run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
+    points = samples - gbuffer.origin if positional else samples
+    args = gbuffer, facing_of(gbuffer, shading), points, not positional, normals, lights.weights(), least, bits, out
+    run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

@@ -39,51 +39,51 @@ def _edges_of(patch, p):
 
 
 @inlined
-def _fades(c, u, v, n, bend):
+def _may_soften(c, u, v, n, bend):
     """Whether `softened` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
     extent = np.sqrt(dot(u, u)) + np.sqrt(dot(v, v))
     return not dot(n, c) - extent >= 2.0 * bend * (np.sqrt(dot(c, c)) + extent)
 
 
 @kernel
-def _weighed(asked, words, patch, i, n, g, bend, soft):
+def _weighted_share(pointers, words, patch, i, n, g, bend, soft):
     """The share of receiver i: weights of its visible samples, softened, over those of all samples."""
-    c, u, v = _edges_of(patch, three_at(asked.origins, i))
+    c, u, v = _edges_of(patch, three_at(pointers.origins, i))
     axis = cross(u, v)
     flat = dot(axis, axis) > 0.0
-    at, total, seen = 3 * set_of(asked, i) * asked.spp, 0.0, 0.0
-    for s in range(asked.spp):
-        a, b = get(asked.samples, at + 3 * s), get(asked.samples, at + 3 * s + 1)
+    at, total, surfaces = 3 * set_of(pointers, i) * pointers.spp, 0.0, 0.0
+    for s in range(pointers.spp):
+        a, b = get(pointers.samples, at + 3 * s), get(pointers.samples, at + 3 * s + 1)
         w = c[0] + a * u[0] + b * v[0], c[1] + a * u[1] + b * v[1], c[2] + a * u[2] + b * v[2]
         r2 = dot(w, w)
         weight = max(dot(n, w), 0.0) * (abs(dot(axis, w)) / (r2 * r2) if flat else 1.0)
         weight = weight if r2 > 0.0 else 0.0
         total += weight
-        if get(words, i * asked.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-            seen += weight * terminator_factor(g, n, bend, w) if soft else weight
-    return seen / total if total > 0.0 else 0.0
+        if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
+            surfaces += weight * terminator_factor(g, n, bend, w) if soft else weight
+    return surfaces / total if total > 0.0 else 0.0
 
 
 @kernel
 def _share_kernel(ticket, query, bits, facing, out):
-    asked, words, found = query_pointers(query), ptr(bits), ptr(out)
+    pointers, words, shares = query_pointers(query), ptr(bits), ptr(out)
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
     for i in items(ticket):
         share, hidden = 1.0, 0
-        for k in range(asked.words):
-            hidden += popcount(get(words, i * asked.words + k))
-        if hidden == asked.spp:
+        for k in range(pointers.words):
+            hidden += popcount(get(words, i * pointers.words + k))
+        if hidden == pointers.spp:
             share = 0.0
-        elif get(asked.sides, i) != NOTHING and (hidden > 0 or facing.soft):
-            patch, n, bend = patch_of(asked, i), three_at(normals, i), np.float64(0.0)
+        elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft):
+            patch, n, bend = patch_of(pointers, i), three_at(normals, i), np.float64(0.0)
             weighs = hidden > 0
             if facing.soft:
                 bend = np.float64(get(bends, i))
-                c, u, v = _edges_of(patch, three_at(asked.origins, i))
-                weighs = weighs or _fades(c, u, v, n, bend)
+                c, u, v = _edges_of(patch, three_at(pointers.origins, i))
+                weighs = weighs or _may_soften(c, u, v, n, bend)
             if weighs:
-                share = _weighed(asked, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
-        put(found, i, np.float32(share))
+                share = _weighted_share(pointers, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
+        put(shares, i, np.float32(share))
 
 
 def weighs(patch: LightPatch) -> bool:
@@ -139,18 +139,20 @@ def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
 
 
 def light_fractions(
-    seen: PictureSurfaces, facing: Facing, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None
+    surfaces: PictureSurfaces, facing: Facing, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None
 ) -> LightFractions:
     """How much of a light is visible, by the bits of its query; filtered if `smooth` and if the light is soft."""
     spp, smooth = query.samples.shape[1], smooth and is_soft(query)
     if not weighs(query.light):
         fraction = (
-            filter_fractions(seen, occluded_samples(bits), spp, threads) if smooth else fraction_lit(bits, spp, threads)
+            filter_fractions(surfaces, occluded_samples(bits), spp, threads)
+            if smooth
+            else fraction_lit(bits, spp, threads)
         )
         return LightFractions(fraction, fraction)
     share = irradiance_shares(facing, query, bits, threads)
     if smooth:
-        return LightFractions(*filter_shares(seen, occluded_samples(bits), share, spp, threads))
+        return LightFractions(*filter_shares(surfaces, occluded_samples(bits), share, spp, threads))
     return LightFractions(fraction_lit(bits, spp, threads), share)
 
 
@@ -159,7 +161,7 @@ def occluded_samples(bits: np.ndarray) -> np.ndarray:
     return np.bitwise_count(bits).sum(-1, dtype=np.int32)
 
 
-def finer_query(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples, threads=None) -> ShadowQuery:
+def finer_query(surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples, threads=None) -> ShadowQuery:
     """The query of other samples at the pixels in the penumbra of one light, by the bits of its query.
 
     It has no receiver (side NOTHING) where nothing is refined: everywhere if the samples are those of the query.
@@ -168,13 +170,13 @@ def finer_query(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, sam
     """
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
-        where = penumbra(seen, occluded_samples(bits), query.samples.shape[1], threads)
+        where = penumbra(surfaces, occluded_samples(bits), query.samples.shape[1], threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
     return query._replace(sides=sides, samples=samples)
 
 
 def refine_fractions(
-    before: LightFractions, seen: PictureSurfaces, facing: Facing, finer: ShadowQuery, bits: np.ndarray, smooth: bool,
+    before: LightFractions, surfaces: PictureSurfaces, facing: Facing, finer: ShadowQuery, bits: np.ndarray, smooth: bool,
     threads=None,
 ) -> LightFractions:  # fmt: skip
     """How much of a light is visible, with the values of a `finer_query` where it has receivers.
@@ -182,7 +184,7 @@ def refine_fractions(
     Without `smooth` they equal those of a frame that uses its samples everywhere. Else they are filtered among
     themselves.
     """
-    better = light_fractions(seen._replace(side=finer.sides), facing, finer, bits, smooth, threads)
+    better = light_fractions(surfaces._replace(side=finer.sides), facing, finer, bits, smooth, threads)
     return before.replaced(finer.sides != NOTHING, better)
 
 
@@ -191,14 +193,14 @@ def refine_fractions(
 
 @kernel
 def _directions_kernel(ticket, query, bits, out):
-    asked, words, sums = query_pointers(query), ptr(bits), ptr(out)
+    pointers, words, sums = query_pointers(query), ptr(bits), ptr(out)
     for i in items(ticket):
         x = y = z = 0.0
-        if get(asked.sides, i) != NOTHING:
-            patch, p = patch_of(asked, i), three_at(asked.origins, i)
-            for s in range(asked.spp):
-                if get(words, i * asked.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-                    q = sample_of(asked, patch, i, s)
+        if get(pointers.sides, i) != NOTHING:
+            patch, p = patch_of(pointers, i), three_at(pointers.origins, i)
+            for s in range(pointers.spp):
+                if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
+                    q = sample_of(pointers, patch, i, s)
                     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
                     r = np.sqrt(dx * dx + dy * dy + dz * dz)
                     if r > 0.0:

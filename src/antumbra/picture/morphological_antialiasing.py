@@ -101,12 +101,12 @@ class Mixture(NamedTuple):
         picture.reshape(-1, *picture.shape[2:])[self.pixels] = self.of(picture)
 
 
-def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
+def mixture(surfaces: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
     """How pixels at edges are mixed of themselves and their neighbours.
 
     colour : (n, 3) float32, linear colours of the faces that `seen` indexes
     """
-    below, right = boundaries(seen, colour, threads)
+    below, right = boundaries(surfaces, colour, threads)
     h, w = below.shape
     flat = _cuts(below, right, 0, threads)
     upright = _cuts(right.T, below.T, 1, threads)  # where both directions have runs of the same length, only one counts

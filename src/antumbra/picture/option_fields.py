@@ -110,13 +110,13 @@ def deciding_fields(options: Any) -> dict[str, Any]:
 def split_keywords(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
     """The keywords that are fields of a class, and all others."""
     names = {field.name for field in fields(kind)}
-    own = {name: value for name, value in keywords.items() if name in names}
-    return own, {name: value for name, value in keywords.items() if name not in names}
+    of_kind = {name: value for name, value in keywords.items() if name in names}
+    return of_kind, {name: value for name, value in keywords.items() if name not in names}
 
 
 def describe_fields(kind: _K) -> _K:
     """Decorator of a class of options: its docstring describes the fields."""
-    kind.__doc__ = _with_fields(kind.__doc__, kind)
+    kind.__doc__ = _doc_with_fields(kind.__doc__, kind)
     return kind
 
 
@@ -128,20 +128,20 @@ def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
     names = {field.name for field in fields(kind)}
 
     def wrap(function: Callable[..., Any]) -> Any:
-        own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-        known = names | {parameter.name for parameter in own}
+        parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        known = names | {parameter.name for parameter in parameters}
 
         @wraps(function)
-        def run(*given, **keywords):
+        def run(*args, **keywords):
             if not keywords.keys() <= known:
                 unknown = min(keywords.keys() - known)
                 raise TypeError(f"{function.__name__}() got an unexpected keyword argument {unknown!r}")
-            return function(*given, **keywords)
+            return function(*args, **keywords)
 
-        made: Any = run
-        made.__doc__ = _with_fields(function.__doc__, kind)
-        made.__signature__ = inspect.signature(function).replace(parameters=[*own, *_parameters(kind)])
-        return made
+        wrapper: Any = run
+        wrapper.__doc__ = _doc_with_fields(function.__doc__, kind)
+        wrapper.__signature__ = inspect.signature(function).replace(parameters=[*parameters, *_parameters(kind)])
+        return wrapper
 
     return wrap
 
@@ -152,17 +152,17 @@ def _parameters(kind: type) -> list[inspect.Parameter]:
     return [inspect.Parameter(f.name, keyword, default=f.default, annotation=type_of(f)) for f in fields(kind)]
 
 
-def _with_fields(doc: str | None, kind: type) -> str | None:
+def _doc_with_fields(doc: str | None, kind: type) -> str | None:
     """A docstring whose section Parameters ends with the fields of a class. Without docstrings (-OO) it is None."""
     if doc is None:
         return None
     lines = inspect.cleandoc(doc).splitlines()
     start = lines.index("Parameters") + 2
     end = next((i for i in range(start, len(lines)) if not lines[i]), len(lines))
-    return "\n".join([*lines[:end], *map(_described, fields(kind)), *lines[end:]])
+    return "\n".join([*lines[:end], *map(_field_doc, fields(kind)), *lines[end:]])
 
 
-def _described(field: Field) -> str:
+def _field_doc(field: Field) -> str:
     """A field as a parameter in a NumPy docstring."""
     option = option_of(field)
     text = textwrap.fill(" ".join(option.text.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)

@@ -37,7 +37,7 @@ def places_of(surfaces: Surfaces) -> Places:
     return Places(g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9))
 
 
-class Frame3(NamedTuple):
+class TriangleFrame(NamedTuple):
     """A triangle's edges from its first corner, their cross product, and its squared length; float64 vectors."""
 
     e1: tuple
@@ -53,11 +53,11 @@ def minus(a, b):
 
 @inlined
 def frame_of(corners, i):
-    """The `Frame3` of triangle i; `corners` is a pointer."""
+    """The `TriangleFrame` of triangle i; `corners` is a pointer."""
     c0 = three_at(corners, 3 * i)
     e1, e2 = minus(three_at(corners, 3 * i + 1), c0), minus(three_at(corners, 3 * i + 2), c0)
     g = cross(e1, e2)
-    return Frame3(e1, e2, g, dot(g, g))
+    return TriangleFrame(e1, e2, g, dot(g, g))
 
 
 @inlined
@@ -98,7 +98,7 @@ class MippedTextures(NamedTuple):
 def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
     """The textures; those that are None may not be looked up."""
     n = len(textures)
-    found = MippedTextures(
+    out = MippedTextures(
         np.zeros(n, np.int64),
         np.zeros(n, np.int64),
         np.zeros((n, 2), np.int32),
@@ -108,16 +108,16 @@ def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
     )
     for i, texture in enumerate(textures):
         if texture is not None:
-            found.pixels[i], found.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
-            found.sizes[i] = texture.pixels.shape[1::-1]
-            found.wraps[i] = texture.wrap_s, texture.wrap_t
-            found.nearest[i] = texture.nearest
-    return found
+            out.pixels[i], out.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
+            out.sizes[i] = texture.pixels.shape[1::-1]
+            out.wraps[i] = texture.wrap_s, texture.wrap_t
+            out.nearest[i] = texture.nearest
+    return out
 
 
 @inlined
-def _wrapped(i, n, wrap):
-    """The texel at place i beside a coordinate from `_near`, on a line of n texels."""
+def _wrap_texel(i, n, wrap):
+    """The texel at place i beside a coordinate from `_wrap_coordinate`, on a line of n texels."""
     if wrap == REPEAT:
         return n - 1 if i < 0 else i if i < n else 0
     if wrap == MIRROR and i >= n:
@@ -126,7 +126,7 @@ def _wrapped(i, n, wrap):
 
 
 @inlined
-def _near(u, wrap):
+def _wrap_coordinate(u, wrap):
     """A texture coordinate that shows the same: from 0 to 1, and to 2 if the texture is mirrored."""
     if wrap == REPEAT:
         return u - np.floor(u)
@@ -147,13 +147,13 @@ def _light(linear, texel):
 def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
     """The picture at (u, v); `texels` and `linear` are pointers."""
     half = 0.0 if nearest else 0.5
-    x, y = _near(u, wrap_s) * w - half, _near(v, wrap_t) * h - half
+    x, y = _wrap_coordinate(u, wrap_s) * w - half, _wrap_coordinate(v, wrap_t) * h - half
     x0, y0 = np.floor(x), np.floor(y)
     i, j = np.int64(x0), np.int64(y0)
-    left, top = _wrapped(i, w, wrap_s), _wrapped(j, h, wrap_t) * w
+    left, top = _wrap_texel(i, w, wrap_s), _wrap_texel(j, h, wrap_t) * w
     if nearest:
         return _light(linear, np.int64(get(texels, top + left)))
-    right, low = _wrapped(i + 1, w, wrap_s), _wrapped(j + 1, h, wrap_t) * w
+    right, low = _wrap_texel(i + 1, w, wrap_s), _wrap_texel(j + 1, h, wrap_t) * w
     fx, fy = x - x0, y - y0
     a, b = _light(linear, np.int64(get(texels, top + left))), _light(linear, np.int64(get(texels, top + right)))
     c, d = _light(linear, np.int64(get(texels, low + left))), _light(linear, np.int64(get(texels, low + right)))
@@ -166,7 +166,7 @@ def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
 
 
 @inlined
-def _at_level(pictures, k, level, u, v, nearest):
+def _sample_level(pictures, k, level, u, v, nearest):
     """Texture k at (u, v), in a mip level."""
     one = np.int64(1)
     w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
@@ -181,16 +181,16 @@ def _at_level(pictures, k, level, u, v, nearest):
 
 
 @inlined
-def _between(pictures, k, level, u, v):
+def _trilinear(pictures, k, level, u, v):
     """Texture k at (u, v), linear between two mip levels; `level` is a float64 that is not negative."""
     largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
     last = np.int64(np.floor(np.log2(np.float64(largest))))
     below = min(np.int64(level), last)
-    a = _at_level(pictures, k, below, u, v, False)
+    a = _sample_level(pictures, k, below, u, v, False)
     part = level - below
     if part <= 0.0 or below == last:
         return a
-    b = _at_level(pictures, k, below + 1, u, v, False)
+    b = _sample_level(pictures, k, below + 1, u, v, False)
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
 
 
@@ -208,14 +208,14 @@ def sample_texture(pictures, k, uv, across, along):
     side = along if two > one else across
     longer, shorter = max(one, two), min(one, two)
     if not longer > 1.0:
-        return _at_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
+        return _sample_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
     shorter = max(shorter, 1.0)
     taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
     level = min(np.log2(max(longer / taps, shorter)), 64.0)
     red = green = blue = 0.0
     for i in range(taps):
         at = (i + 0.5) / taps - 0.5
-        light = _between(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
+        light = _trilinear(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
         red, green, blue = red + light[0], green + light[1], blue + light[2]
     return red / taps, green / taps, blue / taps
 
@@ -227,7 +227,7 @@ _FAR = 1e4  # heights of an orthographic picture
 _GRAZING = 0.02  # a footprint is at most as stretched as at this cosine
 
 
-class Paints(NamedTuple):
+class FaceColours(NamedTuple):
     """What faces of the scene show, for kernels."""
 
     colour: np.ndarray  # (m, 3) float32: of the triangles that `Places.face` indexes
@@ -297,44 +297,49 @@ def _in_texture(frame, uv, face, d):
 
 
 @inlined
-def _mixed(values, at, step, b, c):
+def _interpolate(values, at, step, b, c):
     """Component c of what the three corners have, `step` numbers each from `at` on."""
     return b[0] * get(values, at + c) + b[1] * get(values, at + step + c) + b[2] * get(values, at + 2 * step + c)
 
 
 @inlined
-def _painted(places, paints, eye, at, i, k, material):
+def _material_colour(places, face_colours, eye, at, i, k, material):
     """(red, green, blue) of pixel `at`, which sees triangle i and face k of the scene."""
     corners = ptr(places.corners)
     p, frame = three_at(ptr(places.position), at), frame_of(corners, i)
     b = weights(frame, corners, i, p)
-    factors = ptr(paints.factors)
+    factors = ptr(face_colours.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
-    if paints.textured[k] and paints.texture[material] and frame.g2 > 0.0:
-        uv, depth = ptr(paints.uv), np.float64(get(ptr(places.depth), at))
+    if face_colours.textured[k] and face_colours.texture[material] and frame.g2 > 0.0:
+        uv, depth = ptr(face_colours.uv), np.float64(get(ptr(places.depth), at))
         across, stretched = _footprint(frame, three_at(ptr(places.normal), at), p, eye, depth)
         light = sample_texture(
-            paints.pictures,
+            face_colours.pictures,
             np.int64(material),
-            (_mixed(uv, 6 * k, 2, b, 0), _mixed(uv, 6 * k, 2, b, 1)),
+            (_interpolate(uv, 6 * k, 2, b, 0), _interpolate(uv, 6 * k, 2, b, 1)),
             _in_texture(frame, uv, k, across),
             _in_texture(frame, uv, k, stretched),
         )
         red, green, blue = red * light[0], green * light[1], blue * light[2]
-    if len(paints.colours) > 0:
-        colours = ptr(paints.colours)
-        red *= _mixed(colours, 12 * k, 4, b, 0)
-        green *= _mixed(colours, 12 * k, 4, b, 1)
-        blue *= _mixed(colours, 12 * k, 4, b, 2)
+    if len(face_colours.colours) > 0:
+        colours = ptr(face_colours.colours)
+        red *= _interpolate(colours, 12 * k, 4, b, 0)
+        green *= _interpolate(colours, 12 * k, 4, b, 1)
+        blue *= _interpolate(colours, 12 * k, 4, b, 2)
     return red, green, blue
 
 
 @kernel
-def _albedo_rows(ticket, places, paints, eye, out):
+def _albedo_rows(ticket, places, face_colours, eye, out):
     w = places.ids.shape[1]
-    ids, faces, materials, own = ptr(places.ids), ptr(places.face), ptr(paints.material), ptr(paints.colour)
-    shown = ptr(out)
+    ids, faces, materials, colours = (
+        ptr(places.ids),
+        ptr(places.face),
+        ptr(face_colours.material),
+        ptr(face_colours.colour),
+    )
+    albedos = ptr(out)
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
             red = green = blue = 0.0
@@ -342,14 +347,14 @@ def _albedo_rows(ticket, places, paints, eye, out):
             if k >= 0:
                 i, material = np.int64(get(faces, at)), get(materials, k)
                 if material >= 0:
-                    red, green, blue = _painted(places, paints, eye, at, i, k, material)
+                    red, green, blue = _material_colour(places, face_colours, eye, at, i, k, material)
                 else:
-                    red = np.float64(get(own, 3 * i))
-                    green = np.float64(get(own, 3 * i + 1))
-                    blue = np.float64(get(own, 3 * i + 2))
-            put(shown, 3 * at, np.float32(red))
-            put(shown, 3 * at + 1, np.float32(green))
-            put(shown, 3 * at + 2, np.float32(blue))
+                    red = np.float64(get(colours, 3 * i))
+                    green = np.float64(get(colours, 3 * i + 1))
+                    blue = np.float64(get(colours, 3 * i + 2))
+            put(albedos, 3 * at, np.float32(red))
+            put(albedos, 3 * at + 1, np.float32(green))
+            put(albedos, 3 * at + 2, np.float32(blue))
 
 
 def albedo(places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads=None) -> np.ndarray:
@@ -361,26 +366,26 @@ def albedo(places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye,
     """
     threads = thread_count(threads)
     out = np.empty(places.position.shape, np.float32)
-    paints = _paints(places, colour, appearance, threads)
-    run(_albedo_rows, threads, new_ticket(len(out), 8), places, paints, eye, out)
+    face_colours = _face_colours(places, colour, appearance, threads)
+    run(_albedo_rows, threads, new_ticket(len(out), 8), places, face_colours, eye, out)
     return out
 
 
-def _paints(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> Paints:
+def _face_colours(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> FaceColours:
     materials = appearance.materials
-    seen = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
-    shown = [material.texture if count else None for material, count in zip(materials, seen[1:])]
-    _decode(list(dict.fromkeys(t for t in shown if t is not None)), threads)
+    counts = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
+    textures = [material.texture if count else None for material, count in zip(materials, counts[1:])]
+    _decode(list(dict.fromkeys(t for t in textures if t is not None)), threads)
     none = lambda values, width: np.empty((0, 3, width), np.float32) if values is None else values
-    return Paints(
+    return FaceColours(
         colour,
         appearance.material_of_face,
         np.array([m.factor[:3] for m in materials], np.float32),
-        np.array([t is not None for t in shown]),
+        np.array([t is not None for t in textures]),
         appearance.textured,
         none(appearance.uv, 2),
         none(appearance.colours, 4),
-        mipped_textures(shown),
+        mipped_textures(textures),
     )
 
 
@@ -401,23 +406,23 @@ def _decode(textures: list[Texture], threads: int) -> None:
 
 
 @inlined
-def _evaluated(frame, kept):
+def _evaluate_normal(frame, products):
     """The normal that `scene.appearance.in_frames` keeps as `kept`, of any length, in the triangle as it is now.
 
     In its plane it is the vector x e1 + y e2 with the two kept products; this is a system of two equations.
     """
     e1, e2, g, g2 = frame
     a, b, c = dot(e1, e1), dot(e1, e2), dot(e2, e2)
-    x, y = (c * kept[0] - b * kept[1]) / g2, (a * kept[1] - b * kept[0]) / g2
-    z = kept[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))  # g is |g| long, and kept[2] is |g|^(1/2) times the product
+    x, y = (c * products[0] - b * products[1]) / g2, (a * products[1] - b * products[0]) / g2
+    z = products[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))  # g is |g| long, and kept[2] is |g|^(1/2) times the product
     return x * e1[0] + y * e2[0] + z * g[0], x * e1[1] + y * e2[1] + z * g[1], x * e1[2] + y * e2[2] + z * g[2]
 
 
 @kernel
-def _normal_rows(ticket, places, kept, bends, out):
+def _normal_rows(ticket, places, corner_normals, bends, out):
     w = places.ids.shape[1]
-    ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(kept)
-    positions, geometric, shown = ptr(places.position), ptr(places.normal), ptr(out.normal)
+    ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(corner_normals)
+    positions, geometric, shading = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
@@ -427,7 +432,7 @@ def _normal_rows(ticket, places, kept, bends, out):
                 frame = frame_of(corners, i)
                 b0, b1, b2 = weights(frame, corners, i, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
-                m = _evaluated(
+                m = _evaluate_normal(
                     frame,
                     (
                         b0 * p[0] + b1 * q[0] + b2 * r[0],
@@ -442,9 +447,9 @@ def _normal_rows(ticket, places, kept, bends, out):
                     bend = b0 * get(sines, 3 * k) + b1 * get(sines, 3 * k + 1) + b2 * get(sines, 3 * k + 2)
                     bend /= max(length, 0.5)  # the mean of unit vectors is shorter: docs/design/shading.md
             put(ends, at, np.float32(bend))
-            put(shown, 3 * at, np.float32(n[0]))
-            put(shown, 3 * at + 1, np.float32(n[1]))
-            put(shown, 3 * at + 2, np.float32(n[2]))
+            put(shading, 3 * at, np.float32(n[0]))
+            put(shading, 3 * at + 1, np.float32(n[1]))
+            put(shading, 3 * at + 2, np.float32(n[2]))
 
 
 def shading_normals(places: Places, appearance: Appearance, threads=None) -> ShadingNormals:

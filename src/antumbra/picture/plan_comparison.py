@@ -136,20 +136,20 @@ def compare(
     for plan in plans:
         work.renderer(plan)  # refuses a plan before the others are measured
     steps = _Steps(say, len(plans) * (_UNTIMED + rounds))
-    counted = [_counted(work, plan, steps) for plan in plans]
+    counted = [_count_frame(work, plan, steps) for plan in plans]
     reference = next((plan for plan in plans if plan.tracer.exact), plans[0])
-    frame, differences = _warm_frames(work, plans, reference, steps)
+    frame, differences = _difference_frames(work, plans, reference, steps)
     seconds: list[list[dict[str, float]]] = [[] for _ in plans]
     for i in range(rounds):
-        for plan, told in zip(plans, seconds):
+        for plan, measurements in zip(plans, seconds):
             steps.next(f"round {i + 1} of {rounds}: {plan}")
-            told.append(work.draw(plan).timings)
+            measurements.append(work.draw(plan).timings)
     rays, windows = _windows(work, plans, steps)
-    told = [
+    measurements = [
         PlanMeasurement(plan, one, *of_frame, tests, difference)
         for plan, one, of_frame, tests, difference in zip(plans, seconds, counted, windows, differences)
     ]
-    return Comparison(frame, reference, rays > 0, told)
+    return Comparison(frame, reference, rays > 0, measurements)
 
 
 def windows_to_pixels(windows: np.ndarray, asks: np.ndarray) -> np.ndarray:
@@ -185,7 +185,7 @@ class _Steps:
         self._done += 1
 
 
-def _counted(work: _ComparedFrame, plan: Plan, steps: _Steps) -> tuple[int, dict[str, int], dict[str, int] | None]:
+def _count_frame(work: _ComparedFrame, plan: Plan, steps: _Steps) -> tuple[int, dict[str, int], dict[str, int] | None]:
     """The rays of a frame, its counters, and its chunks read and evicted."""
     steps.next(f"counting: {plan}")
     frame = work.draw(plan, counters=True)
@@ -193,20 +193,20 @@ def _counted(work: _ComparedFrame, plan: Plan, steps: _Steps) -> tuple[int, dict
     return frame.rays, frame.counters, frame.paging
 
 
-def _warm_frames(
+def _difference_frames(
     work: _ComparedFrame, plans: list[Plan], reference: Plan, steps: _Steps
 ) -> tuple[Frame, list[Difference]]:
     """Render a frame by each plan, so that its kernels are loaded: the reference's frame, and all differences."""
     steps.next(f"warming up: {reference}")
     first = work.draw(reference)
-    told = []
+    differences = []
     for plan in plans:
         if plan == reference:
-            told.append(difference(first, first))
+            differences.append(difference(first, first))
         else:
             steps.next(f"warming up: {plan}")
-            told.append(difference(first, work.draw(plan)))
-    return first, told
+            differences.append(difference(first, work.draw(plan)))
+    return first, differences
 
 
 def difference(first: Frame, other: Frame) -> Difference:

@@ -42,7 +42,7 @@ class RenderFunction(Protocol[_P]):
 
     def __call__(
         self, scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None,
-        options: RenderOptions | None = None, progress: Progress | bool | None = None, *own: _P.args,
+        options: RenderOptions | None = None, progress: Progress | bool | None = None, *args: _P.args,
         **keywords: _P.kwargs,
     ) -> Frame: ...  # fmt: skip
 
@@ -52,7 +52,7 @@ class FrameFunction(Protocol[_P]):
 
     def __call__(
         self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None,
-        progress: Progress | bool | None = None, *own: _P.args, **keywords: _P.kwargs,
+        progress: Progress | bool | None = None, *args: _P.args, **keywords: _P.kwargs,
     ) -> Frame: ...  # fmt: skip
 
 
@@ -62,12 +62,12 @@ class RenderMethod(Protocol[_P]):
     def __get__(self, renderer: Any, kind: type | None = None) -> FrameFunction[_P]: ...
 
 
-def _function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
+def _render_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
     """Decorator: `with_keywords` with types."""
     return with_keywords(kind)
 
 
-def _method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
+def _render_method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
     """Decorator: `with_keywords` of a method with types."""
     return with_keywords(kind)
 
@@ -118,7 +118,7 @@ class Renderer:
         """That of the engine."""
         return self.engine.source
 
-    @_method(RenderOptions)
+    @_render_method(RenderOptions)
     @with_quiet_progress
     def render(
         self, camera: Camera, lights: Sequence[Light] | Light, *, options: RenderOptions | None = None,
@@ -145,28 +145,28 @@ class Renderer:
             If a value is out of range, or an argument is not a camera or a light.
         """
         request = self.request(camera, lights, options_of(options, keywords))
-        with show_progress("tracing", progress) as heard:
-            return render_frame(self.engine, request._replace(progress=heard))
+        with show_progress("tracing", progress) as report:
+            return render_frame(self.engine, request._replace(progress=report))
 
     def rows(self, request: Request) -> RowBands:
         """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
         return RowBands(self.engine, request)
 
-    def from_rows(self, request: Request, kept: TracedBits) -> Frame:
+    def from_rows(self, request: Request, traced: TracedBits) -> Frame:
         """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
-        frame = render_frame(self.engine, request, kept)
+        frame = render_frame(self.engine, request, traced)
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
         """The checked arguments of `render`. The kernels that they need are compiled."""
-        camera, lights = _checked_view(self.scene, camera, lights)
+        camera, lights = _check_view(self.scene, camera, lights)
         options = options_of(options, {})
         options = replace(options, time=self.scene.clamped(options.time))
-        request = request_of(camera, lights, options, self._ground(options))
-        self._warm_up(request)
+        request = request_of(camera, lights, options, self._ground_height(options))
+        self._precompile(request)
         return request
 
-    def _ground(self, options: RenderOptions) -> float | None:
+    def _ground_height(self, options: RenderOptions) -> float | None:
         """The height of the ground that the options ask for."""
         if options.ground is False:
             return None
@@ -174,7 +174,7 @@ class Renderer:
             raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
         return self.scene.ground_height(options.time) if options.ground is True else options.ground
 
-    def _warm_up(self, request: Request) -> None:
+    def _precompile(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
         gbuffer, showing, options = compiled_for(self.source.gbuffer), self.accelerator.showing, request.options
         precompile_plan(self.plan, gbuffer, options.counters)
@@ -203,14 +203,14 @@ class Renderer:
         return primary_visibility(triangles, camera, accelerated, self.threads)
 
 
-def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
+def _check_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
     """The camera and the list of lights of a picture; the order of `render` is scene, camera, lights."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
         raise InputError("camera and lights stand in the wrong order; write render(scene, camera, lights)")
     return instance(camera, Camera, "camera"), check_lights(lights, scene.up)
 
 
-@_function(RenderKeywords)
+@_render_function(RenderKeywords)
 @with_quiet_progress
 def render(
     scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
@@ -245,9 +245,9 @@ def render(
         If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
     of_renderer, of_picture = split_keywords(keywords, EngineOptions)
-    asked, scene = options_of(options, of_picture), scene_of(scene)
+    picture_options, scene = options_of(options, of_picture), scene_of(scene)
     if camera is None:
-        camera = scene.default_camera(time=asked.time)
+        camera = scene.default_camera(time=picture_options.time)
     if lights is None:
-        lights = scene.default_lights(asked.time)
-    return Renderer(scene, **of_renderer).render(camera, lights, options=asked, progress=progress)
+        lights = scene.default_lights(picture_options.time)
+    return Renderer(scene, **of_renderer).render(camera, lights, options=picture_options, progress=progress)

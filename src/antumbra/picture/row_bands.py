@@ -29,10 +29,10 @@ def band_array_names(request: Request) -> list[str]:
     return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
 
 
-def joined_bits(found: dict[str, np.ndarray]) -> TracedBits:
+def joined_bits(arrays: dict[str, np.ndarray]) -> TracedBits:
     """The arrays of all bands, each joined, as a picture takes them."""
-    named = lambda kind: [values for name, values in found.items() if name.startswith(f"{kind} ")]
-    return TracedBits(named("bits"), named("finer"), named("edges"), found.get("indirect"))
+    named = lambda kind: [values for name, values in arrays.items() if name.startswith(f"{kind} ")]
+    return TracedBits(named("bits"), named("finer"), named("edges"), arrays.get("indirect"))
 
 
 class RowBands:
@@ -44,55 +44,57 @@ class RowBands:
     def __init__(self, engine: Engine, request: Request):
         self._state = FrameState(engine, request)
         evaluate(self._state)
-        self._seen: Surfaces | None = None  # by the whole picture
+        self._surfaces: Surfaces | None = None  # by the whole picture
         self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
 
     def band(self, first: int, last: int) -> dict[str, np.ndarray]:
         """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
         request = self._state.request
-        near = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
+        rows = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
         if request.finer is None:
-            near = slice(first, last)
-        own = slice(first - near.start, last - near.start)
-        surfaces = self._look(near)
-        surfaces.gbuffer.side[: max(own.start - 1, 0)] = NOTHING
+            rows = slice(first, last)
+        inner = slice(first - rows.start, last - rows.start)
+        surfaces = self._surfaces_of(rows)
+        surfaces.gbuffer.side[: max(inner.start - 1, 0)] = NOTHING
         traced = self._trace(surfaces)
-        made = {f"bits {i}": bits[own] for i, bits in enumerate(traced.bits)}
+        arrays = {f"bits {i}": bits[inner] for i, bits in enumerate(traced.bits)}
         if request.finer is not None:
-            made |= self._finer(surfaces, traced, own) | self._divided(surfaces, traced, near, own)
+            arrays |= self._trace_penumbrae(surfaces, traced, inner) | self._trace_edges(surfaces, traced, rows, inner)
         if request.passes is not None:
-            made["indirect"] = self._indirect(_rows(surfaces, own), traced.queries[0].origins[own])
-        return made
+            arrays["indirect"] = self._bounce(_rows(surfaces, inner), traced.queries[0].origins[inner])
+        return arrays
 
-    def _look(self, rows: slice) -> Surfaces:
+    def _surfaces_of(self, rows: slice) -> Surfaces:
         state = self._state
         if state.tracer.in_store:
             return find_surfaces(state, rows)
-        if self._seen is None:
-            self._seen = find_surfaces(state, slice(0, state.request.camera.height))
-        return _rows(self._seen, rows)
+        if self._surfaces is None:
+            self._surfaces = find_surfaces(state, slice(0, state.request.camera.height))
+        return _rows(self._surfaces, rows)
 
     def _trace(self, surfaces: Surfaces) -> TracedLights:
         self._state.tracer.reuse_tree()
         return trace(self._state, surfaces, slice(0))
 
-    def _finer(self, surfaces: Surfaces, traced: TracedLights, own: slice) -> dict[str, np.ndarray]:
+    def _trace_penumbrae(self, surfaces: Surfaces, traced: TracedLights, inner: slice) -> dict[str, np.ndarray]:
         """The bits of finer samples in penumbrae."""
-        state, made = self._state, {}
+        state, arrays = self._state, {}
         assert state.request.finer is not None
-        seen = seen_by(surfaces.gbuffer, state.tracer.view)
+        visible = seen_by(surfaces.gbuffer, state.tracer.view)
         for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
-            finer = finer_query(seen, query, bits, samples, state.threads)
+            finer = finer_query(visible, query, bits, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
-            sides[own] = finer.sides[own]
-            made[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[own]
-        return made
+            sides[inner] = finer.sides[inner]
+            arrays[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[inner]
+        return arrays
 
-    def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:
+    def _trace_edges(
+        self, surfaces: Surfaces, traced: TracedLights, rows: slice, inner: slice
+    ) -> dict[str, np.ndarray]:
         """The bits of the sub-pixels of edges."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
-        pixels, blocks = self._subpixels(surfaces, near, own)
+        pixels, blocks = self._subpixels(surfaces, rows, inner)
         if not len(blocks):
             needed = [without_equal_samples(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
             words = [-(-query.samples.shape[1] // 64) for query in needed]
@@ -107,23 +109,25 @@ class RowBands:
         state.tracer.prepare_again(queries, state.clock.lap)
         return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
 
-    def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
+    def _subpixels(self, surfaces: Surfaces, rows: slice, inner: slice) -> tuple[Surfaces, range]:
         """The sub-pixels of edges; and the blocks that are the band's own."""
         state, shape = self._state, (self._state.request.camera.height, self._state.request.camera.width)
-        rows = slice(near.start + own.start, near.start + own.stop)
-        if self._seen is None:
+        band_rows = slice(rows.start + inner.start, rows.start + inner.stop)
+        if self._surfaces is None:
             edge = np.zeros(shape, np.bool_)
-            edge[rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[own]
+            edge[band_rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[
+                inner
+            ]
             count = np.count_nonzero(edge)
             return state.tracer.subpixels(edge) if count else surfaces, range(count)
         if self._edges is None:
-            edge = edges(seen_by(self._seen.gbuffer, state.tracer.view), edge_colours(state), state.threads)
+            edge = edges(seen_by(self._surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)
             self._edges = edge, state.tracer.subpixels(edge)
         edge, pixels = self._edges
-        before = np.count_nonzero(edge[: rows.start])
-        return pixels, range(before, before + np.count_nonzero(edge[rows]))
+        before = np.count_nonzero(edge[: band_rows.start])
+        return pixels, range(before, before + np.count_nonzero(edge[band_rows]))
 
-    def _indirect(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
+    def _bounce(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
         state = self._state
         nearest = state.tracer.closest_hits(state.clock.lap)
         return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)

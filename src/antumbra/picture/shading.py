@@ -31,7 +31,7 @@ _ONE, SIDEWAYS = np.float32(1.0), np.float32(0.65)
 """Share of the ambient light for surfaces that face up, and for surfaces that face sideways."""
 
 
-def arriving_irradiance(gbuffer, light, query, bits, seen=None, shading=None, threads=None) -> np.ndarray:
+def arriving_irradiance(gbuffer, light, query, bits, surfaces=None, shading=None, threads=None) -> np.ndarray:
     """Irradiance of each pixel's surface from a light, as `shade` takes it; `shading`: ShadingNormals or None.
 
     - Lists of lights: (H, W, 3) float32, shadows included. If ``seen`` (of the same G-buffer) is given, the irradiance
@@ -41,7 +41,7 @@ def arriving_irradiance(gbuffer, light, query, bits, seen=None, shading=None, th
     """
     if light.domain == "list":
         arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
-        return arrived if seen is None or not light.interleave else smooth_irradiance(seen, arrived, threads)
+        return arrived if surfaces is None or not light.interleave else smooth_irradiance(surfaces, arrived, threads)
     if light.domain == "hemisphere":
         return np.zeros(gbuffer.face.shape, np.float32)
     return irradiance(gbuffer, query.light, light.domain, shading, threads)
@@ -99,8 +99,8 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, am
         for x in range(w):
             at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
             for c in range(3):
-                shown = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
-                put(out, at + c, shown if i >= 0 else np.float32(0.0))
+                radiance = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
+                put(out, at + c, radiance if i >= 0 else np.float32(0.0))
 
 
 def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=None, threads=None) -> np.ndarray:
@@ -122,8 +122,8 @@ def shade(gbuffer, colour, lights, arrived, shares, ambient, up="y", indirect=No
     image = np.empty((*shape, 3), np.float32)
     args = gbuffer.face, gbuffer.normal, "xyz".index(up), colour, tints, irradiances
     ticket = new_ticket(len(image), 8)
-    own = lambda: (np.empty(3 * shape[1], np.float32),)
-    run(_shade_rows, thread_count(threads), ticket, *args, arriving_shares, ambient, skies, more, image, own=own)
+    scratch = lambda: (np.empty(3 * shape[1], np.float32),)
+    run(_shade_rows, thread_count(threads), ticket, *args, arriving_shares, ambient, skies, more, image, own=scratch)
     return image
 
 

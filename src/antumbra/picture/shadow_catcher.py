@@ -50,27 +50,27 @@ class ShadowCatcher:
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
         rays = rays_through(state.tracer.view, free, state.threads)
-        found = ground_hits(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
-        gbuffer = found.gbuffer
+        hits = ground_hits(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
+        gbuffer = hits.gbuffer
         state.clock.lap("gbuffer")
-        queries = self._queries(found, request.samples)
+        queries = self._queries(hits, request.samples)
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
         finest = [q._replace(samples=s) for q, s in zip(queries, finer)]
         state.tracer.prepare_again([*queries, *finest], state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        seen, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
-        light = [light_fractions(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        visible, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
+        light = [light_fractions(visible, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
-            more = finer_query(seen, query, bits, samples, state.threads)
+            more = finer_query(visible, query, bits, samples, state.threads)
             light[i] = refine_fractions(
-                light[i], seen, facing, more, trace_query(state, more), request.smooth, state.threads
+                light[i], visible, facing, more, trace_query(state, more), request.smooth, state.threads
             )
             state.clock.lap("trace")
         visibility = [each.fraction for each in light]
-        lit, unshadowed = self._light(gbuffer, traced, [each.share for each in light], seen)
-        share = np.float32(1.0) - found.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+        lit, unshadowed = self._irradiances(gbuffer, traced, [each.share for each in light], visible)
+        share = np.float32(1.0) - hits.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
         state.clock.lap("shade")
         return Ground(request.ground, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
 
@@ -82,23 +82,23 @@ class ShadowCatcher:
         rays, shape = subpixel_rays(state.tracer.view, edge, state.threads)
         free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
         rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
-        found = ground_hits(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
+        hits = ground_hits(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
         state.clock.lap("gbuffer")
-        queries = self._queries(found, finer.edges)
+        queries = self._queries(hits, finer.edges)
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        facing = facing_of(found.gbuffer, None)
+        facing = facing_of(hits.gbuffer, None)
         arrive = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
-        lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, arrive, None))
-        kept = block_means(found.kept, count) / np.maximum(
+        lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, arrive, None))
+        strength = block_means(hits.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
         )
-        return np.float32(1.0) - kept[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+        return np.float32(1.0) - strength[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
 
-    def _queries(self, found: GroundHits, samples) -> list[ShadowQuery]:
+    def _queries(self, hits: GroundHits, samples) -> list[ShadowQuery]:
         """A query for each light, at the points of the ground; `samples`: of all lights of the request."""
-        state, (gbuffer, origins, _) = self._state, found
+        state, (gbuffer, origins, _) = self._state, hits
         asking = origins[gbuffer.side != NOTHING]
         reach = reach_of(self._box, asking, state.threads) if len(asking) else 1.0
         normals = gbuffer.normal.astype(np.float64)
@@ -112,28 +112,32 @@ class ShadowCatcher:
             for k, patch in zip(self._chosen, patches)
         ]  # fmt: skip
 
-    def _light(
-        self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], seen: PictureSurfaces | None
+    def _irradiances(
+        self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], visible: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The light that arrives, (H, W, 3) float32, and the light that would arrive if nothing cast a shadow."""
         arrived, unshadowed = zip(
-            *(self._arriving(gbuffer, *of_light, seen) for of_light in zip(self._lights, *traced))
+            *(self._irradiance(gbuffer, *of_light, visible) for of_light in zip(self._lights, *traced))
         )
-        above = [self._above(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
-        return self._sum(gbuffer, arrived, arrive), self._sum(gbuffer, unshadowed, above)
+        above = [self._unshadowed_shares(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
+        return self._shade(gbuffer, arrived, arrive), self._shade(gbuffer, unshadowed, above)
 
-    def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
+    def _irradiance(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, visible) -> tuple[np.ndarray, np.ndarray]:
         """The light of one light source as `picture.shading.arriving_irradiance` gives it, and without shadows."""
-        threads, own = self._state.threads, seen if smooths_light(self._state.request, light) else None
+        threads = self._state.threads
+        if not smooths_light(self._state.request, light):
+            visible = None
         if query.light.kind == DIRECTIONAL and light.domain == "list":
-            return self._arriving_far(gbuffer, light, query, bits, own)
-        arrived = arriving_irradiance(gbuffer, light, query, bits, own, None, threads)
+            return self._distant_irradiance(gbuffer, light, query, bits, visible)
+        arrived = arriving_irradiance(gbuffer, light, query, bits, visible, None, threads)
         if light.domain != "list":
             return arrived, arrived
-        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), own, None, threads)
+        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), visible, None, threads)
 
-    def _arriving_far(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, own) -> tuple[np.ndarray, np.ndarray]:
-        """As `_arriving`, of a list of distant lights. Without shadows, a block of 4 x 4 pixels is like any other.
+    def _distant_irradiance(
+        self, gbuffer: GBuffer, light, query: ShadowQuery, bits, visible
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As `_irradiance`, of a list of distant lights. Without shadows, a block of 4 x 4 pixels is like any other.
 
         What shadows take away is smoothed, not what they leave. So nothing changes where no shadow is near.
         """
@@ -149,18 +153,18 @@ class ShadowCatcher:
         )
         free = np.tile(each, (-(-h // 4), -(-w // 4), 1))[:h, :w]
         raw = arriving_irradiance(gbuffer, light, query, bits, None, None, threads)
-        if own is None or not light.interleave:
+        if visible is None or not light.interleave:
             return raw, free
         mean = each.mean((0, 1))
-        return mean - smooth_irradiance(own, free - raw, threads), np.ascontiguousarray(
+        return mean - smooth_irradiance(visible, free - raw, threads), np.ascontiguousarray(
             np.broadcast_to(mean, raw.shape)
         )
 
-    def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
+    def _shade(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
         return shade(white, _WHITE, self._lights, arrived, arrive, self._ambient, self._up, threads=self._state.threads)
 
-    def _above(self, gbuffer: GBuffer, light, query: ShadowQuery) -> np.ndarray:
+    def _unshadowed_shares(self, gbuffer: GBuffer, light, query: ShadowQuery) -> np.ndarray:
         """(H, W) float32: the share of a light's irradiance that arrives without shadows: 1, or 0 below the ground."""
         boxes, relative = targets_of(query, np.full(3, np.inf))
         lowest = boxes[:, 0, self._plane.axis].min()

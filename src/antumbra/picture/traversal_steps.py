@@ -173,25 +173,25 @@ def explained_plans(plans) -> list[Plan]:
 
 def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
+    pictures, plan_steps = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
-        walked = _walk(accelerator_of(plan, threads), pictures)
+        trace = _count_plan(accelerator_of(plan, threads), pictures)
         if i == 0:
-            first, frequent = walked, _frequent(walked.steps.hits)
-        _check_bits(first, walked)
-        told.append(_plan_steps(walked, first.steps.hits, frequent))
+            first, frequent = trace, _frequent_blockers(trace.steps.hits)
+        _check_bits(first, trace)
+        plan_steps.append(_plan_steps(trace, first.steps.hits, frequent))
     steps = first.steps
     asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
     named = frequent if first.ids is None else first.ids[frequent]
-    return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
+    return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), plan_steps)
 
 
-def _walk(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
+def _count_plan(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
     """Build for every picture in turn, then trace the last one and count its steps."""
     if pictures[-1].source is not None:
-        return _walk_store(accelerator, pictures[-1])
+        return _count_plan_in_store(accelerator, pictures[-1])
     for picture in pictures:
         ready = build_for(accelerator, picture)
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
@@ -206,7 +206,7 @@ def _walk(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedT
     return _CountedTrace(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
 
 
-def _walk_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
+def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
     """Trace a picture of a store, and count the steps of its rays through the store's tree.
 
     The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
@@ -214,15 +214,15 @@ def _walk_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTr
     from ..engine.paged_source import tree_for
 
     bvh, ids = tree_for(picture.source, picture.queries)
-    whole = picture.source.accelerated
-    bits, tests = zip(*(trace_windows(accelerator, whole, query) for query in picture.queries))
+    accelerated = picture.source.accelerated
+    bits, tests = zip(*(trace_windows(accelerator, accelerated, query) for query in picture.queries))
     faces = picture.queries[0].ids
     places = np.searchsorted(ids, faces)
     known = (faces >= 0) & (np.append(ids, -1)[places] == faces)
-    own = np.where(known, places, -1).astype(np.int32)
+    local_ids = np.where(known, places, -1).astype(np.int32)
     ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
-    steps = add_steps([count_steps(ordered, q._replace(ids=own), n, threads) for q in picture.queries])
-    return _CountedTrace(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
+    steps = add_steps([count_steps(ordered, q._replace(ids=local_ids), n, threads) for q in picture.queries])
+    return _CountedTrace(accelerator.plan, accelerated._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
 
 
 def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
@@ -235,7 +235,7 @@ def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
         )
 
 
-def _frequent(hits: np.ndarray) -> np.ndarray:
+def _frequent_blockers(hits: np.ndarray) -> np.ndarray:
     """The fewest triangles that have half of all hits, in order of falling hits."""
     order = np.argsort(-hits, kind="stable")
     reached = np.cumsum(hits[order])
@@ -244,17 +244,15 @@ def _frequent(hits: np.ndarray) -> np.ndarray:
     return order[: int(np.searchsorted(reached, reached[-1] / 2)) + 1]
 
 
-def _plan_steps(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
+def _plan_steps(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
     """The figures of one plan; `hits`: the number of rays that each triangle blocks in the first plan."""
-    steps, depths = walked.steps, _depths(walked, hits, frequent)
-    if walked.bundles is None:
+    steps, depths = trace.steps, _depths(trace, hits, frequent)
+    if trace.bundles is None:
         boxes, classes = steps.boxes.sum(axis=-1), steps.boxes.sum(axis=(0, 1))
         tested, triangles = int(classes.sum()), int(steps.triangles.sum())
-        return PlanSteps(walked.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
-    tested, triangles = (int(n) for n in walked.bundles.sum(axis=(0, 1)))
-    return PlanSteps(
-        walked.plan, _window_shares(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths
-    )
+        return PlanSteps(trace.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
+    tested, triangles = (int(n) for n in trace.bundles.sum(axis=(0, 1)))
+    return PlanSteps(trace.plan, _window_shares(trace.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
 
 
 def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
@@ -265,9 +263,9 @@ def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
     return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
 
 
-def _depths(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
-    bvh = walked.ready.bvh
-    histogram = hit_depths(bvh, walked.steps.hits)
+def _depths(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
+    bvh = trace.ready.bvh
+    histogram = hit_depths(bvh, trace.steps.hits)
     reached, depth_of = np.cumsum(histogram), np.zeros(len(hits))
     depth_of[bvh.prim_ids] = leaf_depths(bvh)
     deepest = max(len(histogram) - 1, 0)

@@ -68,7 +68,7 @@ def virtual_point_lights(
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = _sobol(n, seed)
-    origins, directions, power = _emitted(light, xi, centre, radius)
+    origins, directions, power = _emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
     met = hit.mask
     if not met.any():
@@ -76,11 +76,11 @@ def virtual_point_lights(
         raise InputError(f"{what}; move the light nearer, or take more")
     triangles, face = hit.surfaces()
     face, points = face[met], origins[met] + hit.t[met, None] * directions[met]
-    positions, normals = _off_surface(points, directions[met], face, triangles, threads)
+    positions, normals = _offset_from_surface(points, directions[met], face, triangles, threads)
     return PointLights(
         positions,
         power / n / np.pi,  # Eq. (4) of docs/design/lights.md: intensity along the normal
-        triangles.colour[face] * _colours(light, xi)[met],
+        triangles.colour[face] * _photon_colours(light, xi)[met],
         normals,
         interleave=interleave,
         indirect=True,
@@ -95,7 +95,7 @@ def _sobol(n: int, seed: int) -> np.ndarray:
     return qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
 
 
-def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, np.ndarray, float]:
+def _emit_photons(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, np.ndarray, float]:
     """World origins (n, 3) and unit directions (n, 3) of the photons, and their total power.
 
     The power follows from the unit of `intensity` in shading. For a flat light it is candela along the axis, with
@@ -103,16 +103,20 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
     """
     a, b = xi[:, 0], xi[:, 1]
     if isinstance(light, PointLight):
-        return np.broadcast_to(light.position, (len(xi), 3)), _on_sphere(a, b), 4.0 * np.pi * light.intensity
+        return np.broadcast_to(light.position, (len(xi), 3)), _square_to_sphere(a, b), 4.0 * np.pi * light.intensity
     if isinstance(light, SphereLight):
-        normal = _on_sphere(a, b)
-        return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
+        normal = _square_to_sphere(a, b)
+        return (
+            light.center + light.radius * normal,
+            _cosine_directions(normal, xi[:, 2:]),
+            4.0 * np.pi * light.intensity,
+        )
     if isinstance(light, Sky):
         directions = -light.points[_chosen_lights(light, xi)]
         power = np.pi * radius**2 * float(light.intensities.sum()) * light.intensity
         return _photon_origins(directions, a, b, centre, radius), directions, power
     if isinstance(light, DirectionalLight):
-        directions, share = _in_cone(light, xi[:, 2:])
+        directions, share = _cone_directions(light, xi[:, 2:])
         return (
             _photon_origins(directions, a, b, centre, radius),
             directions,
@@ -123,7 +127,7 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         axis = np.cross(light.u, light.v) / light.area()
     elif isinstance(light, DiskLight):
         u, v = tangents(light.normal)
-        x, y = (_on_disk(a, b) * light.radius).T[..., None]
+        x, y = (_square_to_disk(a, b) * light.radius).T[..., None]
         origins, axis = light.center + x * u + y * v, light.normal
     else:
         raise InputError(
@@ -131,17 +135,17 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         )
     side = np.where(xi[:, 2] < 0.5, 1.0, -1.0)[:, None]
     xi = np.stack([2.0 * xi[:, 2] % 1.0, xi[:, 3]], 1)
-    return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
+    return origins, _cosine_directions(side * axis, xi), 2.0 * np.pi * light.intensity
 
 
 def _photon_origins(directions, a, b, centre, radius) -> np.ndarray:
     """(n, 3): origins of photons along unit directions (n, 3), on disks that cover the scene."""
     u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
-    x, y = (_on_disk(a, b) * radius).T[..., None]
+    x, y = (_square_to_disk(a, b) * radius).T[..., None]
     return centre + x * u + y * v - 2.0 * radius * directions
 
 
-def _in_cone(light: DirectionalLight, xi) -> tuple[np.ndarray, float]:
+def _cone_directions(light: DirectionalLight, xi) -> tuple[np.ndarray, float]:
     """(n, 3) unit directions, uniform over a distant light's solid angle; and lux on the disks of all, over its lux.
 
     A surface that faces the light gets the cosine-weighted integral of the radiance, and these disks the plain one.
@@ -158,32 +162,32 @@ def _chosen_lights(sky: Sky, xi: np.ndarray) -> np.ndarray:
     return np.minimum((xi[:, 2] * sky.count).astype(int), sky.count - 1)
 
 
-def _colours(light: Light, xi: np.ndarray) -> np.ndarray:
+def _photon_colours(light: Light, xi: np.ndarray) -> np.ndarray:
     """(n, 3): the colour of each photon."""
-    own = light.colours[_chosen_lights(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
-    return own * np.asarray(light.colour)
+    photon_colours = light.colours[_chosen_lights(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
+    return photon_colours * np.asarray(light.colour)
 
 
-def _on_sphere(a, b) -> np.ndarray:
+def _square_to_sphere(a, b) -> np.ndarray:
     """Map the unit square uniformly to the unit sphere."""
     z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
     r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
 
 
-def _on_disk(a, b) -> np.ndarray:
+def _square_to_disk(a, b) -> np.ndarray:
     """Map the unit square uniformly to the unit disk."""
     r, angle = np.sqrt(a), 2.0 * np.pi * b
     return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
 
 
-def _by_cosine(normals, xi) -> np.ndarray:
+def _cosine_directions(normals, xi) -> np.ndarray:
     """(n, 3) unit directions around unit normals with cosine density: points of a sphere tangent to the surface."""
-    d = normals + 0.9999999 * _on_sphere(xi[:, 0], xi[:, 1])  # never quite opposite, so never zero
+    d = normals + 0.9999999 * _square_to_sphere(xi[:, 0], xi[:, 1])  # never quite opposite, so never zero
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-def _off_surface(points, directions, face, triangles, threads) -> tuple[np.ndarray, np.ndarray]:
+def _offset_from_surface(points, directions, face, triangles, threads) -> tuple[np.ndarray, np.ndarray]:
     """World positions just off the faces met at `points`, and unit normals towards the photons' side."""
     corners = triangles.vertices[face].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
