@@ -1,8 +1,8 @@
-"""The passes of one frame: evaluate, G-buffer, trace, filter, refine, bounce, shade, smooth edges, and layers."""
+"""The passes of one frame: evaluate, G-buffer, trace, filter, refine, bounce, shade, layers, and smooth edges."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, pi
 from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, stacked
-from ..scene.lights import is_bounced, light_names
+from ..scene.lights import Light, is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.ray_hits import Nearest
@@ -43,14 +43,14 @@ from .morphological_antialiasing import mixture
 from .shading import ambient_light, backdrop, shade, skies_of, sky_behind
 from .shadow_catcher import ShadowCatcher
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The parts of a frame's image: base colours, each light alone, and objects. Compositors put them together again.
+# --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
 
 
 def frame_layers(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares, indirect
-) -> Layers:
-    """The `Layers` of a frame: its surfaces are shaded once more for each light."""
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares: list[np.ndarray],
+    indirect: np.ndarray | None,
+) -> Layers:  # fmt: skip
+    """The `Layers` of a frame: shades its surfaces once more for each light."""
     request, ids = state.request, surfaces.ids
     gbuffer, colour = shading_inputs(surfaces)
     arrived, dark = (
@@ -59,29 +59,34 @@ def frame_layers(
     )
     up = state.tracer.scene.up
 
-    def shaded(lights, arrived, shares, indirect=None) -> np.ndarray:
+    def shaded(
+        lights: list[Light], arrived: list[np.ndarray], shares: list[np.ndarray], indirect: np.ndarray | None = None
+    ) -> np.ndarray:
         return shade(gbuffer, colour, lights, arrived, shares, dark, up, indirect, state.threads)
 
-    alone = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
+    images = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
     bounced = None if indirect is None else shaded([], [], [], indirect)
-    met = ids >= 0
-    albedo = np.where(met[..., None], colour[np.where(met, gbuffer.face, 0)], np.float32(0.0))
-    things = state.tracer.scene.object_of_face[np.where(met, ids, 0)]
+    hit = ids >= 0
+    albedo = np.where(hit[..., None], colour[np.where(hit, gbuffer.face, 0)], np.float32(0.0))
+    objects = state.tracer.scene.object_of_face[np.where(hit, ids, 0)]
     state.clock.lap("shade")
-    return Layers(albedo, alone, bounced, np.where(met, things, np.int32(-1)))
+    return Layers(albedo, images, bounced, np.where(hit, objects, np.int32(-1)))
 
 
-# --- The anti-aliasing of a frame: the pixels at edges of its image and of what belongs to it are mixed ---------------
+# --- Anti-aliasing ----------------------------------------------------------------------------------------------------
 
 
 def smooth_edges(
     state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
 ) -> np.ndarray:
-    """Mix the pixels at edges of pictures with those across. Returns (H, W) float32: the share that shows surfaces."""
+    """Mix the pixels at edges of pictures with their neighbours across the edge.
+
+    Returns (H, W) float32: the share of each pixel that shows surfaces.
+    """
     coverage = (surfaces.ids >= 0).astype(np.float32)
     mixed, free = mixture(visible, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    for each in [coverage, *pictures]:
-        mixed.mix(each)
+    for picture in [coverage, *pictures]:
+        mixed.mix(picture)
     if ground is not None:
         lit, total = mixed.of(free * ground.share), mixed.of(free)
         share = np.divide(lit, total, out=np.ones_like(lit), where=total > 0.0)
@@ -90,54 +95,55 @@ def smooth_edges(
     return coverage
 
 
-# --- Light that bounces once: the irradiance at each pixel's surface from the surfaces around it ----------------------
+# --- Bounced light ----------------------------------------------------------------------------------------------------
 
 
 _BLACK = np.zeros(3, np.float32)
+_T = TypeVar("_T")
 
 
-def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Nearest) -> np.ndarray:
-    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pass.
+def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, nearest: Nearest) -> np.ndarray:
+    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pixel and pass.
 
     origins : (H, W, 3) float32, the receivers of the surfaces
-    nearest : finds the surfaces that the rays of passes meet first
+    nearest : finds the closest hits of the rays of passes
 
-    The density of the rays is proportional to the cosine to the normal. So the irradiance is pi times the mean radiance
-    of the surfaces they meet. These surfaces are diffuse; the lights alone illuminate them, with shadows. Rays that
-    leave the scene contribute zero: a sky that they would meet is a light, so its light has arrived directly.
+    Rays have cosine density, so the irradiance is pi times the mean radiance of the surfaces they meet. These surfaces
+    are diffuse and lit by the lights alone, with shadows. Rays that leave the scene contribute zero: a sky is one of
+    the lights, so its light has already arrived directly.
 
-    A store traces as many passes together as memory allows, and then their shadow rays [Mattausch et al. 2015].
+    A store traces as many passes at once as memory allows, and then their shadow rays [Mattausch et al. 2015].
     """
     passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
     assert passes is not None
     radiance = np.zeros((*gbuffer.face.shape, 3))
-    together, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
-    for some in _batches(range(len(passes.directions)), together(PASS_BYTES * gbuffer.face.size)):
-        rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in some]
-        met = zip(some, nearest(rays, shape))
-        for few in _batches(met, together((SURFACE_BYTES + LIGHT_BYTES * n_lights) * gbuffer.face.size)):
-            queries = [queries_of(state, each, [of_light[k] for of_light in passes.lights]) for k, each in few]
+    at_once, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
+    for batch in _batches(range(len(passes.directions)), at_once(PASS_BYTES * gbuffer.face.size)):
+        rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in batch]
+        hits = zip(batch, nearest(rays, shape))
+        for group in _batches(hits, at_once((SURFACE_BYTES + LIGHT_BYTES * n_lights) * gbuffer.face.size)):
+            queries = [queries_of(state, hit, [of_light[k] for of_light in passes.lights]) for k, hit in group]
             traced = trace_queries(state, [query for of_pass in queries for query in of_pass])
-            for i, (_, each) in enumerate(few):
+            for i, (_, hit) in enumerate(group):
                 part = slice(i * n_lights, (i + 1) * n_lights)
-                radiance += shade_unfiltered(state, each, TracedLights(traced.queries[part], traced.bits[part]), _BLACK)
+                radiance += shade_unfiltered(state, hit, TracedLights(traced.queries[part], traced.bits[part]), _BLACK)
     return (np.pi / len(passes.directions) * radiance).astype(np.float32)
 
 
-def _batches(items: Iterable, n: int) -> Iterator[list]:
+def _batches(items: Iterable[_T], n: int) -> Iterator[list[_T]]:
     """Lists of up to n items, in order."""
     iterator = iter(items)
     while some := list(islice(iterator, n)):
         yield some
 
 
-# --- One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and smooth edges --------------
+# --- The passes -------------------------------------------------------------------------------------------------------
 
 
 def render_frame(engine: Engine, request: Request, known: TracedBits | None = None) -> Frame:
-    """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
+    """Render a frame. Compile its kernels first, or compilation counts in the timings.
 
-    kept : what the rays of this frame found, if they were traced before; no tree is built then
+    known : results of the rays, if they were traced before; no tree is built then
     """
     with engine.lock:
         return _render_frame(FrameState(engine, request, known))
@@ -152,7 +158,7 @@ def _render_frame(state: FrameState) -> Frame:
     edge = finer = indirect = coverage = None
     if request.finer is not None:
         edge, finer = refine(state, surfaces, visible, traced, fractions)
-    visibility, shares = [each.fraction for each in fractions], [each.share for each in fractions]
+    visibility, shares = [light.fraction for light in fractions], [light.share for light in fractions]
     if request.passes is not None:
         indirect = bounce(state, surfaces, visible, traced)
     image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect)
@@ -166,18 +172,18 @@ def _render_frame(state: FrameState) -> Frame:
     if request.options.smooths_edges:
         coverage = smooth_edges(state, surfaces, visible, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
-    counted = None if state.tally is None else as_dict(state.tally)
+    counters = None if state.tally is None else as_dict(state.tally)
     tracer = state.tracer
     methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None)
     return Frame(
-        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
+        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counters, finer, indirect,
         methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,
         tuple(light_names(request.lights)), backdrop_of(state, surfaces, coverage, ground), layers, ambient, ground,
     )  # fmt: skip
 
 
 def evaluate(state: FrameState) -> None:
-    """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
+    """Evaluate the triangles at the frame's time, and build their tree if primary visibility uses rays."""
     request = state.request
     state.tracer.begin(frame_memory(request), *ray_counts(request), request.options.time)
     state.clock.lap("evaluate")
@@ -186,7 +192,7 @@ def evaluate(state: FrameState) -> None:
 
 
 def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
-    """Find the surfaces that the camera sees, and trace their shadow rays, band by band of the picture."""
+    """Find the surfaces that the camera sees and trace their shadow rays, one band of rows after another."""
     bands, bits = list[Surfaces](), list[list[np.ndarray]]()
     for rows in state.tracer.bands(state.request.camera.height):
         surfaces = find_surfaces(state, rows)
@@ -202,14 +208,14 @@ def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
 
 
 def find_surfaces(state: FrameState, rows: slice) -> Surfaces:
-    """Find the surfaces that the camera sees in some rows."""
+    """Find the surfaces that the camera sees in a range of rows."""
     surfaces = state.tracer.surfaces(state.request.camera, rows, state.request.progress)
     state.clock.lap("gbuffer")
     return surfaces
 
 
 def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
-    """Trace the shadow rays of a band's pixels. The tree also serves the later rays of refined penumbrae."""
+    """Trace the shadow rays of a band's pixels, in a tree that also serves the rays of refined penumbrae."""
     request, tracer = state.request, state.tracer
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
@@ -226,7 +232,7 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
 def visible_fractions(
     state: FrameState, surfaces: Surfaces, traced: TracedLights
 ) -> tuple[PictureSurfaces, list[LightFractions]]:
-    """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
+    """The visible surfaces as input of filters, and the visible fraction of each light, filtered on request."""
     visible, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
     fractions = [light_fractions(visible, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
@@ -240,9 +246,9 @@ def refine(
     traced: TracedLights,
     fractions: list[LightFractions],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trace more rays in penumbrae, and replace what was found there.
+    """Trace more rays in penumbrae, and replace the values of `fractions` there.
 
-    Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
+    Returns two (H, W) bool masks: edge pixels, which `shade_edges` splits into sub-pixels; and all refined pixels.
     """
     more, known = state.request.finer, state.known
     assert more is not None
@@ -279,11 +285,13 @@ def bounce(state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, trac
 
 
 def shade_frame(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares, indirect
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares: list[np.ndarray],
+    indirect: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
-    The ambient light is zero if the frame has bounced light. That of the ground still stands for it then.
+    If the frame has bounced light, its ambient light is zero, but the ground's ambient light still stands for bounced
+    light.
     """
     arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
@@ -295,7 +303,7 @@ def shade_frame(
 
 
 def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, ground: Ground | None) -> None:
-    """Write the light of skies, dimmed by shadows on the ground, to the pixels that see no surface."""
+    """Fill pixels that see no surface with the light of skies, dimmed by shadows on the ground."""
     if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
         radiance = sky_behind(skies, state.tracer.view, rows, columns)
@@ -306,7 +314,7 @@ def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, gr
 def backdrop_of(
     state: FrameState, surfaces: Surfaces, coverage: np.ndarray | None, ground: Ground | None
 ) -> np.ndarray | None:
-    """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
+    """The backdrop of a picture without a sky; None if it would be invisible, or if ``background=False``."""
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
@@ -319,28 +327,35 @@ def _seen_skies(state: FrameState) -> list[Sky]:
 
 
 class EdgeInputs(NamedTuple):
-    """What `divide` improves at edges."""
+    """The images that `shade_edges` improves."""
 
     image: np.ndarray  # (H, W, 3) float32
     coverage: np.ndarray  # (H, W) float32: share of each pixel that shows surfaces
-    ground: Ground | None  # its `share`
-    catcher: ShadowCatcher | None  # of the ground
+    ground: Ground | None  # whose `share` is updated
+    catcher: ShadowCatcher | None
 
 
-def shade_edges(state: FrameState, edge: np.ndarray, inputs: EdgeInputs, ambient: np.ndarray, indirect) -> None:
-    """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
+def shade_edges(
+    state: FrameState, edge: np.ndarray, inputs: EdgeInputs, ambient: np.ndarray, indirect: np.ndarray | None
+) -> None:
+    """Shade sixteen sub-pixels of each pixel in the mask `edge`, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
-    most = state.tracer.at_once(edge_bytes(len(state.request.lights)))
-    for first in range(0, len(rows), most):
-        some = np.zeros_like(edge)
-        some[rows[first : first + most], columns[first : first + most]] = True
-        _shade_edges(state, some, first, inputs, ambient, indirect)
+    batch_size = state.tracer.at_once(edge_bytes(len(state.request.lights)))
+    for first in range(0, len(rows), batch_size):
+        batch = np.zeros_like(edge)
+        batch[rows[first : first + batch_size], columns[first : first + batch_size]] = True
+        _shade_edges(state, batch, first, inputs, ambient, indirect)
 
 
 def _shade_edges(
-    state: FrameState, edge: np.ndarray, first: int, inputs: EdgeInputs, ambient: np.ndarray, indirect
+    state: FrameState,
+    edge: np.ndarray,
+    first: int,
+    inputs: EdgeInputs,
+    ambient: np.ndarray,
+    indirect: np.ndarray | None,
 ) -> None:
-    """Divide the pixels of `edge`, of which `first` is the number of the first one among all edges."""
+    """`shade_edges` for a batch of pixels; `first`: index of the batch's first pixel among all edge pixels."""
     finer = state.request.finer
     assert finer is not None
     pixels = state.tracer.subpixels(edge)
@@ -351,8 +366,8 @@ def _shade_edges(
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
     else:
-        some = slice(first, first + int(np.count_nonzero(edge)))
-        bits = [picture_of(blocks[some], pixels.ids.shape) for blocks in state.known.edges]
+        batch = slice(first, first + int(np.count_nonzero(edge)))
+        bits = [picture_of(blocks[batch], pixels.ids.shape) for blocks in state.known.edges]
         traced = with_known_bits(state, queries, bits)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
