@@ -1,11 +1,13 @@
-"""The visible fraction of a light at each pixel, from occlusion bits: unfiltered, filtered, or refined in penumbrae.
+"""Visibility of lights from occlusion bits: visible fractions, shares of irradiance, and unoccluded directions.
 
-Also the share of its irradiance that arrives, and the open directions of bent normals.
+The visible fraction of a light counts samples; its share of irradiance weights them. Both can be filtered, or refined
+in penumbrae.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
@@ -19,13 +21,12 @@ from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from .discontinuity_filter import filter_fractions, filter_shares
 from .irradiance import Facing, terminator_factor
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The share of a light's unshadowed irradiance that reaches each receiver: visible over all samples, both weighted.
+# --- Shares of irradiance ---------------------------------------------------------------------------------------------
 #
-# A sample's weight is what its piece of the light adds to the irradiance: the cosine at the receiver times the cosine
-# at the light over the squared distance. So irradiance in closed form times this share is a consistent estimate, and
-# has no noise where nothing hides the light [Heitz et al. 2018].
-
+# The share of a light's unshadowed irradiance that reaches a receiver is the weight of visible samples over the weight
+# of all samples. A sample's weight is the contribution of its piece of the light: the cosine at the receiver times the
+# cosine at the light over the squared distance. The closed-form irradiance times this share is a consistent estimate
+# without noise where nothing hides the light [Heitz et al. 2018].
 
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -40,14 +41,14 @@ def _edges_of(patch, p):
 
 @inlined
 def _may_soften(c, u, v, n, bend):
-    """Whether `softened` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
+    """Whether `terminator_factor` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
     extent = np.sqrt(dot(u, u)) + np.sqrt(dot(v, v))
     return not dot(n, c) - extent >= 2.0 * bend * (np.sqrt(dot(c, c)) + extent)
 
 
 @kernel
 def _weighted_share(pointers, words, patch, i, n, g, bend, soft):
-    """The share of receiver i: weights of its visible samples, softened, over those of all samples."""
+    """The share of receiver i: weight of its visible samples, times `terminator_factor`, over that of all samples."""
     c, u, v = _edges_of(patch, three_at(pointers.origins, i))
     axis = cross(u, v)
     flat = dot(axis, axis) > 0.0
@@ -87,17 +88,19 @@ def _share_kernel(ticket, query, bits, facing, out):
 
 
 def weighs(patch: LightPatch) -> bool:
-    """Whether the samples of a light have weights: those of ambient light and of lists count alike."""
+    """Whether the samples of a light are weighted: those of ambient light and of lists count equally."""
     return patch.kind != AMBIENT and not is_list(patch)
 
 
-def irradiance_shares(facing: Facing, query: ShadowQuery, bits: np.ndarray, threads=None) -> np.ndarray:
+def irradiance_shares(
+    facing: Facing, query: ShadowQuery, bits: np.ndarray, threads: int | None = None
+) -> NDArray[np.float32]:
     """(H, W) float32: the share of each receiver's unshadowed irradiance that arrives; 1 where there is no receiver.
 
-    It is 0 where all samples are hidden or below the horizon, and exactly 1 where none is.
+    It is 0 where all samples are occluded or below the horizon, and exactly 1 where none is.
 
     facing : normals of the receivers
-    query, bits : ShadowQuery and its answer
+    query, bits : a query and its answer
     """
     spp = query.samples.shape[1]
     if not weighs(query.light):
@@ -107,41 +110,46 @@ def irradiance_shares(facing: Facing, query: ShadowQuery, bits: np.ndarray, thre
     return out
 
 
-# --- How much of a light each pixel sees, from occlusion bits: unfiltered, filtered, or refined in penumbrae ----------
+# --- Visible fractions ------------------------------------------------------------------------------------------------
 
 
 class LightFractions(NamedTuple):
-    """How much of a light the pixels of a picture see, both (H, W) float32 in [0, 1]."""
+    """The visibility of a light at the pixels: two (H, W) float32 in [0, 1]."""
 
-    fraction: np.ndarray  # of its samples
-    share: np.ndarray  # of its unshadowed irradiance; see `picture.light_visibility`
+    fraction: np.ndarray  # visible fraction of its samples
+    share: np.ndarray  # share of its unshadowed irradiance, see `irradiance_shares`
 
     def replaced(self, where: np.ndarray, other: "LightFractions") -> "LightFractions":
-        """The values of another one where `where`, (H, W) bool."""
+        """Take the values of `other` where the mask `where`, (H, W) bool, is set."""
         return LightFractions(*(np.where(where, new, old) for new, old in zip(other, self)))
 
 
 def is_soft(query: ShadowQuery) -> bool:
-    """Whether the query's samples estimate the visible fraction of one light that has an extent.
+    """Whether the query's samples estimate the visible fraction of one light with an extent.
 
-    All samples of a light without extent are one point, so there are no penumbrae and no noise. Each sample of a list
-    is a light of its own, so other samples would not be finer.
+    All samples of a light without extent are the same point, so it has neither penumbrae nor noise. Each sample of a
+    list is a separate light, so more samples would not be finer.
     """
     light = query.light
     return light.kind in (SPHERE, AMBIENT) or (not is_list(light) and bool(light.u.any() or light.v.any()))
 
 
 def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
-    """The query, with a single sample if the light has no extent: all its samples would ask the same."""
+    """The query, with a single sample if the light has no extent, since all its samples are equal."""
     if is_soft(query) or is_list(query.light):
         return query
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 
 
 def light_fractions(
-    surfaces: PictureSurfaces, facing: Facing, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None
+    surfaces: PictureSurfaces,
+    facing: Facing,
+    query: ShadowQuery,
+    bits: np.ndarray,
+    smooth: bool,
+    threads: int | None = None,
 ) -> LightFractions:
-    """How much of a light is visible, by the bits of its query; filtered if `smooth` and if the light is soft."""
+    """The visibility of a light, from the bits of its query; filtered if `smooth` and if the light is soft."""
     spp, smooth = query.samples.shape[1], smooth and is_soft(query)
     if not weighs(query.light):
         fraction = (
@@ -156,15 +164,18 @@ def light_fractions(
     return LightFractions(fraction_lit(bits, spp, threads), share)
 
 
-def occluded_samples(bits: np.ndarray) -> np.ndarray:
+def occluded_samples(bits: np.ndarray) -> NDArray[np.int32]:
     """(H, W) int32: the number of occluded samples of each pixel."""
-    return np.bitwise_count(bits).sum(-1, dtype=np.int32)
+    counts: NDArray[np.int32] = np.bitwise_count(bits).sum(-1, dtype=np.int32)
+    return counts
 
 
-def finer_query(surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples, threads=None) -> ShadowQuery:
-    """The query of other samples at the pixels in the penumbra of one light, by the bits of its query.
+def finer_query(
+    surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples: np.ndarray, threads: int | None = None
+) -> ShadowQuery:
+    """A query with finer samples at the pixels in the penumbra of a light, which the bits of its query show.
 
-    It has no receiver (side NOTHING) where nothing is refined: everywhere if the samples are those of the query.
+    Elsewhere it has no receiver (side NOTHING): everywhere if `samples` are those of the query.
 
     samples : (16, n, 3) float64, in the light's domain
     """
@@ -176,19 +187,24 @@ def finer_query(surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray,
 
 
 def refine_fractions(
-    before: LightFractions, surfaces: PictureSurfaces, facing: Facing, finer: ShadowQuery, bits: np.ndarray, smooth: bool,
-    threads=None,
-) -> LightFractions:  # fmt: skip
-    """How much of a light is visible, with the values of a `finer_query` where it has receivers.
+    before: LightFractions,
+    surfaces: PictureSurfaces,
+    facing: Facing,
+    finer: ShadowQuery,
+    bits: np.ndarray,
+    smooth: bool,
+    threads: int | None = None,
+) -> LightFractions:
+    """The visibility of a light, with the values of a `finer_query` where it has receivers.
 
-    Without `smooth` they equal those of a frame that uses its samples everywhere. Else they are filtered among
-    themselves.
+    Without `smooth`, these equal the values of a frame that uses the finer samples everywhere. With it, refined pixels
+    are filtered among themselves.
     """
     better = light_fractions(surfaces._replace(side=finer.sides), facing, finer, bits, smooth, threads)
     return before.replaced(finer.sides != NOTHING, better)
 
 
-# --- The directions in which receivers see a light's samples, for bent normals ----------------------------------------
+# --- Unoccluded directions, for bent normals --------------------------------------------------------------------------
 
 
 @kernel
@@ -210,7 +226,7 @@ def _directions_kernel(ticket, query, bits, out):
         put(sums, 3 * i + 2, np.float32(z))
 
 
-def open_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> np.ndarray:
+def open_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> NDArray[np.float32]:
     """(h, w, 3) float32: the sum of unit vectors to the samples that each receiver sees; `bits`: the query's answer."""
     out = np.empty((*query.sides.shape, 3), np.float32)
     ticket = new_ticket(query.sides.size, 1024)
