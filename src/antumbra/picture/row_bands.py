@@ -1,6 +1,6 @@
-"""Render a picture in bands of rows: trace the occlusion bits of each band, and assemble the picture from all bands.
+"""Render a picture in bands of rows: trace the occlusion bits of each band, and shade the picture from all bits.
 
-A band holds bits, not colours, so the filter, ambient light and exposure see the whole picture, as if there were no
+Bands hold bits rather than colours, so the filter, ambient light and exposure work on the whole picture, as without
 bands. docs/design/shards.md compares this with bands of finished pixels.
 """
 
@@ -17,38 +17,41 @@ from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
 
 BAND = 32
-"""Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
+"""Rows of a band: a multiple of 4, so that each pixel keeps the sample set that it has in the picture."""
 
-_ABOVE, _BELOW = 4, 1  # more rows that a band looks at; the penumbra's test sees one row on each side
+_ABOVE, _BELOW = 4, 1  # additional rows; the penumbra test reads one row on each side
 
 
 def band_array_names(request: Request) -> list[str]:
-    """The names of a band's arrays."""
+    """The names of the arrays in `RowBands.band`."""
     lights = range(len(request.lights))
     kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
     return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
 
 
 def joined_bits(arrays: dict[str, np.ndarray]) -> TracedBits:
-    """The arrays of all bands, each joined, as a picture takes them."""
-    named = lambda kind: [values for name, values in arrays.items() if name.startswith(f"{kind} ")]
+    """The bits of a picture; `arrays`: those of its bands, each concatenated."""
+
+    def named(kind: str) -> list[np.ndarray]:
+        return [values for name, values in arrays.items() if name.startswith(f"{kind} ")]
+
     return TracedBits(named("bits"), named("finer"), named("edges"), arrays.get("indirect"))
 
 
 class RowBands:
-    """Traces bands of one picture. They share the surfaces that the camera sees, and the tree if the plan allows it.
+    """Traces bands of one picture, which share the visible surfaces, and the tree if the plan allows it.
 
-    A store has no such picture of surfaces: it reads only what a band's rays meet.
+    Bands of a store do not share surfaces: a store reads only the chunks that a band's rays enter.
     """
 
-    def __init__(self, engine: Engine, request: Request):
+    def __init__(self, engine: Engine, request: Request) -> None:
         self._state = FrameState(engine, request)
         evaluate(self._state)
-        self._surfaces: Surfaces | None = None  # by the whole picture
-        self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
+        self._surfaces: Surfaces | None = None  # of the whole picture
+        self._edges: tuple[np.ndarray, Surfaces] | None = None  # mask of all edges, (H, W) bool, and their sub-pixels
 
     def band(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
+        """The arrays `band_array_names` of the rows from `first`, a multiple of 4, up to but excluding `last`."""
         request = self._state.request
         rows = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
         if request.finer is None:
@@ -77,7 +80,7 @@ class RowBands:
         return trace(self._state, surfaces, slice(0))
 
     def _trace_penumbrae(self, surfaces: Surfaces, traced: TracedLights, inner: slice) -> dict[str, np.ndarray]:
-        """The bits of finer samples in penumbrae."""
+        """Trace refined penumbrae: the bits of their finer samples."""
         state, arrays = self._state, {}
         assert state.request.finer is not None
         visible = seen_by(surfaces.gbuffer, state.tracer.view)
@@ -91,7 +94,7 @@ class RowBands:
     def _trace_edges(
         self, surfaces: Surfaces, traced: TracedLights, rows: slice, inner: slice
     ) -> dict[str, np.ndarray]:
-        """The bits of the sub-pixels of edges."""
+        """Trace refined edges: the bits of their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
         pixels, blocks = self._subpixels(surfaces, rows, inner)
@@ -100,7 +103,10 @@ class RowBands:
             words = [-(-query.samples.shape[1] // 64) for query in needed]
             return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
         g = pixels.gbuffer
-        row = lambda array: picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+
+        def row(array: np.ndarray) -> np.ndarray:
+            return picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+
         gbuffer = g._replace(
             **{name: row(getattr(g, name)) for name in ("position", "normal", "face", "depth", "side")}
         )
@@ -110,14 +116,13 @@ class RowBands:
         return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
 
     def _subpixels(self, surfaces: Surfaces, rows: slice, inner: slice) -> tuple[Surfaces, range]:
-        """The sub-pixels of edges; and the blocks that are the band's own."""
+        """The sub-pixels of edges, and the range of blocks that belong to the band."""
         state, shape = self._state, (self._state.request.camera.height, self._state.request.camera.width)
         band_rows = slice(rows.start + inner.start, rows.start + inner.stop)
         if self._surfaces is None:
             edge = np.zeros(shape, np.bool_)
-            edge[band_rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[
-                inner
-            ]
+            visible = seen_by(surfaces.gbuffer, state.tracer.view)
+            edge[band_rows] = edges(visible, edge_colours(state), state.threads)[inner]
             count = np.count_nonzero(edge)
             return state.tracer.subpixels(edge) if count else surfaces, range(count)
         if self._edges is None:
@@ -134,7 +139,7 @@ class RowBands:
 
 
 def _rows(surfaces: Surfaces, rows: slice) -> Surfaces:
-    """Some rows of a picture of surfaces, as copies."""
+    """Copy some rows of a picture's surfaces."""
     g = surfaces.gbuffer
     gbuffer = g._replace(**{n: getattr(g, n)[rows].copy() for n in ("position", "normal", "face", "depth", "side")})
     return surfaces._replace(gbuffer=gbuffer, ids=surfaces.ids[rows].copy())
