@@ -16,7 +16,7 @@ from ..query.gbuffer import GBuffer
 from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, three_at
-from ..scene.light_lists import DirectionalLights, PointLights
+from ..scene.light_lists import LightList, PointLights
 from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
 
 # --- Terminator of interpolated normals, see docs/design/shading.md ---------------------------------------------------
@@ -354,7 +354,7 @@ def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, leas
 
 def list_irradiance(
     gbuffer: GBuffer,
-    lights: PointLights | DirectionalLights,
+    lights: LightList,
     samples: np.ndarray,
     bits: np.ndarray,
     shading: ShadingNormals | None = None,

@@ -314,7 +314,7 @@ class EngineOptions:
         Option(
             unchecked,
             "str, Plan or None",
-            """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan does not change the bits, unless it
+            """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
             neglects geometry that few rays see, such as ``"bsah+chcrt:20"``. None: ``"auto"``, which chooses the
             methods; ``"bsah+chcrt"`` for a store.""",
             (

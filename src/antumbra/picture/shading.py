@@ -17,7 +17,7 @@ from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, ShadowQuery
 from ..scene.camera import CameraRays, ExplicitRays
-from ..scene.light_lists import DirectionalLights, PointLights
+from ..scene.light_lists import LightList
 from ..scene.lights import Light, is_bounced
 from ..scene.sky import Sky
 from .discontinuity_filter import smooth_irradiance
@@ -52,7 +52,7 @@ def arriving_irradiance(
     - Ambient occlusion: zeros, (H, W) float32.
     - Other lights: (H, W) float32, unshadowed and for intensity 1.
     """
-    if isinstance(light, PointLights | DirectionalLights):
+    if isinstance(light, LightList):
         arrived = list_irradiance(gbuffer, light, query.samples, bits, shading, threads)
         return arrived if surfaces is None or not light.interleave else smooth_irradiance(surfaces, arrived, threads)
     if light.domain == "hemisphere":
@@ -76,7 +76,7 @@ class _Rows(NamedTuple):
 
 @inlined
 def _light_row(rows, normal, up, ambient, start, w, sums):
-    """Add the light of w pixels from pixel `start` on, stored as w reds, w greens, w blues: LLVM vectorises the loops."""
+    """Sum the light of w pixels from pixel `start` on, as w reds, w greens, w blues. LLVM vectorises these loops."""
     for x in range(w):
         open_sky = _ONE
         for k in range(rows.n_skies):
