@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.method_registry import CULLERS
-from ..engine.scene import Scene
+from ..engine.scene import AnyScene
 from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
@@ -37,7 +37,7 @@ class CullingPicture(NamedTuple):
 
 
 def culling_picture(
-    scene: Scene,
+    scene: AnyScene,
     camera: Camera,
     lights: Sequence[Light] | Light,
     culler: str = "grid32",

@@ -228,11 +228,16 @@ def arriving_light(
     request = state.request
     return [
         arriving_irradiance(
-            surfaces.gbuffer, light, query, b, visible if smooths_light(request, light) else None, surfaces.shading,
+            surfaces.gbuffer,
+            light,
+            query,
+            b,
+            visible if smooths_light(request, light) else None,
+            surfaces.shading,
             state.threads,
         )
         for light, query, b in zip(request.lights, *traced)
-    ]  # fmt: skip
+    ]
 
 
 def smooths_light(request: Request, light: Light) -> bool:

@@ -47,9 +47,13 @@ from .shadow_catcher import ShadowCatcher
 
 
 def frame_layers(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares: list[np.ndarray],
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    shares: list[np.ndarray],
     indirect: np.ndarray | None,
-) -> Layers:  # fmt: skip
+) -> Layers:
     """The `Layers` of a frame: shades its surfaces once more for each light."""
     request, ids = state.request, surfaces.ids
     gbuffer, colour = shading_inputs(surfaces)
@@ -176,10 +180,26 @@ def _render_frame(state: FrameState) -> Frame:
     tracer = state.tracer
     methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None)
     return Frame(
-        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counters, finer, indirect,
-        methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,
-        tuple(light_names(request.lights)), backdrop_of(state, surfaces, coverage, ground), layers, ambient, ground,
-    )  # fmt: skip
+        image=image,
+        visibility=visibility,
+        bits=traced.bits,
+        gbuffer=gbuffer,
+        rays=state.rays,
+        timings=state.clock.timings(),
+        counters=counters,
+        refined=finer,
+        indirect=indirect,
+        scheduled=methods.statistics,
+        paging=tracer.paging(),
+        plan=methods.plan,
+        choices=methods.choices,
+        divided=coverage,
+        names=tuple(light_names(request.lights)),
+        backdrop=backdrop_of(state, surfaces, coverage, ground),
+        layers=layers,
+        ambient=ambient,
+        ground=ground,
+    )
 
 
 def evaluate(state: FrameState) -> None:
@@ -285,9 +305,13 @@ def bounce(state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, trac
 
 
 def shade_frame(
-    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights, shares: list[np.ndarray],
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    shares: list[np.ndarray],
     indirect: np.ndarray | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
     If the frame has bounced light, its ambient light is zero, but the ground's ambient light still stands for bounced

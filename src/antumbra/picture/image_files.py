@@ -399,9 +399,15 @@ def _encode(
 
     size = _even(_pixels(pictures[0])).shape[1::-1]
     writer: Any = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec=codec, macro_block_size=1, quality=None, output_params=[*_COLOURS, *options],
+        str(path),
+        size,
+        fps=fps,
+        codec=codec,
+        macro_block_size=1,
+        quality=None,
+        output_params=[*_COLOURS, *options],
         ffmpeg_log_level="error",
-    )  # fmt: skip
+    )
     with closing(writer):
         writer.send(None)
         for k, picture in enumerate(pictures):

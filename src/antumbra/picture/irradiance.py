@@ -297,9 +297,15 @@ def irradiance(
     normal = gbuffer.normal if shading is None else shading.normal
     ticket = new_ticket(out.size, 4096)
     run(
-        _irradiance_kernel, thread_count(threads), ticket, gbuffer.position, normal, gbuffer.side,
-        emitter_of(patch, domain), out,
-    )  # fmt: skip
+        _irradiance_kernel,
+        thread_count(threads),
+        ticket,
+        gbuffer.position,
+        normal,
+        gbuffer.side,
+        emitter_of(patch, domain),
+        out,
+    )
     return out
 
 

@@ -25,7 +25,7 @@ from .render_options import EngineOptions, RenderOptions
 from .renderer import Renderer
 from .traversal_steps import WINDOW, trace_windows
 
-Say = Callable[[str, int, int], object]
+StepCallback = Callable[[str, int, int], object]
 """Progress callback: function of (current step, steps done, total steps)."""
 
 PLAIN, BY_RASTER = RenderOptions(antialias=False), EngineOptions(gbuffer="raster")
@@ -107,9 +107,15 @@ class _ComparedFrame(NamedTuple):
 
 
 def compare(
-    scene: AnyScene, moment: TimeSample, plans: Sequence[str | Plan], options: RenderOptions = PLAIN,
-    engine: EngineOptions = BY_RASTER, *, rounds: int = 5, say: Say | None = None,
-) -> Comparison:  # fmt: skip
+    scene: AnyScene,
+    moment: TimeSample,
+    plans: Sequence[str | Plan],
+    options: RenderOptions = PLAIN,
+    engine: EngineOptions = BY_RASTER,
+    *,
+    rounds: int = 5,
+    say: StepCallback | None = None,
+) -> Comparison:
     """Measure several plans on the same frame.
 
     Parameters
@@ -153,10 +159,10 @@ def compare(
     return Comparison(frame, reference, rays > 0, measurements)
 
 
-def windows_to_pixels(windows: NDArray[np.float64], asks: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(H, W) float64: the value of each pixel's window, or 0 where `asks` is False."""
-    rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
-    return np.where(asks, windows[rows[:, None], columns], 0.0)
+def windows_to_pixels(windows: NDArray[np.float64], has_rays: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(H, W) float64: the value of each pixel's window, or 0 where `has_rays` is False."""
+    rows, columns = (np.arange(n) // WINDOW for n in has_rays.shape)
+    return np.where(has_rays, windows[rows[:, None], columns], 0.0)
 
 
 def compared_plans(plans: Sequence[str | Plan]) -> list[Plan]:
@@ -173,7 +179,7 @@ def compared_plans(plans: Sequence[str | Plan]) -> list[Plan]:
 class _Steps:
     """Reports the steps of a comparison."""
 
-    def __init__(self, say: Say | None, total: int) -> None:
+    def __init__(self, say: StepCallback | None, total: int) -> None:
         self._say, self._done, self._total = say, 0, total
 
     def next(self, text: str) -> None:

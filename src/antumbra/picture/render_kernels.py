@@ -120,9 +120,13 @@ def ground_job() -> Job:
 
 
 def _render_small(
-    plan: Plan, gbuffer: str = "raster", options: RenderOptions = PLAIN, *,
-    view: tuple[Camera, list[Light]] | None = None, textured: bool = False,
-) -> None:  # fmt: skip
+    plan: Plan,
+    gbuffer: str = "raster",
+    options: RenderOptions = PLAIN,
+    *,
+    view: tuple[Camera, list[Light]] | None = None,
+    textured: bool = False,
+) -> None:
     """Render a frame of the small scene; `view`: camera and lights, `textured`: with textures and smooth normals."""
     scene = small_scene(textured)
     engine = Engine(scene, plan, 2, gbuffer=gbuffer)

@@ -42,19 +42,29 @@ class RenderFunction(Protocol[_P]):
     """The type of `render`, whose keywords are the fields of a class."""
 
     def __call__(
-        self, scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None,
-        options: RenderOptions | None = None, progress: Progress | bool | None = None, *args: _P.args,
+        self,
+        scene: SceneLike,
+        camera: Camera | None = None,
+        lights: Sequence[Light] | Light | None = None,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        *args: _P.args,
         **keywords: _P.kwargs,
-    ) -> Frame: ...  # fmt: skip
+    ) -> Frame: ...
 
 
 class FrameFunction(Protocol[_P]):
     """The type of the bound method `Renderer.render`."""
 
     def __call__(
-        self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None,
-        progress: Progress | bool | None = None, *args: _P.args, **keywords: _P.kwargs,
-    ) -> Frame: ...  # fmt: skip
+        self,
+        camera: Camera,
+        lights: Sequence[Light] | Light,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        *args: _P.args,
+        **keywords: _P.kwargs,
+    ) -> Frame: ...
 
 
 class RenderMethod(Protocol[_P]):
@@ -124,9 +134,14 @@ class Renderer:
     @_render_method(RenderOptions)
     @with_quiet_progress
     def render(
-        self, camera: Camera, lights: Sequence[Light] | Light, *, options: RenderOptions | None = None,
-        progress: Progress | bool | None = None, **keywords: Any,
-    ) -> Frame:  # fmt: skip
+        self,
+        camera: Camera,
+        lights: Sequence[Light] | Light,
+        *,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        **keywords: Any,
+    ) -> Frame:
         """Render one frame.
 
         Parameters
@@ -218,9 +233,14 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
 @_render_function(RenderKeywords)
 @with_quiet_progress
 def render(
-    scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
-    options: RenderOptions | None = None, progress: Progress | bool | None = None, **keywords: Any,
-) -> Frame:  # fmt: skip
+    scene: SceneLike,
+    camera: Camera | None = None,
+    lights: Sequence[Light] | Light | None = None,
+    *,
+    options: RenderOptions | None = None,
+    progress: Progress | bool | None = None,
+    **keywords: Any,
+) -> Frame:
     """Render one frame with exact shadows.
 
     A shadow ray is occluded if a triangle intersects its segment strictly between receiver and light sample.

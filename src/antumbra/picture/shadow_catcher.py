@@ -109,11 +109,18 @@ class ShadowCatcher:
         patches = [place(light, state.tracer.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
-                origins, gbuffer.face, gbuffer.side, normals, corners, patch, samples[k], state.request.facing,
+                origins,
+                gbuffer.face,
+                gbuffer.side,
+                normals,
+                corners,
+                patch,
+                samples[k],
+                state.request.facing,
                 gbuffer.face,
             )
             for k, patch in zip(self._chosen, patches)
-        ]  # fmt: skip
+        ]
 
     def _irradiances(
         self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], visible: PictureSurfaces | None

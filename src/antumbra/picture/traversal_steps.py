@@ -192,9 +192,9 @@ def explain_compiled(
         _check_bits(first, trace)
         plan_steps.append(_plan_steps(trace, first.steps.hits, frequent))
     steps = first.steps
-    asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
+    has_rays, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
     frequent_ids = frequent if first.ids is None else first.ids[frequent]
-    return Explanation(asks, rays, blocked, frequent_ids, int(steps.hits[frequent].sum()), plan_steps)
+    return Explanation(has_rays, rays, blocked, frequent_ids, int(steps.hits[frequent].sum()), plan_steps)
 
 
 def _count_plan(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
@@ -265,12 +265,12 @@ def _plan_steps(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) ->
     return PlanSteps(trace.plan, _window_shares(trace.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
 
 
-def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
-    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays (`asks`)."""
-    rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
+def _window_shares(tests: np.ndarray, has_rays: np.ndarray) -> np.ndarray:
+    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays (`has_rays`)."""
+    rows, columns = (np.arange(n) // WINDOW for n in has_rays.shape)
     window = rows[:, None] * tests.shape[1] + columns
-    n = np.bincount(window[asks], minlength=tests.size).reshape(tests.shape)
-    return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
+    n = np.bincount(window[has_rays], minlength=tests.size).reshape(tests.shape)
+    return np.where(has_rays, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
 
 
 def _depths(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:

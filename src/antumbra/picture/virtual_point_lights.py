@@ -23,9 +23,15 @@ from ..scene.triangles import Triangles
 
 
 def virtual_point_lights(
-    scene: SceneLike, light: Light, n: int = 256, seed: int = 0, time: float = 0.0, *, interleave: bool = True,
+    scene: SceneLike,
+    light: Light,
+    n: int = 256,
+    seed: int = 0,
+    time: float = 0.0,
+    *,
+    interleave: bool = True,
     threads: int | None = None,
-) -> PointLights:  # fmt: skip
+) -> PointLights:
     """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
 
     The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, spheres over their
@@ -99,7 +105,7 @@ def _sobol(n: int, seed: int) -> NDArray[np.float64]:
 
 def _emit_photons(
     light: Light, xi: NDArray[np.float64], centre: NDArray[np.float64], radius: float | np.floating
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float | np.floating]:
     """World-space origins (n, 3) and unit directions (n, 3) of the photons, and their total power.
 
     The power follows from the unit of `intensity` in shading: for flat lights candela along the axis, with cosine
