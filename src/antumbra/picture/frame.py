@@ -5,7 +5,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
@@ -30,10 +30,10 @@ PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 class Layers(NamedTuple):
     """The parts of a frame's image. Except at refined edges, they and the ambient light add up to the image."""
 
-    albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
-    lights: list[np.ndarray]  # per light (H, W, 3) float32: the image lit by this light alone, with its shadows
-    indirect: np.ndarray | None  # (H, W, 3) float32: the image lit by bounced light alone; None without `bounce`
-    object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+    albedo: NDArray[np.float32]  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
+    lights: list[NDArray[np.float32]]  # per light (H, W, 3): the image lit by this light alone, with its shadows
+    indirect: NDArray[np.float32] | None  # (H, W, 3): the image lit by bounced light alone; None without `bounce`
+    object: NDArray[np.int32]  # (H, W) int32: index in `Scene.objects`; -1 in the background
 
     @property
     def images(self) -> list[np.ndarray]:
@@ -48,14 +48,14 @@ class Ground(NamedTuple):
     """
 
     height: float  # along the scene's up axis, world space
-    mask: np.ndarray  # (H, W) bool: pixels whose centre sees the ground
-    position: np.ndarray  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
-    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
-    share: np.ndarray  # (H, W, 3) float32: light with shadows over light without, behind the surfaces; 1 elsewhere
+    mask: NDArray[np.bool_]  # (H, W) bool: pixels whose centre sees the ground
+    position: NDArray[np.float32]  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
+    visibility: list[NDArray[np.float32]]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
+    share: NDArray[np.float32]  # (H, W, 3): light with shadows over light without, behind the surfaces; 1 elsewhere
 
     @property
-    def lost(self) -> np.ndarray:
+    def lost(self) -> NDArray[np.float32]:
         """(H, W) float32: the share of the light's luminance that shadows take away; 0 where there is no shadow."""
         return np.float32(1.0) - self.share @ LUMINANCE
 
@@ -63,33 +63,33 @@ class Ground(NamedTuple):
 class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
-    image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 in the background
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 in the background
+    image: NDArray[np.float32]  # (H, W, 3) float32, linear
+    visibility: list[NDArray[np.float32]]  # per light (H, W) in [0, 1]: share of the light seen; 1 in the background
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)): bit s = sample s occluded; 0 in the background
     gbuffer: GBuffer  # the surface that each pixel sees
     rays: int  # shadow rays, including those of bounced light; diffuse rays are not counted
     timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
-    refined: np.ndarray | None = None  # (H, W) bool: refined pixels in penumbrae and at edges; None unless requested
-    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
+    refined: NDArray[np.bool_] | None = None  # (H, W): refined pixels in penumbrae and at edges; None unless requested
+    indirect: NDArray[np.float32] | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
     scheduled: list[dict[str, Any]] | None = None  # CHC+RT only: statistics of each query, see `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
     plan: str = ""  # the methods that ran; for the plan "auto", those that it chose
     choices: list[StrategyChoice] | None = None  # the plan "auto" only: the method of each query, and why it was chosen
-    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel that shows surfaces; None: unsmoothed
+    divided: NDArray[np.float32] | None = None  # (H, W): share of each pixel that shows surfaces; None: unsmoothed
     names: tuple[str, ...] = ()  # unique names of the lights: their own, or their kinds, such as "sun"
-    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: background of a PNG, with shadows
+    backdrop: NDArray[np.float32] | None = None  # (H, W, 3) float32, shares of white: background of a PNG, with shadows
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
-    ambient: np.ndarray | None = None  # (3,) float32: ambient irradiance of surfaces that face up; 0 with `indirect`
+    ambient: NDArray[np.float32] | None = None  # (3,): ambient irradiance of surfaces that face up; 0 with `indirect`
     ground: Ground | None = None  # the shadows on the ground; None unless requested
 
     @property
-    def coverage(self) -> np.ndarray:
+    def coverage(self) -> NDArray[np.float32]:
         """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, or between them at smoothed edges."""
         return self.mask.astype(np.float32) if self.divided is None else self.divided
 
     @property
-    def mask(self) -> np.ndarray:
+    def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool: whether the pixel sees a surface. Elsewhere `visibility` is 1, since nothing hides the light.
 
         ``np.where(frame.mask, frame.visibility[0], np.nan)`` leaves the background out of means and plots.
@@ -162,16 +162,16 @@ class TracedLights(NamedTuple):
     """The queries of all lights, and their bits."""
 
     queries: list[ShadowQuery]  # one per light
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)) uint64
 
 
 class TracedBits(NamedTuple):
     """The occlusion bits and bounced light of a picture."""
 
-    bits: list[np.ndarray]  # per light (H, W, words) uint64
-    finer: list[np.ndarray]  # per light (H, W, words) uint64, in refined penumbrae; empty without refinement
-    edges: list[np.ndarray]  # per light (edges, 4, 4, words) uint64: sub-pixels of edges, row by row
-    indirect: np.ndarray | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
+    bits: list[NDArray[np.uint64]]  # per light (H, W, words) uint64
+    finer: list[NDArray[np.uint64]]  # per light (H, W, words) uint64, in refined penumbrae; empty without refinement
+    edges: list[NDArray[np.uint64]]  # per light (edges, 4, 4, words) uint64: sub-pixels of edges, row by row
+    indirect: NDArray[np.float32] | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
 
 
 class FrameState:
@@ -202,7 +202,7 @@ def queries_of(state: FrameState, surfaces: Surfaces, samples: list[np.ndarray])
     return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
 
 
-def trace_query(state: FrameState, query: ShadowQuery) -> np.ndarray:
+def trace_query(state: FrameState, query: ShadowQuery) -> NDArray[np.uint64]:
     """Trace a query: (h, w, ceil(n / 64)) uint64."""
     return trace_queries(state, [query]).bits[0]
 
@@ -257,7 +257,7 @@ def shade_surfaces(
     shares: list[np.ndarray],
     ambient: np.ndarray,
     indirect: np.ndarray | None = None,
-) -> np.ndarray:
+) -> NDArray[np.float32]:
     """Shade these surfaces: (H, W, 3) float32. The arguments are those of `picture.shading.shade`."""
     up, lights = state.tracer.scene.up, state.request.lights
     return shade(*shading_inputs(surfaces), lights, arrived, shares, ambient, up, indirect, state.threads)
@@ -301,14 +301,14 @@ def shade_unfiltered(
     traced: TracedLights,
     ambient: np.ndarray,
     indirect: np.ndarray | None = None,
-) -> np.ndarray:
+) -> NDArray[np.float32]:
     """Shade these surfaces with unfiltered bits: (H, W, 3) float32."""
     facing = surface_facing(surfaces)
     shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
     return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shares, ambient, indirect)
 
 
-def edge_colours(state: FrameState) -> np.ndarray:
+def edge_colours(state: FrameState) -> NDArray[np.float32]:
     """(n, 3) float32: colours of faces for finding edges; all faces of a textured material have the same colour."""
     colour, appearance = state.tracer.triangles.colour, state.tracer.scene.appearance
     if appearance is None or not state.request.options.textures:

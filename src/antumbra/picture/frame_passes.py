@@ -5,6 +5,7 @@ from itertools import islice
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
@@ -106,7 +107,7 @@ _BLACK = np.zeros(3, np.float32)
 _T = TypeVar("_T")
 
 
-def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, nearest: Nearest) -> np.ndarray:
+def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, nearest: Nearest) -> NDArray[np.float32]:
     """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pixel and pass.
 
     origins : (H, W, 3) float32, the receivers of the surfaces
@@ -289,7 +290,9 @@ def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarra
     return with_known_bits(state, [query], [bits]).bits[0]
 
 
-def bounce(state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights) -> np.ndarray:
+def bounce(
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights
+) -> NDArray[np.float32]:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
     if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)

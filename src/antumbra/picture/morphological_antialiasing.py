@@ -85,9 +85,9 @@ def _cut_rows(ticket, below, right, less, above, under):
 class Mixture(NamedTuple):
     """The pixels at edges, and the weights of their neighbours."""
 
-    pixels: np.ndarray  # (E,) int64: indices in the flat picture
-    others: np.ndarray  # (4, E) int64: the pixels below, above, to the right and to the left
-    shares: np.ndarray  # (4, E) float32: weights of these neighbours; the pixel itself has the remaining weight
+    pixels: NDArray[np.int64]  # (E,) int64: indices in the flat picture
+    others: NDArray[np.int64]  # (4, E) int64: the pixels below, above, to the right and to the left
+    shares: NDArray[np.float32]  # (4, E): weights of these neighbours; the pixel itself has the remaining weight
 
     def of(self, picture: np.ndarray) -> NDArray[np.float32]:
         """(E, ...) float32: the mixed values of a picture (H, W, ...)."""

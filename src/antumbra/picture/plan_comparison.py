@@ -50,7 +50,7 @@ class PlanMeasurement(NamedTuple):
     rays: int  # shadow rays of a frame
     counters: dict[str, int]  # sums over the shadow rays of a frame
     paging: dict[str, int] | None  # stores only: chunks read and evicted in a frame, see `store.chunk_residency.Paging`
-    windows: np.ndarray | None  # (rows, columns) float64: tests per ray, NaN without rays; None: see `_tests_per_ray`
+    windows: NDArray[np.float64] | None  # (rows, columns): tests per ray, NaN without rays; None: see `_tests_per_ray`
     difference: Difference  # to the reference
 
     @property
@@ -76,7 +76,7 @@ class Comparison(NamedTuple):
 
     frame: Frame  # of the reference
     reference: Plan  # the first exact plan, or else the first plan
-    asks: np.ndarray  # (H, W) bool: pixels with shadow rays
+    asks: NDArray[np.bool_]  # (H, W) bool: pixels with shadow rays
     plans: list[PlanMeasurement]
 
     @property

@@ -182,7 +182,7 @@ def _tints(lights: Sequence[Light]) -> NDArray[np.float32]:
     return np.array([s.intensity * np.asarray(s.colour) for s in lights], np.float32).reshape(-1, 3)
 
 
-def _stack(images: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+def _stack(images: Sequence[np.ndarray], shape: tuple[int, ...]) -> NDArray[np.float32]:
     """(k, *shape) float32: the images as one array, even if there are none. A single image is not copied."""
     if len(images) == 1:
         one: np.ndarray = images[0][None]
@@ -196,7 +196,7 @@ BACKDROP = 0.75
 """Share of white in a backdrop where the daylight has a radiance of 1."""
 
 
-def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> np.ndarray:
+def backdrop(rays: CameraRays | ExplicitRays, coverage: np.ndarray, up: str) -> NDArray[np.float32]:
     """(H, W, 3) float32, linear shares of white: soft daylight behind a scene without a sky.
 
     It lights nothing and does not depend on exposure. It is 0 where surfaces cover the whole pixel.
@@ -213,7 +213,9 @@ def skies_of(lights: Sequence[Light]) -> list[Sky]:
     return [light for light in lights if isinstance(light, Sky)]
 
 
-def sky_behind(skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def sky_behind(
+    skies: list[Sky], rays: CameraRays | ExplicitRays, rows: np.ndarray, columns: np.ndarray
+) -> NDArray[np.float32]:
     """(m, 3) float32: the radiance of skies, 0 without skies, at the centres of pixels (rows[i], columns[i])."""
     out = np.zeros((len(rows), 3), np.float32)
     if skies and len(rows):

@@ -7,6 +7,7 @@ trees and the bits of surfaces do not change, and the plane blocks no ray.
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
 from ..query.pixel_refinement import block_means, subpixel_rays
@@ -76,7 +77,7 @@ class ShadowCatcher:
         state.clock.lap("shade")
         return Ground(self._height, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
 
-    def between(self, edge: np.ndarray, pixels: Surfaces) -> np.ndarray:
+    def between(self, edge: np.ndarray, pixels: Surfaces) -> NDArray[np.float32]:
         """(E, 3) float32: `Ground.share` of edge pixels, where they see no surface; `pixels`: their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
@@ -183,7 +184,7 @@ class ShadowCatcher:
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
         return shade(white, _WHITE, self._lights, arrived, arrive, self._ambient, self._up, threads=self._state.threads)
 
-    def _unshadowed_shares(self, gbuffer: GBuffer, light: Light, query: ShadowQuery) -> np.ndarray:
+    def _unshadowed_shares(self, gbuffer: GBuffer, light: Light, query: ShadowQuery) -> NDArray[np.float32]:
         """(H, W) float32: the share of a light's irradiance that arrives without shadows: its part above the ground."""
         boxes, relative = targets_of(query, np.full(3, np.inf))
         lowest = boxes[:, 0, self._plane.axis].min()

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
 from ..engine.engine import Engine
@@ -69,27 +70,27 @@ class Depths(NamedTuple):
     mean: float  # mean depth of the leaves in which this plan's blocked rays end
     median: float  # median of these depths
     deepest: int  # depth of the deepest leaf of the tree
-    histogram: np.ndarray  # (deepest + 1,) int64: blocked rays that end at each depth
+    histogram: NDArray[np.int64]  # (deepest + 1,) int64: blocked rays that end at each depth
 
 
 class PlanSteps(NamedTuple):
     """The traversal steps of one plan. H, W: the camera's height and width."""
 
     plan: Plan
-    boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
+    boxes: NDArray[np.float64]  # (H, W) float64: boxes tested for each pixel's rays
     box_tests: int
     triangle_tests: int
-    classes: np.ndarray | None  # (3,) int64: box tests by `trace.rays.single_rays.CLASSES`; None: tests of bundles
+    classes: NDArray[np.int64] | None  # (3,): box tests by `trace.rays.single_rays.CLASSES`; None: tests of bundles
     depths: Depths
 
 
 class Explanation(NamedTuple):
     """The traversal steps of several plans; all plans give the same bits."""
 
-    asks: np.ndarray  # (H, W) bool: pixels with at least one shadow ray
+    asks: NDArray[np.bool_]  # (H, W) bool: pixels with at least one shadow ray
     rays: int  # shadow rays: samples above the horizon, over all lights
     blocked: int  # blocked rays among them
-    frequent: np.ndarray  # (k,) int64: frequent blockers, the fewest triangles that block half of the blocked rays
+    frequent: NDArray[np.int64]  # (k,): frequent blockers, the fewest triangles that block half of the blocked rays
     frequent_rays: int  # rays blocked by the frequent blockers in the first plan
     plans: list[PlanSteps]
 
@@ -101,7 +102,7 @@ class _CountedTrace(NamedTuple):
     accelerated: Accelerated
     steps: Steps  # counted one ray at a time
     bits: list[np.ndarray]
-    bundles: np.ndarray | None  # (rows, columns, 2) int64: box and triangle tests per window; None: counted per ray
+    bundles: NDArray[np.int64] | None  # (rows, columns, 2): box and triangle tests per window; None: counted per ray
     ids: np.ndarray | None = None  # scene indices of the triangles that `steps` counts; None: all triangles
 
 
@@ -265,7 +266,7 @@ def _plan_steps(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) ->
     return PlanSteps(trace.plan, _window_shares(trace.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
 
 
-def _window_shares(tests: np.ndarray, has_rays: np.ndarray) -> np.ndarray:
+def _window_shares(tests: np.ndarray, has_rays: np.ndarray) -> NDArray[np.float64]:
     """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays (`has_rays`)."""
     rows, columns = (np.arange(n) // WINDOW for n in has_rays.shape)
     window = rows[:, None] * tests.shape[1] + columns
