@@ -169,7 +169,8 @@ def _check_background(background: str | ArrayLike | None) -> str | NDArray[np.fl
     if background is None:
         return None
     if isinstance(background, str):
-        return str(choice(background, "background", ("transparent",)))
+        name: str = choice(background, "background", ("transparent",))
+        return name
     colour = vector(background, "background")
     if not ((colour >= 0.0) & (colour <= 1.0)).all():
         raise InputError(f"background is {quoted(background)}; an sRGB colour has three numbers from 0 to 1")

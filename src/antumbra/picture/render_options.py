@@ -53,7 +53,8 @@ class GBufferBy(StrEnum):
 
 
 def _sampler(value: Any, what: str) -> str:
-    return str(choice(value, what, SAMPLERS))
+    name: str = choice(value, what, SAMPLERS)
+    return name
 
 
 def _side(value: Any, what: str) -> str | None:
