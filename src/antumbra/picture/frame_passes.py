@@ -168,7 +168,7 @@ def _render_frame(state: FrameState) -> Frame:
         indirect = bounce(state, surfaces, visible, traced)
     image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect)
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
-    ground = None if catcher is None else catcher.picture(surfaces)
+    ground = None if catcher is None else catcher.ground(surfaces)
     fill_background(state, surfaces, image, ground)
     layers = frame_layers(state, surfaces, visible, traced, shares, indirect) if request.options.layers else None
     if edge is not None and edge.any():
@@ -404,7 +404,7 @@ def _shade_edges(
     share = block_means(covered, count)
     background = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
     if inputs.catcher is not None and inputs.ground is not None:
-        inputs.ground.share[edge] = dimmed = inputs.catcher.between(edge, pixels)
+        inputs.ground.share[edge] = dimmed = inputs.catcher.edge_shares(edge, pixels)
         background = background * dimmed
     inputs.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * background
     inputs.coverage[edge] = share

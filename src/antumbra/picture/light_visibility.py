@@ -77,17 +77,17 @@ def _share_kernel(ticket, query, bits, facing, out):
             share = 0.0
         elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft):
             patch, n, bend = patch_of(pointers, i), three_at(normals, i), np.float64(0.0)
-            weighs = hidden > 0
+            partial = hidden > 0
             if facing.soft:
                 bend = np.float64(get(bends, i))
                 c, u, v = _edges_of(patch, three_at(pointers.origins, i))
-                weighs = weighs or _may_soften(c, u, v, n, bend)
-            if weighs:
+                partial = partial or _may_soften(c, u, v, n, bend)
+            if partial:
                 share = _weighted_share(pointers, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
         put(shares, i, np.float32(share))
 
 
-def weighs(patch: LightPatch) -> bool:
+def is_weighted(patch: LightPatch) -> bool:
     """Whether the samples of a light are weighted: those of ambient light and of lists count equally."""
     return patch.kind != AMBIENT and not is_list(patch)
 
@@ -103,7 +103,7 @@ def irradiance_shares(
     query, bits : a query and its answer
     """
     spp = query.samples.shape[1]
-    if not weighs(query.light):
+    if not is_weighted(query.light):
         return fraction_lit(bits, spp, threads)
     out = np.empty(query.sides.shape, np.float32)
     run(_share_kernel, thread_count(threads), new_ticket(out.size, 1024), query, bits, facing, out)
@@ -151,7 +151,7 @@ def light_fractions(
 ) -> LightFractions:
     """The visibility of a light, from the bits of its query; filtered if `smooth` and if the light is soft."""
     spp, smooth = query.samples.shape[1], smooth and is_soft(query)
-    if not weighs(query.light):
+    if not is_weighted(query.light):
         fraction = (
             filter_fractions(surfaces, occluded_samples(bits), spp, threads)
             if smooth

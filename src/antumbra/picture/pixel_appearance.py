@@ -49,31 +49,31 @@ class TriangleFrame(NamedTuple):
 
 
 @inlined
-def minus(a, b):
+def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
-def frame_of(corners, i):
+def _triangle_frame(corners, i):
     """The `TriangleFrame` of triangle i; `corners` is a pointer."""
     c0 = three_at(corners, 3 * i)
-    e1, e2 = minus(three_at(corners, 3 * i + 1), c0), minus(three_at(corners, 3 * i + 2), c0)
+    e1, e2 = _minus(three_at(corners, 3 * i + 1), c0), _minus(three_at(corners, 3 * i + 2), c0)
     g = cross(e1, e2)
     return TriangleFrame(e1, e2, g, dot(g, g))
 
 
 @inlined
-def along(frame, d):
+def _weight_changes(frame, d):
     """Changes of the weights of the second and third corner along the vector d."""
     return dot(cross(d, frame.e2), frame.g) / frame.g2, dot(cross(frame.e1, d), frame.g) / frame.g2
 
 
 @inlined
-def weights(frame, corners, i, p):
+def _barycentric_weights(frame, corners, i, p):
     """(b0, b1, b2): barycentric weights of point p of triangle i, clamped to [0, 1]; 1/3 each for zero area."""
     if not frame.g2 > 0.0:
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    b1, b2 = along(frame, minus(p, three_at(corners, 3 * i)))
+    b1, b2 = _weight_changes(frame, _minus(p, three_at(corners, 3 * i)))
     b1 = min(max(b1, 0.0), 1.0)
     b2 = min(max(b2, 0.0), 1.0 - b1)
     return 1.0 - b1 - b2, b1, b2
@@ -269,7 +269,7 @@ def _eye(place: np.ndarray, pixel: float, least: float) -> Eye:
 def _footprint(frame, n, p, eye, depth):
     """The sides of a pixel's footprint around point p, two vectors in the plane of a triangle with unit normal n."""
     size = eye.pixel * depth + eye.least
-    d = minus(p, (eye.x, eye.y, eye.z))
+    d = _minus(p, (eye.x, eye.y, eye.z))
     distance = np.sqrt(dot(d, d))
     towards = dot(d, n)
     a = d[0] - towards * n[0], d[1] - towards * n[1], d[2] - towards * n[2]
@@ -289,7 +289,7 @@ def _footprint(frame, n, p, eye, depth):
 @inlined
 def _in_texture(frame, uv, face, d):
     """Changes of the texture coordinates along the vector d; `uv` is a pointer."""
-    b1, b2 = along(frame, d)
+    b1, b2 = _weight_changes(frame, d)
     s0, t0 = get(uv, 6 * face), get(uv, 6 * face + 1)
     s1, t1 = get(uv, 6 * face + 2) - s0, get(uv, 6 * face + 3) - t0
     s2, t2 = get(uv, 6 * face + 4) - s0, get(uv, 6 * face + 5) - t0
@@ -306,8 +306,8 @@ def _interpolate(values, at, step, b, c):
 def _material_colour(places, face_colours, eye, at, i, k, material):
     """(red, green, blue) of pixel `at`, which sees triangle i, face k of the scene."""
     corners = ptr(places.corners)
-    p, frame = three_at(ptr(places.position), at), frame_of(corners, i)
-    b = weights(frame, corners, i, p)
+    p, frame = three_at(ptr(places.position), at), _triangle_frame(corners, i)
+    b = _barycentric_weights(frame, corners, i, p)
     factors = ptr(face_colours.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
@@ -431,8 +431,8 @@ def _normal_rows(ticket, places, corner_normals, bends, out):
             n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
             if k >= 0:
                 i = np.int64(get(faces, at))
-                frame = frame_of(corners, i)
-                b0, b1, b2 = weights(frame, corners, i, three_at(positions, at))
+                frame = _triangle_frame(corners, i)
+                b0, b1, b2 = _barycentric_weights(frame, corners, i, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
                 m = _evaluate_normal(
                     frame,

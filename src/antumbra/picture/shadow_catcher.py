@@ -48,7 +48,7 @@ class ShadowCatcher:
         self._chosen = [k for k, light in enumerate(state.request.lights) if not is_bounced(light)]
         self._lights = [state.request.lights[k] for k in self._chosen]
 
-    def picture(self, surfaces: Surfaces) -> Ground:
+    def ground(self, surfaces: Surfaces) -> Ground:
         """The ground at pixels whose centre sees no surface."""
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
@@ -77,7 +77,7 @@ class ShadowCatcher:
         state.clock.lap("shade")
         return Ground(self._height, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
 
-    def between(self, edge: np.ndarray, pixels: Surfaces) -> NDArray[np.float32]:
+    def edge_shares(self, edge: np.ndarray, pixels: Surfaces) -> NDArray[np.float32]:
         """(E, 3) float32: `Ground.share` of edge pixels, where they see no surface; `pixels`: their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
@@ -92,8 +92,8 @@ class ShadowCatcher:
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
         facing = facing_of(hits.gbuffer, None)
-        arrive = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
-        lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, arrive, None))
+        shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+        lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, shares, None))
         strength = block_means(hits.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
         )
@@ -110,28 +110,28 @@ class ShadowCatcher:
         patches = [place(light, state.tracer.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
-                origins,
-                gbuffer.face,
-                gbuffer.side,
-                normals,
-                corners,
-                patch,
-                samples[k],
-                state.request.facing,
-                gbuffer.face,
+                origins=origins,
+                faces=gbuffer.face,
+                sides=gbuffer.side,
+                normals=normals,
+                corners=corners,
+                light=patch,
+                samples=samples[k],
+                cull_faces=state.request.facing,
+                ids=gbuffer.face,
             )
             for k, patch in zip(self._chosen, patches)
         ]
 
     def _irradiances(
-        self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], visible: PictureSurfaces | None
+        self, gbuffer: GBuffer, traced: TracedLights, shares: list[np.ndarray], visible: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The light of all lights that arrives, (H, W, 3) float32, and the light that would arrive without shadows."""
         arrived, unshadowed = zip(
             *(self._irradiance(gbuffer, *of_light, visible) for of_light in zip(self._lights, *traced))
         )
         above = [self._unshadowed_shares(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
-        return self._shade(gbuffer, arrived, arrive), self._shade(gbuffer, unshadowed, above)
+        return self._shade(gbuffer, arrived, shares), self._shade(gbuffer, unshadowed, above)
 
     def _irradiance(
         self, gbuffer: GBuffer, light: Light, query: ShadowQuery, bits: np.ndarray, visible: PictureSurfaces | None
@@ -179,10 +179,10 @@ class ShadowCatcher:
             np.broadcast_to(mean, arrived.shape)
         )
 
-    def _shade(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
+    def _shade(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], shares: list[np.ndarray]) -> np.ndarray:
         """Shade the ground as a white surface."""
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
-        return shade(white, _WHITE, self._lights, arrived, arrive, self._ambient, self._up, threads=self._state.threads)
+        return shade(white, _WHITE, self._lights, arrived, shares, self._ambient, self._up, threads=self._state.threads)
 
     def _unshadowed_shares(self, gbuffer: GBuffer, light: Light, query: ShadowQuery) -> NDArray[np.float32]:
         """(H, W) float32: the share of a light's irradiance that arrives without shadows: its part above the ground."""
