@@ -20,7 +20,7 @@ def use() -> None:
     at.render(scene, camera, lights, sppp=16)  # type: ignore[call-arg]
     at.Renderer(scene).render(camera, lights, filter=1.5)  # type: ignore[arg-type]
     assert_type(at.RenderOptions(ground=True).cull_faces, str | None)
-    assert_type(frame.image, np.ndarray)
+    assert_type(frame.image, NDArray[np.float32])
     frame.save("picture.png")
     assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), NDArray[np.bool_])
     assert_type(scene.closest_hit(np.zeros((5, 3)), np.ones((5, 3))), at.Hit)
