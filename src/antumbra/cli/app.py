@@ -70,8 +70,8 @@ class Grouped(TyperCommand):
 def _title(param: Any) -> str:
     if param.param_type_name == "argument":
         return "Arguments"
-    own = getattr(param, "rich_help_panel", None)
-    return own or next((title for title, names in PANELS.items() if param.name in names), "Options")
+    panel = getattr(param, "rich_help_panel", None)
+    return panel or next((title for title, names in PANELS.items() if param.name in names), "Options")
 
 
 # --- The program ``antumbra``: its commands. Each command has a file of its own ---------------------------------------
@@ -118,8 +118,8 @@ app.command("compare", cls=Grouped)(compare.compare)
 app.add_typer(bench.app, name="bench")
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_set: bool) -> None:
+    if is_set:
         from ..version import VERSION as __version__
 
         print(f"antumbra {__version__}")
@@ -159,9 +159,9 @@ _PARAMETER = re.compile(r"(\w+)(?= ('[^']*' |\([^)]*\) )?(is|belongs|needs) )")
 
 def _as_option(message: str, group: Any, arguments: list[str]) -> str:
     """The message of a function that names a parameter, with the option of the command in its place."""
-    found = _PARAMETER.match(message)
+    match = _PARAMETER.match(message)
     command = next((group.commands[word] for word in arguments if word in group.commands), None)
     for param in getattr(command, "params", ()):
-        if found and param.name == found[1] and param.param_type_name == "option":
-            return f"{param.opts[0]}{message[found.end() :]}"
+        if match and param.name == match[1] and param.param_type_name == "option":
+            return f"{param.opts[0]}{message[match.end() :]}"
     return message

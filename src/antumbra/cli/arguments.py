@@ -202,8 +202,8 @@ def parse_camera(text: str) -> int | CameraSpec:
 
 def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     """A camera that is not perspective: its kind, and then its place or nothing."""
-    kind, wanted = CAMERA_KINDS[word], 0 if word == "top" else 3 if word == "ortho" else 2
-    if len(fields) not in (0, wanted):
+    kind, count = CAMERA_KINDS[word], 0 if word == "top" else 3 if word == "ortho" else 2
+    if len(fields) not in (0, count):
         form = next(form for form in CAMERA_FORMS if form.startswith(word))
         raise InputError(f"write {form}: the kind alone, or all that may follow it")
     if not fields:
@@ -213,7 +213,7 @@ def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     return CameraSpec(position, target, kind=kind, extent=extent)
 
 
-def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int], moving: bool = False):
+def make_camera(spec: int | CameraSpec | None, scene, time: float, size: tuple[int, int], moving: bool = False):
     """The camera of a result of `parse_camera`.
 
     None is the scene's first camera, or one that shows the scene if it has none.
@@ -223,23 +223,23 @@ def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[
     fitted_to = None if moving else time
     from ..scene.camera import Camera
 
-    if asked is None and not scene.cameras:
+    if spec is None and not scene.cameras:
         return scene.default_camera(*size, time=fitted_to)
-    if not isinstance(asked, CameraSpec):
-        return scene.camera(asked or 0, time).resized(*size)
-    if asked.position is None:
-        if asked.kind == "panoramic" and scene.cameras:
+    if not isinstance(spec, CameraSpec):
+        return scene.camera(spec or 0, time).resized(*size)
+    if spec.position is None:
+        if spec.kind == "panoramic" and scene.cameras:
             return scene.camera(0, time).resized(*size).panoramic()
-        return scene.default_camera(*size, asked.kind, time=fitted_to)
+        return scene.default_camera(*size, spec.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
-    view = asked.target - asked.position
+    view = spec.target - spec.position
     with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away
         steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)
-    if steep and asked.kind == "panoramic":
+    if steep and spec.kind == "panoramic":
         raise InputError("--camera panorama: its target is straight above or below; it is the heading in the middle")
     if steep:  # the view is straight up or down, so the usual up vector has no direction in the picture
         up = instead
-    return Camera(asked.position, asked.target, up, asked.vfov, *size, projection=asked.kind, extent=asked.extent)
+    return Camera(spec.position, spec.target, up, spec.vfov, *size, projection=spec.kind, extent=spec.extent)
 
 
 def parse_point(text: str, option: str) -> np.ndarray:
@@ -283,13 +283,13 @@ def parse_ambient(text: str):
         )
 
 
-def make_lights(asked: list, scene, time: float) -> list:
+def make_lights(specs: list, scene, time: float) -> list:
     """The lights of results of `parse_light`.
 
     An empty list means the scene's default lights: its own ones, or daylight, or the lamp of a closed room.
     """
-    if asked:
-        return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
+    if specs:
+        return [scene.light(a, time) if isinstance(a, int) else a for a in specs]
     return scene.default_lights(time)
 
 
@@ -323,20 +323,20 @@ def parse_colour(text: str, instead: str) -> np.ndarray:
         raise InputError(f"write a colour such as white, #fa0 or #ffaa00, or {instead}") from None
 
 
-def make_picture_lights(asked: list, sky: "str | Path | np.ndarray | None", scene, time: float) -> list:
+def make_picture_lights(specs: list, sky: "str | Path | np.ndarray | None", scene, time: float) -> list:
     """The lights of a picture: those of results of `parse_light`, and the sky of a result of `parse_sky`.
 
     Without both, they are the scene's default lights.
     """
     from ..scene.sky import Sky
 
-    lights = make_lights(asked, scene, time)
+    lights = make_lights(specs, scene, time)
     if sky is None:
         return lights
     others = [light for light in lights if not isinstance(light, Sky)]
     if isinstance(sky, str):
         return others
-    return [*(others if asked or scene.lights else []), Sky(sky, up=scene.up)]
+    return [*(others if specs or scene.lights else []), Sky(sky, up=scene.up)]
 
 
 def _light(kind: str, fields: list[str], more: dict):
@@ -373,13 +373,13 @@ def _number(text: str, name: str) -> float:
     return _numbers(text, 1, name, "a finite number")[0]
 
 
-def _numbers(text: str, n: int, name: str, wanted: str) -> list[float]:
+def _numbers(text: str, n: int, name: str, requirement: str) -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) != n or not all(map(math.isfinite, values)):
-        raise InputError(f"{name} is {text!r}; it must be {wanted}")
+        raise InputError(f"{name} is {text!r}; it must be {requirement}")
     return values
 
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import open_scene, quietly
 from .console import ProgressDisplay
 from .options import (
@@ -120,7 +119,7 @@ class BakeArguments:
 
 
 @takes(BakeArguments)
-def bake(given: BakeArguments) -> int:
+def bake(args: BakeArguments) -> int:
     """Bake what the surfaces of SCENE receive into a copy of its glTF file.
 
     Everything else in the file stays: nodes, instances, materials, textures, animations. Any other scene is written as
@@ -154,58 +153,58 @@ def bake(given: BakeArguments) -> int:
       antumbra bake city.ply --up z -o city.glb --what sun --light sun:1,0.5,-1
       antumbra bake robot.glb -o robot.glb --attribute _AO --radius 0.5
     """
-    if given.vertex and given.texture is not None:
+    if args.vertex and args.texture is not None:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
-    if given.sky is not None and given.what is not BakedQuantity.light:
+    if args.sky is not None and args.what is not BakedQuantity.light:
         raise InputError("--sky belongs to --what light; leave it out")
-    spec = arguments.parse_scene(given.scene)
-    asked = [arguments.parse_light(text) for text in given.light or []]
+    spec = arguments.parse_scene(args.scene)
+    specs = [arguments.parse_light(text) for text in args.light or []]
 
     from ..jobs.bake.bake_input import BakeSource, check_options, is_gltf
     from ..jobs.bake.bake_job import bake as bake_source
 
-    engine = engine_for(given, given.output)
-    check_options(given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options())
-    with ProgressDisplay(given.quiet) as display:
+    engine = engine_for(args, args.output)
+    check_options(args.what.value, lights=[a for a in specs if not isinstance(a, int)] or None, **args.options())
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
-        lights = _lights(given, asked, scene)
+        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
+        lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
-        start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
+        start, keep = perf_counter(), engine or args.output.with_suffix(".parts")
         with quietly():
-            made = bake_source(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
-        if made is None:
-            return report_shard(engine, given, perf_counter() - start)
-    if given.json:
-        report.print_json(made._asdict())
-    elif not given.quiet:
-        report.print_fields(_fields(made))
+            result = bake_source(source, args.output, args.what.value, lights=lights, keep=keep, **args.options())
+        if result is None:
+            return report_shard(engine, args, perf_counter() - start)
+    if args.json:
+        console.print_json(result._asdict())
+    elif not args.quiet:
+        console.print_fields(_fields(result))
     return 0
 
 
-def _lights(given: BakeArguments, asked: list, scene) -> list | None:
+def _lights(args: BakeArguments, specs: list, scene) -> list | None:
     """The lights that were asked for; None: the bake chooses."""
     from ..scene.lights import AmbientOcclusion
     from ..scene.sky import Sky
 
-    sky = [] if given.sky is None else [AmbientOcclusion(intensity=given.sky)]
-    if not asked and not sky:
+    sky = [] if args.sky is None else [AmbientOcclusion(intensity=args.sky)]
+    if not specs and not sky:
         return None
-    own = arguments.make_lights(asked, scene, given.time) if asked or scene.lights else []
-    return [light for light in own if not isinstance(light, Sky)] + sky
+    lights = arguments.make_lights(specs, scene, args.time) if specs or scene.lights else []
+    return [light for light in lights if not isinstance(light, Sky)] + sky
 
 
-def _fields(made: "Baked") -> Iterator[tuple[str, str]]:
-    yield "file", str(made.path)
-    for path in made.images:
+def _fields(result: "Baked") -> Iterator[tuple[str, str]]:
+    yield "file", str(result.path)
+    for path in result.images:
         yield "image", str(path)
-    where = "texels" if made.attribute is None else f"vertices ({made.attribute})"
-    hidden = f", {made.hidden:,} inside solids" if made.hidden else ""
-    yield made.what, f"{made.receivers:,} {where} in {made.parts:,} parts, {made.mean:.3f} on average{hidden}"
-    if made.exposure != 1.0:
-        yield "exposure", f"{made.exposure:.4g}"
-    if made.seam is not None:
-        yield "seams", f"99 % differ by less than {made.seam:.3f}"
-    trace = made.seconds["trace"]
-    yield "rays", f"{made.rays:,}, {made.rays / max(trace, 1e-9) / 1e6:.1f} million a second"
-    yield "time", ", ".join(f"{name} {report.duration(s)}" for name, s in made.seconds.items())
+    where = "texels" if result.attribute is None else f"vertices ({result.attribute})"
+    hidden = f", {result.hidden:,} inside solids" if result.hidden else ""
+    yield result.what, f"{result.receivers:,} {where} in {result.parts:,} parts, {result.mean:.3f} on average{hidden}"
+    if result.exposure != 1.0:
+        yield "exposure", f"{result.exposure:.4g}"
+    if result.seam is not None:
+        yield "seams", f"99 % differ by less than {result.seam:.3f}"
+    trace = result.seconds["trace"]
+    yield "rays", f"{result.rays:,}, {result.rays / max(trace, 1e-9) / 1e6:.1f} million a second"
+    yield "time", ", ".join(f"{name} {console.duration(s)}" for name, s in result.seconds.items())

@@ -24,7 +24,7 @@ from typer.core import TyperGroup
 from ..errors import InputError
 from ..extras import plugins_of
 from ..files import atomic_output, checked_output
-from . import console as report
+from . import console
 from .arguments import check_plot
 from .console import UNFORESEEN, Record, explained, say
 from .options import Quiet, writes_folder
@@ -52,18 +52,18 @@ class Results:
         self._folder, self._json, self._quiet = folder, as_json, quiet
         self._draws = folder is not None and find_spec("matplotlib") is not None
 
-    def plots(self, asked: Path | None) -> list[Path]:
-        """The files for the plot: `asked`, from --plot, and one in the folder.
+    def plots(self, plot: Path | None) -> list[Path]:
+        """The files for the plot: `plot`, from --plot, and one in the folder.
 
         Raises
         ------
         InputError
-            If `asked` cannot be written, or Matplotlib is missing for it.
+            If `plot` cannot be written, or Matplotlib is missing for it.
         """
-        if asked is not None:
-            check_plot(asked)
-        own = self._folder / f"{self.name}.png" if self._folder and self._draws else None
-        return [path for path in (asked, own) if path is not None]
+        if plot is not None:
+            check_plot(plot)
+        extra = self._folder / f"{self.name}.png" if self._folder and self._draws else None
+        return [path for path in (plot, extra) if path is not None]
 
     def pictures(self) -> Path | None:
         """The folder for further pictures; None if they cannot be drawn, or without --output."""
@@ -78,13 +78,13 @@ class Results:
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:
-            report.print_json(answer)
+            console.print_json(answer)
 
     def _write(self, folder: Path, record: Record, answer: dict) -> None:
         from .installation_commands import about
 
         header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}
-        text = json.dumps(report.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
+        text = json.dumps(console.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
         top = Record(None)
         top.keep_fields((name, str(value)) for name, value in header.items())
         tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"
@@ -102,19 +102,19 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., Non
     """
 
     def wrap(command: Callable[..., None]) -> Callable[..., None]:
-        def run(context: typer.Context, quick: bool, output: Path | None, **given) -> None:
+        def run(context: typer.Context, quick: bool, output: Path | None, **values) -> None:
             if quick:
-                given |= {name: value for name, value in found.quick.items() if not _is_given(context, name)}
+                values |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
             name = context.command.name or ""
             with results_folder(output):
-                command(Results(name, _command_line(context), output, given["json"], given["quiet"]), **given)
+                command(Results(name, _command_line(context), output, values["json"], values["quiet"]), **values)
 
-        found: Any = run
-        found.quick = dict(quick)
-        found.__doc__, found.__name__ = command.__doc__, command.__name__
-        found.__signature__ = inspect.Signature(_parameters(command, quick))
-        found.__annotations__ = {p.name: p.annotation for p in found.__signature__.parameters.values()}
-        return found
+        wrapper: Any = run
+        wrapper.quick = dict(quick)
+        wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
+        wrapper.__signature__ = inspect.Signature(_parameters(command, quick))
+        wrapper.__annotations__ = {p.name: p.annotation for p in wrapper.__signature__.parameters.values()}
+        return wrapper
 
     return wrap
 
@@ -131,13 +131,13 @@ def results_folder(folder: Path | None) -> Iterator[None]:
     if folder is None:
         yield
         return
-    if made := not folder.exists():
+    if is_new := not folder.exists():
         _make(folder)
     try:
         checked_output(folder / "results.md", (".md",))
         yield
     finally:
-        if made:
+        if is_new:
             with suppress(OSError):  # it has files
                 folder.rmdir()
 
@@ -151,7 +151,7 @@ def _make(folder: Path) -> None:
 
 def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[inspect.Parameter]:
     """The parameters that Typer sees: those of the command but `results`, and the new ones before --json."""
-    _, *own = inspect.signature(command).parameters.values()
+    _, *parameters = inspect.signature(command).parameters.values()
     values = ((name, value if isinstance(value, list) else [value]) for name, value in quick.items())
     shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
     option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
@@ -160,9 +160,9 @@ def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[ins
         inspect.Parameter("quick", keyword, default=False, annotation=option),
         inspect.Parameter("output", keyword, default=None, annotation=OutputOption),
     ]
-    at = next(i for i, p in enumerate(own) if p.name == "json")
-    own = [p.replace(kind=keyword) for p in own]
-    return [inspect.Parameter("context", keyword, annotation=typer.Context), *own[:at], *new, *own[at:]]
+    at = next(i for i, p in enumerate(parameters) if p.name == "json")
+    parameters = [p.replace(kind=keyword) for p in parameters]
+    return [inspect.Parameter("context", keyword, annotation=typer.Context), *parameters[:at], *new, *parameters[at:]]
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -245,11 +245,11 @@ def all_(
                 if not quiet:
                     print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
                 start, failed = monotonic(), _run(name, quick, output, quiet)
-                took[name] = "failed after " * failed + report.duration(monotonic() - start)
+                took[name] = "failed after " * failed + console.duration(monotonic() - start)
                 gc.collect()  # scenes of one bench do not stay in memory beside those of the next
         finally:
             if not quiet:
-                report.print_fields(took.items())
+                console.print_fields(took.items())
     return UNFORESEEN if any(text.startswith("failed") for text in took.values()) else 0
 
 

@@ -14,10 +14,7 @@ import typer
 
 from ..errors import InputError
 from ..picture.render_options import GBufferBy
-from . import arguments
-from . import console as report
-from . import picture_report as page
-from . import picture_report as summary
+from . import arguments, console, picture_report
 from .arguments import limit_memory, open_scene
 from .console import UNFORESEEN, ProgressDisplay, say
 from .installation_commands import about
@@ -145,12 +142,12 @@ _NO_MAP = {True: "no map: it chooses a plan for each query", False: "no map: it 
 class ComparisonReport(NamedTuple):
     """A comparison, and what was compared."""
 
-    given: "CompareArguments"
-    asked: "PictureSpec"
+    arguments: "CompareArguments"
+    spec: "PictureSpec"
     scene: "AnyScene"
     load: float  # seconds that reading the scene took
     shot: "Shot"  # its frame is the reference's
-    found: "Comparison"
+    comparison: "Comparison"
     machine: dict[str, str | int]
 
 
@@ -161,21 +158,23 @@ class ComparisonPanels:
     bar : Bar
     """
 
-    def __init__(self, told: ComparisonReport):
+    def __init__(self, report: ComparisonReport):
         from ..picture.heat_maps import Panel, blank, log_scale_of
         from ..picture.plan_comparison import windows_to_pixels
 
-        found = told.found
-        maps = [one.windows for one in found.plans]
+        comparison = report.comparison
+        maps = [one.windows for one in comparison.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
         def drawn(one: "PlanMeasurement") -> np.ndarray:
             if one.windows is None:
-                return blank(found.asks.shape, _NO_MAP[one.plan.tracer.chooses])
-            return scale.colours(windows_to_pixels(one.windows, found.asks), found.asks)
+                return blank(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
+            return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
 
-        self.panels: list[Panel] = [Panel(_rendered(told), (told.scene.name, f"{found.frame.rays:,} shadow rays"))]
-        self.panels += [Panel(drawn(one), (str(one.plan), _label(found, one))) for one in found.plans]
+        self.panels: list[Panel] = [
+            Panel(_rendered(report), (report.scene.name, f"{comparison.frame.rays:,} shadow rays"))
+        ]
+        self.panels += [Panel(drawn(one), (str(one.plan), _label(comparison, one))) for one in comparison.plans]
         self.bar: ColourBar = scale.bar(_CAPTION)
 
     def save(self, path: Path) -> None:
@@ -186,16 +185,16 @@ class ComparisonPanels:
         save_png(sheet(self.panels, self.bar), path)
 
 
-def _rendered(told: ComparisonReport) -> np.ndarray:
+def _rendered(report: ComparisonReport) -> np.ndarray:
     from ..picture.image_files import frame_exposure, screen_picture
 
-    frame, exposure = told.found.frame, told.asked.exposure
+    frame, exposure = report.comparison.frame, report.spec.exposure
     return screen_picture(frame, frame_exposure(frame) if exposure is None else exposure)
 
 
-def _label(found: "Comparison", one: "PlanMeasurement") -> str:
-    total, least = one.medians["total"], found.fastest.medians["total"]
-    return f"{report.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests a ray"
+def _label(comparison: "Comparison", one: "PlanMeasurement") -> str:
+    total, least = one.medians["total"], comparison.fastest.medians["total"]
+    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests a ray"
 
 
 def ratio(value: float, least: float) -> str:
@@ -228,104 +227,104 @@ def extent(one: "PlanMeasurement") -> str:
     return f"{milliseconds(min(totals))}-{milliseconds(max(totals))}"
 
 
-def phases(found: "Comparison") -> list[str]:
+def phases(comparison: "Comparison") -> list[str]:
     """The phases that take time in any plan, and at last "total"."""
-    return [name for name in found.plans[0].medians if any(one.medians[name] > 0.0 for one in found.plans)]
+    return [name for name in comparison.plans[0].medians if any(one.medians[name] > 0.0 for one in comparison.plans)]
 
 
-def counters(found: "Comparison") -> list[tuple[str, list[str]]]:
+def counters(comparison: "Comparison") -> list[tuple[str, list[str]]]:
     """Names, and the counts of each plan; without counts that are 0 in all plans."""
-    rows = [(name, [one.counters[name] for one in found.plans]) for name in found.plans[0].counters]
-    for name in found.plans[0].paging or ():
-        rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in found.plans]))
-    told = [(name.replace("_", " "), [f"{n:,}" for n in counts]) for name, counts in rows if any(counts)]
-    return [*told, ("tests per ray", [number(one.tests_per_ray) for one in found.plans])]
+    rows = [(name, [one.counters[name] for one in comparison.plans]) for name in comparison.plans[0].counters]
+    for name in comparison.plans[0].paging or ():
+        rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in comparison.plans]))
+    changing = [(name.replace("_", " "), [f"{n:,}" for n in counts]) for name, counts in rows if any(counts)]
+    return [*changing, ("tests per ray", [number(one.tests_per_ray) for one in comparison.plans])]
 
 
-def bits(found: "Comparison") -> list[str]:
+def bits(comparison: "Comparison") -> list[str]:
     """Lines that say whether the bits are the same."""
-    differing = [one for one in found.plans if one.difference.pixels]
+    differing = [one for one in comparison.plans if one.difference.pixels]
     if not differing:
         return ["the same by all plans"]
-    lines = [differs(found, one) + ("" if one.plan.tracer.exact else "; it is not exact") for one in differing]
-    return lines if len(found.plans) - len(differing) < 2 else [*lines, "the same by all other plans"]
+    lines = [differs(comparison, one) + ("" if one.plan.tracer.exact else "; it is not exact") for one in differing]
+    return lines if len(comparison.plans) - len(differing) < 2 else [*lines, "the same by all other plans"]
 
 
-def differs(found: "Comparison", one: "PlanMeasurement") -> str:
+def differs(comparison: "Comparison", one: "PlanMeasurement") -> str:
     """How a plan differs from the reference, as text."""
     n, pixels, first = one.difference
     assert first is not None
     return (
-        f"{one.plan} differs from {found.reference}: {n:,} of the bits, {pixels:,} of the pixels, and first the pixel "
+        f"{one.plan} differs from {comparison.reference}: {n:,} bits and {pixels:,} pixels, the first at "
         f"({first[0]}, {first[1]})"
     )
 
 
-def comparison_fields(told: ComparisonReport) -> Iterator[tuple[str, str]]:
+def comparison_fields(report: ComparisonReport) -> Iterator[tuple[str, str]]:
     """The names and values that are printed above the tables."""
-    yield "picture", str(told.given.output)
-    if told.given.html is not None:
-        yield "page", str(told.given.html)
-    yield from picture_rows(told)
-    for line in bits(told.found):
+    yield "picture", str(report.arguments.output)
+    if report.arguments.html is not None:
+        yield "page", str(report.arguments.html)
+    yield from picture_rows(report)
+    for line in bits(report.comparison):
         yield "bits", line
 
 
-def picture_rows(told: ComparisonReport) -> Iterator[tuple[str, str]]:
+def picture_rows(report: ComparisonReport) -> Iterator[tuple[str, str]]:
     """Names and values of the picture that was compared."""
-    scene = told.scene
-    moment = f", at {told.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
-    yield "scene", summary.scene_text(told.asked, scene) + moment
-    yield from summary.view_fields(told.shot)
+    scene = report.scene
+    moment = f", at {report.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
+    yield "scene", picture_report.scene_text(report.spec, scene) + moment
+    yield from picture_report.view_fields(report.shot)
 
 
-def print_tables(told: ComparisonReport) -> None:
+def print_tables(report: ComparisonReport) -> None:
     """Print the medians of the phases, and the counters."""
-    found, names = told.found, phases(told.found)
-    least = found.fastest.medians["total"]
+    comparison, names = report.comparison, phases(report.comparison)
+    least = comparison.fastest.medians["total"]
     rows = [
         (
             str(one.plan), *(milliseconds(one.medians[name]) for name in names), ratio(one.medians["total"], least),
             extent(one), speed(one),
         )
-        for one in found.plans
+        for one in comparison.plans
     ]  # fmt: skip
-    print(f"Milliseconds of a frame, median of {told.given.rounds}")
-    report.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
+    print(f"Milliseconds of a frame, median of {report.arguments.rounds}")
+    console.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
     print("Counters of a frame")
-    head = "", *(str(one.plan) for one in found.plans)
-    report.print_table(head, [(name, *row) for name, row in counters(found)], range(1, len(head)), _WIDTH)
+    head = "", *(str(one.plan) for one in comparison.plans)
+    console.print_table(head, [(name, *row) for name, row in counters(comparison)], range(1, len(head)), _WIDTH)
 
 
-def answer(told: ComparisonReport) -> dict:
+def answer(report: ComparisonReport) -> dict:
     """All fields of ``--json``."""
-    found, asked = told.found, told.asked.record(told.shot.options)
-    del asked["plan"]
+    comparison, settings = report.comparison, report.spec.record(report.shot.options)
+    del settings["plan"]
     return {
-        "output": str(told.given.output),
-        "page": None if told.given.html is None else str(told.given.html),
-        "command": told.given.command(),
-        "machine": told.machine,
-        "scene": summary.scene_answer(told.asked, told.scene),
-        "load": told.load,
-        "camera": report.camera_fields(told.shot.camera),
-        "lights": [report.light_fields(light) for light in told.shot.lights],
-        **asked,
-        "rounds": told.given.rounds,
-        "rays": found.frame.rays,
-        "reference": str(found.reference),
-        "same_bits": not any(one.difference.pixels for one in found.plans),
-        "plans": [_plan_answer(found, one) for one in found.plans],
+        "output": str(report.arguments.output),
+        "page": None if report.arguments.html is None else str(report.arguments.html),
+        "command": report.arguments.command(),
+        "machine": report.machine,
+        "scene": picture_report.scene_answer(report.spec, report.scene),
+        "load": report.load,
+        "camera": console.camera_fields(report.shot.camera),
+        "lights": [console.light_fields(light) for light in report.shot.lights],
+        **settings,
+        "rounds": report.arguments.rounds,
+        "rays": comparison.frame.rays,
+        "reference": str(comparison.reference),
+        "same_bits": not any(one.difference.pixels for one in comparison.plans),
+        "plans": [_plan_answer(comparison, one) for one in comparison.plans],
     }
 
 
-def _plan_answer(found: "Comparison", one: "PlanMeasurement") -> dict:
+def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict:
     rays = one.rays_per_second
     return {
         "plan": str(one.plan),
         "exact": one.plan.tracer.exact,
         "timings": one.medians,
-        "ratio": one.medians["total"] / found.fastest.medians["total"],
+        "ratio": one.medians["total"] / comparison.fastest.medians["total"],
         "rounds": one.seconds,
         "rays": one.rays,
         "mrays_per_second": None if rays is None else rays / 1e6,
@@ -346,32 +345,33 @@ if TYPE_CHECKING:
 _NARROWEST = 300  # least width of a panel, in pixels
 
 
-def save_comparison_page(told: ComparisonReport, panels: ComparisonPanels, path: Path) -> None:
+def save_comparison_page(report: ComparisonReport, panels: ComparisonPanels, path: Path) -> None:
     """Write the page whole or not at all."""
-    found = told.found
-    verdict, plans = " class=bad" if found.wrong else "", [str(one.plan) for one in found.plans]
+    comparison = report.comparison
+    verdict, plans = " class=bad" if comparison.wrong else "", [str(one.plan) for one in comparison.plans]
     parts = [
-        *(f"<p{verdict}>Bits: {escape(line)}.</p>" for line in bits(found)),
+        *(f"<p{verdict}>Bits: {escape(line)}.</p>" for line in bits(comparison)),
         _pictures(panels),
-        f"<h2>Milliseconds of a frame: median of {told.given.rounds}, and ratio to the fastest</h2>",
-        page.html_table(["", *plans], _times(told)),
+        f"<h2>Milliseconds of a frame: median of {report.arguments.rounds}, and ratio to the fastest</h2>",
+        picture_report.html_table(["", *plans], _times(report)),
         "<h2>Counters of a frame</h2>",
-        page.html_table(["", *plans], counters(found)),
+        picture_report.html_table(["", *plans], counters(comparison)),
         "<h2>Picture</h2>",
-        page.html_pairs(picture_rows(told)),
+        picture_report.html_pairs(picture_rows(report)),
         "<h2>Machine</h2>",
-        page.html_pairs((name, str(value)) for name, value in told.machine.items()),
+        picture_report.html_pairs((name, str(value)) for name, value in report.machine.items()),
         "<h2>Command</h2>",
-        f"<pre>{escape(told.given.command())}</pre>",
+        f"<pre>{escape(report.arguments.command())}</pre>",
     ]
-    page.save_page(f"{len(found.plans)} plans on {told.scene.name}", parts, path)
+    picture_report.save_page(f"{len(comparison.plans)} plans on {report.scene.name}", parts, path)
 
 
 def _pictures(panels: ComparisonPanels) -> str:
     """All panels as figures, and the colour bar below them."""
     from ..picture.heat_maps import draw_bar
 
-    bar = f'<img class=bar alt="{escape(panels.bar.caption)}" src="{page.data_url(draw_bar(panels.bar, 1400, 18))}">'
+    url = picture_report.data_url(draw_bar(panels.bar, 1400, 18))
+    bar = f'<img class=bar alt="{escape(panels.bar.caption)}" src="{url}">'
     return "\n".join(["<div class=panels>", *map(_figure, panels.panels), "</div>", bar])
 
 
@@ -379,16 +379,16 @@ def _figure(panel: "Panel") -> str:
     """A panel with its lines below it."""
     title, *more = map(escape, panel.lines)
     width = max(panel.picture.shape[1], _NARROWEST)
-    image = f'<img alt="{title}" src="{page.data_url(panel.picture)}">'
+    image = f'<img alt="{title}" src="{picture_report.data_url(panel.picture)}">'
     caption = f"{title}{''.join(f'<span>{line}</span>' for line in more)}"
     return f'<figure style="max-width: {width}px">{image}<figcaption>{caption}</figcaption></figure>'
 
 
-def _times(told: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
+def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
     """The rows of the phases, of the total, and of the rays per second: names, and cells in HTML."""
-    plans = told.found.plans
+    plans = report.comparison.plans
     medians = [one.medians for one in plans]
-    for name in phases(told.found):
+    for name in phases(report.comparison):
         seconds = [each[name] for each in medians]
         least = min((s for s in seconds if s > 0.0), default=0.0)
         yield name, [f"{escape(milliseconds(s))} <small>{ratio(s, least) if s else ''}</small>" for s in seconds]
@@ -400,7 +400,7 @@ def _times(told: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
 
 
 @takes(CompareArguments)
-def compare(given: CompareArguments) -> int:
+def compare(args: CompareArguments) -> int:
     """Measure plans on the same picture of SCENE, side by side.
 
     The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. Each
@@ -426,36 +426,36 @@ def compare(given: CompareArguments) -> int:
     from ..picture.plan_comparison import compare as compared
     from ..picture.plan_comparison import compared_plans
 
-    asked = given.options()
-    path, page = given.output, given.html
-    plans = compared_plans(given.plan or [])
-    asked.check(*plans)
-    plans = with_sample(plans, asked.srdh_rays)
-    with ProgressDisplay(asked.quiet) as display:
+    spec = args.options()
+    path, page = args.output, args.html
+    plans = compared_plans(args.plan or [])
+    spec.check(*plans)
+    plans = with_sample(plans, spec.srdh_rays)
+    with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        scene = open_scene(asked.spec, asked.up, asked.quiet)
+        scene = open_scene(spec.scene_spec, spec.up, spec.quiet)
         load = perf_counter() - start
-        limit_memory(scene, asked.engine.max_memory)
-        time = scene.clamped(given.time or 0.0)
-        moment = TimeSample(time, asked.view(scene, time), asked.all_lights(scene, time))
+        limit_memory(scene, spec.engine.max_memory)
+        time = scene.clamped(args.time or 0.0)
+        moment = TimeSample(time, spec.view(scene, time), spec.all_lights(scene, time))
         display.say("preparing")
-        options = replace(asked.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
-        found = compared(scene, moment, plans, options, asked.engine, rounds=given.rounds, say=display.say)
+        options = replace(spec.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
+        comparison = compared(scene, moment, plans, options, spec.engine, rounds=args.rounds, say=display.say)
         display.say("writing the picture")
-        shot = Shot(moment.camera, moment.lights, options, found.frame)
-        told = ComparisonReport(
-            given, asked, scene, load, shot, found, {**about(), "threads": thread_count(asked.engine.threads)}
+        shot = Shot(moment.camera, moment.lights, options, comparison.frame)
+        report = ComparisonReport(
+            args, spec, scene, load, shot, comparison, {**about(), "threads": thread_count(spec.engine.threads)}
         )
-        panels = ComparisonPanels(told)
+        panels = ComparisonPanels(report)
         panels.save(path)
         if page is not None:
-            save_comparison_page(told, panels, page)
-    if asked.json:
-        report.print_json(answer(told))
-    elif not asked.quiet:
-        report.print_fields(comparison_fields(told))
-        print_tables(told)
-    for one in found.wrong:
-        say(f"{differs(found, one)}; this is a bug, please report it with the scene and the command")
-    return UNFORESEEN if found.wrong else 0
+            save_comparison_page(report, panels, page)
+    if spec.json:
+        console.print_json(answer(report))
+    elif not spec.quiet:
+        console.print_fields(comparison_fields(report))
+        print_tables(report)
+    for one in comparison.wrong:
+        say(f"{differs(comparison, one)}; this is a bug, please report it with the scene and the command")
+    return UNFORESEEN if comparison.wrong else 0

@@ -33,26 +33,26 @@ class Record(io.TextIOBase):
 
     `report` gives it tables and fields. A line just before a table becomes the table's caption.
 
-    shown : the stream on which all text appears; None: nowhere
+    stream : the stream on which all text appears; None: nowhere
     """
 
-    def __init__(self, shown: TextIO | None):
-        self.shown = shown
+    def __init__(self, stream: TextIO | None):
+        self.stream = stream
         self._blocks: list[str] = []
         self._text = ""  # printed since the last block
 
     def write(self, text: str) -> int:
         self._text += text
-        if self.shown is not None:
-            self.shown.write(text)
+        if self.stream is not None:
+            self.stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        if self.shown is not None:
-            self.shown.flush()
+        if self.stream is not None:
+            self.stream.flush()
 
     def isatty(self) -> bool:
-        return self.shown is not None and self.shown.isatty()
+        return self.stream is not None and self.stream.isatty()
 
     def keep_table(self, headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
         """Keep a table. Columns in `right` hold numbers."""
@@ -148,8 +148,8 @@ def light_fields(light) -> dict:
     kind = {"type": type(light).__name__, **({"name": light.name} if light.name else {})}
     if isinstance(light, Sky):
         digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
-        own = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
-        return {**kind, "map": digest, **own}
+        values = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
+        return {**kind, "map": digest, **values}
     if light.domain == "list":
         return {**kind, "count": len(light.points), "interleave": light.interleave}
     return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
@@ -170,7 +170,7 @@ def _print_rows(table, rows, width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    out = sys.stdout.shown if isinstance(sys.stdout, Record) else sys.stdout
+    out = sys.stdout.stream if isinstance(sys.stdout, Record) else sys.stdout
     if out is None:
         return
     for row in rows:
@@ -251,9 +251,9 @@ class ProgressDisplay:
 
         All runs together are piece `index` of `of` pieces.
         """
-        made = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
-        assert made is not None
-        return made
+        progress = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
+        assert progress is not None
+        return progress
 
     def _start(self) -> None:
         from rich.console import Console
@@ -392,9 +392,9 @@ def _usage(error) -> str:
     said = error.format_message().rstrip(".")
     option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
     for pattern, words in _WORDS:
-        found = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
-        if found and option:
-            return f"{option}{_given(error)}; {found.expand(words)}"
+        match = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
+        if match and option:
+            return f"{option}{_given(error)}; {match.expand(words)}"
     return said
 
 

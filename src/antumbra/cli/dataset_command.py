@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
 from .console import ProgressDisplay, say
 from .options import (
@@ -115,7 +114,7 @@ class _Parsed(NamedTuple):
 
 
 @takes(DatasetArguments)
-def dataset(given: DatasetArguments) -> int:
+def dataset(args: DatasetArguments) -> int:
     """Render a data set of SCENE: for each camera a multi-layer EXR and a mask of each light's shadow.
 
     Without cameras or lights, the file's are used, or one of each that suits the scene. Cameras are numbered in the
@@ -133,64 +132,64 @@ def dataset(given: DatasetArguments) -> int:
       antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
       antumbra dataset room.glb -o room --random 1000 --shard 0/4
     """
-    asked = given.parsed()
+    parsed = args.parsed()
 
-    with ProgressDisplay(given.quiet) as display:
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(asked.spec, None if given.up is None else given.up.value, given.quiet)
-        limit_memory(scene, asked.memory)
+        scene = open_scene(parsed.spec, None if args.up is None else args.up.value, args.quiet)
+        limit_memory(scene, parsed.memory)
         display.say("preparing")
         try:
-            made = _made(given, asked, scene, display)
+            result = _made(args, parsed, scene, display)
         except KeyboardInterrupt:
             say("frames that are finished stay; the same command goes on from there")
             raise
-        if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
+        if args.sheet is not None and (parsed.shard is None or parsed.shard.index == 0):
             from ..jobs.dataset.dataset_files import contact_sheet
             from ..picture.image_files import save_png
 
-            save_png(contact_sheet(made.folder), given.sheet)
-    if given.json:
-        report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
-    elif not given.quiet:
-        report.print_fields(_fields(made, scene, asked.shard))
+            save_png(contact_sheet(result.folder), args.sheet)
+    if args.json:
+        console.print_json({**result._asdict(), "folder": str(result.folder), "scene": scene.name})
+    elif not args.quiet:
+        console.print_fields(_fields(result, scene, parsed.shard))
     return 0
 
 
-def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+def _made(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
     from ..jobs.dataset.dataset_job import dataset as make
 
-    own = asked.ambient and not given.random_lights  # the scene's lights stay if only ambient light is added
-    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights or own else []
+    keeps_lights = parsed.ambient and not args.random_lights  # the scene's lights stay if only ambient light is added
+    lights = arguments.make_lights(parsed.lights, scene, args.time) if parsed.lights or keeps_lights else []
     return make(
         scene,
-        given.output,
-        [arguments.make_camera(camera, scene, given.time, asked.size) for camera in asked.cameras] or None,
-        lights + asked.ambient or None,
-        orbit=given.orbit,
-        random=given.random,
-        random_lights=given.random_lights,
-        seed=given.seed,
-        size=asked.size,
-        spp=given.spp,
-        sampler=given.sampler,
-        time=given.time,
-        plan=given.plan,
-        threads=given.threads,
-        max_memory=asked.memory,
-        keep=engine_for(given, given.output),
-        overwrite=given.overwrite,
+        args.output,
+        [arguments.make_camera(camera, scene, args.time, parsed.size) for camera in parsed.cameras] or None,
+        lights + parsed.ambient or None,
+        orbit=args.orbit,
+        random=args.random,
+        random_lights=args.random_lights,
+        seed=args.seed,
+        size=parsed.size,
+        spp=args.spp,
+        sampler=args.sampler,
+        time=args.time,
+        plan=args.plan,
+        threads=args.threads,
+        max_memory=parsed.memory,
+        keep=engine_for(args, args.output),
+        overwrite=args.overwrite,
         progress=display.say,
     )
 
 
-def _fields(made: "Dataset", scene: "AnyScene", shard: "ShardIndex | None") -> Iterator[tuple[str, str]]:
-    yield "data set", str(made.folder / "manifest.json")
+def _fields(result: "Dataset", scene: "AnyScene", shard: "ShardIndex | None") -> Iterator[tuple[str, str]]:
+    yield "data set", str(result.folder / "manifest.json")
     yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
-    yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"
-    found = f", {made.finished:,} were finished" if made.finished else ""
+    yield "frames", f"{result.frames:,}, each with {result.lights} light{'s' * (result.lights != 1)}"
+    finished = f", {result.finished:,} were finished" if result.finished else ""
     part = "" if shard is None else f" (shard {shard})"
-    yield "rendered", f"{made.rendered:,}{found}{part}"
-    if not made.complete:
+    yield "rendered", f"{result.rendered:,}{finished}{part}"
+    if not result.complete:
         yield "", "other shards have frames to render; the last one completes the manifest"
-    yield "time", report.duration(made.seconds)
+    yield "time", console.duration(result.seconds)

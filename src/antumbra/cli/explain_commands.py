@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import in_memory, limit_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
@@ -138,15 +137,15 @@ def explain(
         display.say("writing the picture")
         save_png(_picture(explanation), path)
     if json:
-        asked = {
+        settings = {
             "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
-            "before": before, "camera": report.camera_fields(moments[-1].camera),
-            "lights": [report.light_fields(light) for light in moments[-1].lights], "spp": spp,
-            "srdh_rays": None if asked_rays is None else report.srdh_rays_fields(asked_rays), "threads": threads,
+            "before": before, "camera": console.camera_fields(moments[-1].camera),
+            "lights": [console.light_fields(light) for light in moments[-1].lights], "spp": spp,
+            "srdh_rays": None if asked_rays is None else console.srdh_rays_fields(asked_rays), "threads": threads,
         }  # fmt: skip
-        report.print_json({**asked, **_answer(explanation)})
+        console.print_json({**settings, **_answer(explanation)})
     elif not quiet:
-        report.print_fields(
+        console.print_fields(
             [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(explanation)]
         )
         _print_tables(explanation)
@@ -221,11 +220,11 @@ def _print_tables(explanation: "Explanation") -> None:
         for one in explanation.plans
     ]  # fmt: skip
     print("Steps for each ray")
-    report.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
+    console.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
     depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
     print("Boxes from the root to a leaf")
     head = "plan", "frequent blockers", "where rays end: mean", "median", "deepest leaf"
-    report.print_table(head, depths, range(1, 5), _WIDTH)
+    console.print_table(head, depths, range(1, 5), _WIDTH)
 
 
 def _classes(explanation: "Explanation", one: "PlanSteps") -> list[str]:
@@ -298,32 +297,33 @@ def culling(
         view = arguments.make_camera(asked_camera, opened, time, width_height)
         lights = arguments.make_lights(asked_lights, opened, time)
         display.say("preparing")
-        shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
+        picture = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
         display.say("writing the picture")
-        save_png(to_srgb8(shown.image, 1.0), path)
-    share = shown.kept / max(1, opened.n_triangles)
+        save_png(to_srgb8(picture.image, 1.0), path)
+    share = picture.kept / max(1, opened.n_triangles)
     answer = {
         "output": str(path),
         "culler": culler,
         "triangles": opened.n_triangles,
-        "kept": shown.kept,
+        "kept": picture.kept,
         "share": share,
-        "cells": shown.cells,
-        "marked": shown.marked,
-        "sources": shown.sources,
-        "targets": shown.targets,
-        "seconds": shown.seconds,
+        "cells": picture.cells,
+        "marked": picture.marked,
+        "sources": picture.sources,
+        "targets": picture.targets,
+        "seconds": picture.seconds,
     }
     if json:
-        report.print_json(answer)
+        console.print_json(answer)
     elif not quiet:
-        report.print_fields(
+        cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
+        cells += f"and {picture.targets:,} of lights"
+        console.print_fields(
             [
                 ("picture", str(path)),
                 ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
-                ("left", f"{shown.kept:,} triangles, {100 * share:.3g} %"),
-                ("cells", f"{shown.marked:,} of {shown.cells:,} marked, between {shown.sources:,} boxes of receivers "
-                          f"and {shown.targets:,} of lights"),
-                ("time", report.duration(shown.seconds)),
+                ("left", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
+                ("cells", cells),
+                ("time", console.duration(picture.seconds)),
             ]
-        )  # fmt: skip
+        )

@@ -19,7 +19,7 @@ from typing import Annotated, Any
 import typer
 
 from ..version import VERSION as __version__
-from . import console as report
+from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet
 
@@ -28,11 +28,11 @@ from .options import Json, Quiet
 
 def about() -> dict[str, str | int]:
     """Name -> version, commit, or part of the machine. `commit` is there only in a checkout of git."""
-    found: dict[str, str | int] = {"antumbra": __version__}
+    facts: dict[str, str | int] = {"antumbra": __version__}
     if commit := _commit():
-        found["commit"] = commit
-    found |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
-    return found | {"system": f"{platform.system()} {platform.release()}", **_machine()}
+        facts["commit"] = commit
+    facts |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
+    return facts | {"system": f"{platform.system()} {platform.release()}", **_machine()}
 
 
 def _machine() -> dict[str, str | int]:
@@ -107,7 +107,7 @@ def doctor(
       antumbra doctor --ray auto
     """
 
-    found: dict[str, Any] = {
+    results: dict[str, Any] = {
         **about(),
         **_versions(),
         **_memory(),
@@ -116,12 +116,12 @@ def doctor(
         "check": _check(),
     }
     if ray is not None:
-        found["nodes"] = _nodes(ray)
+        results["nodes"] = _nodes(ray)
     if json:
-        report.print_json(found)
+        console.print_json(results)
     else:
-        report.print_fields(_lines(found))
-    if not found["check"]["right"]:
+        console.print_fields(_lines(results))
+    if not results["check"]["right"]:
         raise typer.Exit(1)
 
 
@@ -163,20 +163,20 @@ def _kernels() -> dict:
     from ..kernels.toolchain import kernel_manifest as needs
     from ..kernels.toolchain.kernel_cache import user_cache
 
-    wanted, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
+    kernels, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
     above = next(path for path in (folder, *folder.parents) if path.exists())
-    missing = len(missing_of(wanted))
+    missing = len(missing_of(kernels))
     return {
         "folder": str(folder),
         "writable": os.access(above, os.W_OK),
-        "compiled": len(wanted) - missing,
+        "compiled": len(kernels) - missing,
         "missing": missing,
     }
 
 
 def _extras() -> dict[str, dict[str, str | None]]:
     """Extra -> its packages with their versions; None: not installed."""
-    found: dict[str, dict[str, str | None]] = {}
+    extras: dict[str, dict[str, str | None]] = {}
     for line in importlib.metadata.requires("antumbra") or []:
         match = _EXTRA.match(line)
         if match is None or match[2] in _FOR_DEVELOPERS or match[1] == "antumbra":
@@ -185,8 +185,8 @@ def _extras() -> dict[str, dict[str, str | None]]:
             version = importlib.metadata.version(match[1])
         except importlib.metadata.PackageNotFoundError:
             version = None
-        found.setdefault(match[2], {})[match[1]] = version
-    return found
+        extras.setdefault(match[2], {})[match[1]] = version
+    return extras
 
 
 def _check() -> dict:
@@ -200,27 +200,27 @@ def _check() -> dict:
     sides = np.where(np.arange(1000) % 2, 1.0, -1.0)
     points = np.column_stack([sides, np.random.default_rng(1).uniform(-5.0, 5.0, (1000, 2))])
     lamps = [PointLight((2, 0, 0)), PointLight((-2, 0, 0))]
-    seen = visibility(Scene.from_arrays(wall), points, lamps, spp=1).seen
-    right = bool((seen == np.column_stack([sides > 0, sides < 0])).all())
+    bits = visibility(Scene.from_arrays(wall), points, lamps, spp=1).seen
+    right = bool((bits == np.column_stack([sides > 0, sides < 0])).all())
     scene = procedural("atrium", triangles=20_000)
     frame = render(scene, scene.cameras[0].resized(256, 256))
     speed = frame.rays / frame.timings["trace"] / 1e6
     return {"right": right, "mrays_per_second": speed, "plan": frame.plan, "seconds": perf_counter() - start}
 
 
-def _lines(found: dict) -> Iterator[tuple[str, str]]:
-    kernels, check = found["kernels"], found["check"]
-    for name, value in found.items():
+def _lines(results: dict) -> Iterator[tuple[str, str]]:
+    kernels, check = results["kernels"], results["check"]
+    for name, value in results.items():
         if name not in ("kernels", "extras", "check", "nodes"):
             yield name, str(value)
     cure = "; antumbra warmup compiles the rest" if kernels["missing"] else ""
     yield "kernels", f"{kernels['compiled']} compiled, {kernels['missing']} missing{cure}"
     yield "", kernels["folder"] + ("" if kernels["writable"] else " (not writable: set ANTUMBRA_CACHE to a folder)")
-    for extra, packages in found["extras"].items():
+    for extra, packages in results["extras"].items():
         lacking = [name for name, version in packages.items() if version is None]
         there = ", ".join(f"{name} {version}" for name, version in packages.items() if version is not None)
         yield f"[{extra}]", there if not lacking else f"pip install 'antumbra[{extra}]' adds {', '.join(lacking)}"
-    for node in found.get("nodes", []):
+    for node in results.get("nodes", []):
         yield "node", _node_text(node)
     verdict = "right" if check["right"] else "WRONG: please report this"
     yield "query", f"1000 points, 2 lamps: {verdict}"
@@ -259,20 +259,20 @@ def warmup(
     from ..kernels.toolchain.kernel_cache import user_cache
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    wanted = all_jobs(plans)
+    jobs = all_jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
-        compiled = precompile_all(wanted)
+        compiled = precompile_all(jobs)
         measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
-        names = [job.name for job in wanted]
-        report.print_json(
+        names = [job.name for job in jobs]
+        console.print_json(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
         print(
-            f"kernels of {len(wanted)} jobs are ready, {compiled} of them new, in {folder} ({report.duration(seconds)})"
+            f"kernels of {len(jobs)} jobs are ready, {compiled} of them new, in {folder} ({console.duration(seconds)})"
         )
 
 
@@ -311,11 +311,11 @@ def plans(
     ]
     if json:
         written = [str(plan) for plan in all_plans(papers)]
-        report.print_json({"methods": methods, "plans": written, "default": DEFAULT_PLAN})
+        console.print_json({"methods": methods, "plans": written, "default": DEFAULT_PLAN})
         return
-    report.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
+    console.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
     order = "+".join(kind for kind, _ in KINDS.values())
-    report.print_fields(
+    console.print_fields(
         [
             ("a plan", f"{order}, of which only builder and tracer are needed; no builder for cones, or for auto"),
             ("default", DEFAULT_PLAN),

@@ -28,7 +28,7 @@ from .arguments import parse_point
 TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
 """Suffixes of tables: those of `jobs.result_table.WRITERS`, which is slow to import."""
 
-_GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
+_OUTPUTS = "antumbra.outputs"  # in the context of the command: the outputs so far
 
 
 def writes(*suffixes: str | Callable[[], Any]) -> Callable:
@@ -98,10 +98,10 @@ def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -
 
 def _once(context: typer.Context, path: Path) -> None:
     """Raise an InputError if two options, or one option twice, name the same file."""
-    given, real = context.meta.setdefault(_GIVEN, set()), os.path.realpath(path)
-    if real in given:
+    paths, real = context.meta.setdefault(_OUTPUTS, set()), os.path.realpath(path)
+    if real in paths:
         raise InputError(f"{path}: is named twice; give each output a name of its own")
-    given.add(real)
+    paths.add(real)
 
 
 # --- Options of commands that are made of the fields of `RenderOptions` and `EngineOptions` ---------------------------
@@ -158,15 +158,17 @@ def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> An
     starts : values if nothing is written, where the command has others
     """
     start = lambda each: starts.get(each.name, each.start)
-    own = [each for each in derived_options(kind) if command in each.words.commands]
-    made = [(each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in own]
-    return make_dataclass(f"Options of {command}", made, frozen=True, kw_only=True)
+    options = [each for each in derived_options(kind) if command in each.words.commands]
+    members = [
+        (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
+    ]
+    return make_dataclass(f"Options of {command}", members, frozen=True, kw_only=True)
 
 
-def literal(given: Any, kind: type) -> dict[str, Any]:
+def literal(arguments: Any, kind: type) -> dict[str, Any]:
     """Name -> value of the fields of a class whose options say the value itself, and were written or have a default."""
-    found = {each.name: getattr(given, each.name) for each in derived_options(kind) if each.words.literal}
-    return {name: _value(word) for name, word in found.items() if word is not None}
+    values = {each.name: getattr(arguments, each.name) for each in derived_options(kind) if each.words.literal}
+    return {name: _value(word) for name, word in values.items() if word is not None}
 
 
 def _value(word: Any) -> Any:
@@ -243,18 +245,18 @@ def takes(arguments: type) -> Callable:
         return inspect.Parameter.empty if field.default is MISSING else field.default
 
     def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
-        def run(**given) -> int:
-            return command(arguments(**given))
+        def run(**values) -> int:
+            return command(arguments(**values))
 
-        found: Any = run
-        kind, shown = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
-        found.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in shown]
+        wrapper: Any = run
+        kind, members = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
+        wrapper.__signature__ = inspect.Signature(
+            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in members]
         )
-        found.__annotations__ = {f.name: f.type for f in shown}
-        found.__doc__, found.__name__ = command.__doc__, command.__name__
-        found.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
-        return found
+        wrapper.__annotations__ = {f.name: f.type for f in members}
+        wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
+        wrapper.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
+        return wrapper
 
     return wrap
 
@@ -364,14 +366,14 @@ TimezoneOption = Annotated[
 ]
 
 
-def points_or_file(given: list[str] | None, file: Path | None, one: str, many: str):
+def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str):
     """The sensors of a repeated option X,Y,Z, or of a file; None if there are neither."""
-    if given and file is not None:
+    if texts and file is not None:
         raise InputError(f"{one} and {many} exclude each other; give one of them")
-    if given:
+    if texts:
         from ..jobs.sensors import point_sensors
 
-        return point_sensors([parse_point(text, one) for text in given])
+        return point_sensors([parse_point(text, one) for text in texts])
     if file is None:
         return None
     from ..jobs.sensor_files import SUFFIXES, read_points

@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
-from . import console as report
+from . import console
 
 # --- Pages of results: one HTML file that holds its pictures, and needs nothing else ----------------------------------
 
@@ -103,15 +103,15 @@ def save_picture(
     return SavedPicture(path, exposure, perf_counter() - start)
 
 
-def picture_answer(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture) -> dict:
+def picture_answer(spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture) -> dict:
     """The fields of ``--json`` for a single picture."""
-    return {"scene": scene_answer(asked, scene), **asked.record(shot.options), "load": load, **shot_answer(shot, saved)}
+    return {"scene": scene_answer(spec, scene), **spec.record(shot.options), "load": load, **shot_answer(shot, saved)}
 
 
-def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
+def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict:
     """The fields of ``--json`` for the scene."""
     return {
-        "source": asked.source,
+        "source": spec.source,
         "name": scene.name,
         "triangles": scene.n_triangles,
         "duration": scene.duration,
@@ -123,16 +123,16 @@ def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
 def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
     """The fields of ``--json`` for a single picture, or for one frame of an animation."""
     frame = shot.frame
-    seen = frame.mask
+    mask = frame.mask
     return {
         "output": str(saved.path),
         "time": shot.time,
-        "camera": report.camera_fields(shot.camera),
-        "lights": [report.light_fields(light) for light in shot.lights],
+        "camera": console.camera_fields(shot.camera),
+        "lights": [console.light_fields(light) for light in shot.lights],
         "ground": None if frame.ground is None else frame.ground.height,
         "exposure": saved.exposure,
-        "seen": int(seen.sum()),
-        "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
+        "seen": int(mask.sum()),
+        "lit": [float(v[mask].mean()) if mask.any() else None for v in frame.visibility],
         "refined": None if frame.refined is None else _refined(frame),
         "rays": frame.rays,
         "mrays_per_second": _speed(frame),
@@ -148,37 +148,37 @@ def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
 
 
 def picture_fields(
-    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
 ) -> Iterator[tuple[str, str]]:
     """The names and values that are printed for a single picture."""
     frame = shot.frame
     yield "picture", str(saved.path)
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
-    yield "scene", scene_text(asked, scene) + moment
-    yield from shot_fields(asked, shot)
+    yield "scene", scene_text(spec, scene) + moment
+    yield from shot_fields(spec, shot)
     phases = {"load": load, **frame.timings, "save": saved.seconds}
     frame_seconds = phases.pop("total")
     yield "time", phases_text(phases)
-    yield "frame", f"{report.duration(frame_seconds)} without load and save"
+    yield "frame", f"{console.duration(frame_seconds)} without load and save"
     for name, value in (frame.counters or {}).items():
         yield name.replace("_", " "), f"{value:,}"
     if frame.counters is not None:
         yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
 
 
-def scene_text(asked: "PictureSpec", scene: "AnyScene") -> str:
-    return f"{asked.source}, {scene.n_triangles:,} triangles"
+def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
+    return f"{spec.source}, {scene.n_triangles:,} triangles"
 
 
 def phases_text(seconds: dict[str, float]) -> str:
     """The seconds of each phase as text, without phases that did not happen."""
-    return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
+    return ", ".join(f"{name} {console.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
-def shot_fields(asked: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
+def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
     yield from view_fields(shot, _speed(shot.frame))
-    yield "plan", ran_text(asked.engine.plan, shot.frame)
+    yield "plan", ran_text(spec.engine.plan, shot.frame)
     if shot.frame.paging is not None:
         paging = shot.frame.paging
         yield (
@@ -194,7 +194,7 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
     """The names and values from the camera to the rays; `speed`: million rays a second."""
     camera, frame, options = shot.camera, shot.frame, shot.options
     spp = options.spp
-    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    yield "camera", f"{camera.width}x{camera.height} from {console.vector(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
         yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture sees it, by its shadows alone"
@@ -265,21 +265,25 @@ def print_choices(shot: "Shot", triangles: int) -> None:
     built, builder = frame.timings["build"], parse_plan(frame.plan).build
     rows = []
     if builder in machine_rates().builds:
-        predicted = report.duration(build_seconds(builder, triangles))
-        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, report.duration(built)))
+        predicted = console.duration(build_seconds(builder, triangles))
+        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, console.duration(built)))
     names = [type(light).__name__ for light in shot.lights]
     for i, choice in enumerate(frame.choices):
-        times = report.duration(choice.predicted), report.duration(choice.seconds)
-        way = choice.way + ", sorted" * choice.sorted
-        rows.append((names[i] if i < len(names) else "more rays", f"{choice.rays:,}", way, _reason(choice), *times))
+        times = console.duration(choice.predicted), console.duration(choice.seconds)
+        strategy = choice.way + ", sorted" * choice.sorted
+        rows.append(
+            (names[i] if i < len(names) else "more rays", f"{choice.rays:,}", strategy, _reason(choice), *times)
+        )
     head = ("query", "rays", "method", "why", "predicted", "measured")
-    report.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
+    console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
 def _reason(choice: "StrategyChoice") -> str:
     if choice.reason != "sample":
         return _REASONS[choice.reason]
-    of_ray = ", ".join(f"{way} {ns:.3g}" for way, ns in sorted(choice.tried.items(), key=lambda item: item[1]))
+    of_ray = ", ".join(
+        f"{strategy} {ns:.3g}" for strategy, ns in sorted(choice.tried.items(), key=lambda item: item[1])
+    )
     return f"a sample: {of_ray} ns a ray"
 
 
@@ -292,20 +296,20 @@ if TYPE_CHECKING:
 
 
 def save_render_page(
-    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
 ) -> None:
     """Write the page whole or not at all."""
     from ..picture.image_files import frame_exposure, screen_picture
     from .installation_commands import about
 
     frame = shot.frame
-    exposure = asked.exposure if asked.exposure is not None else frame_exposure(frame)
+    exposure = spec.exposure if spec.exposure is not None else frame_exposure(frame)
     width = frame.image.shape[1]
-    picture = data_url(screen_picture(frame, exposure, asked.behind))
+    picture = data_url(screen_picture(frame, exposure, spec.behind))
     parts = [
         f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
         "<h2>Picture</h2>",
-        html_pairs(_facts(asked, scene, shot, saved, exposure)),
+        html_pairs(_facts(spec, scene, shot, saved, exposure)),
         "<h2>Lights</h2>",
         html_table(["", "kind", "share lit", "intensity"], _lights(shot)),
         "<h2>Milliseconds</h2>",
@@ -316,20 +320,20 @@ def save_render_page(
         parts += ["<h2>Counters of shadow rays</h2>", html_table(["", ""], rows)]
     parts += [
         "<h2>Settings</h2>",
-        html_pairs((name, str(v)) for name, v in report.plain(asked.record(shot.options)).items()),
+        html_pairs((name, str(v)) for name, v in console.plain(spec.record(shot.options)).items()),
     ]
     parts += ["<h2>Machine</h2>", html_pairs((name, str(value)) for name, value in about().items())]
     parts += ["<h2>Command</h2>", f"<pre>{escape(shlex.join(['antumbra', *sys.argv[1:]]))}</pre>"]
     save_page(f"{scene.name}: {width}x{frame.image.shape[0]}", parts, path)
 
 
-def _facts(asked, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> Iterator[tuple[str, str]]:
-    yield "scene", scene_text(asked, scene)
+def _facts(spec, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> Iterator[tuple[str, str]]:
+    yield "scene", scene_text(spec, scene)
     yield "file", str(saved.path)
     yield "exposure", f"{exposure:.4g}"
     if scene.animated:
         yield "time", f"{shot.time:g} of {scene.duration:g} s"
-    yield from shot_fields(asked, shot)
+    yield from shot_fields(spec, shot)
     for note in scene.notes:
         yield "left out", note
 
@@ -337,8 +341,8 @@ def _facts(asked, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> 
 def _lights(shot: "Shot") -> Iterator[tuple[str, list[str]]]:
     """One row for each light: the share of it that the surfaces of the picture see."""
     frame = shot.frame
-    for name, light, seen in zip(frame.names, shot.lights, frame.visibility):
-        lit = f"{100.0 * float(seen[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
+    for name, light, share in zip(frame.names, shot.lights, frame.visibility):
+        lit = f"{100.0 * float(share[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
         yield name, [type(light).__name__, lit, f"{light.intensity:.4g}"]
 
 

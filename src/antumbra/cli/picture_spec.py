@@ -16,8 +16,7 @@ from ..errors import InputError
 from ..picture.option_fields import deciding_fields, field_values
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import CameraSpec, SceneSpec, limit_memory
 from .options import (
     QUALITIES,
@@ -65,7 +64,7 @@ def parse_ground(text: str) -> str | float:
         raise InputError(f"--ground is {text!r}; it must be auto, on, off or a height such as -1.5") from error
 
 
-def ground_of(asked: str | float, scene: "AnyScene", camera: "Camera", time: float | None) -> float | None:
+def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: float | None) -> float | None:
     """The height of the ground for `Renderer.render`; None: there is none.
 
     asked : from `parse_ground`
@@ -73,13 +72,13 @@ def ground_of(asked: str | float, scene: "AnyScene", camera: "Camera", time: flo
     """
     from ..engine.scene import Scene
 
-    if asked == "off":
+    if setting == "off":
         return None
-    if asked == "auto" and not _suits(scene, camera):
+    if setting == "auto" and not _suits(scene, camera):
         return None
     if not isinstance(scene, Scene):
-        raise InputError(f"--ground {asked}: {scene.name} is in a store, which has no ground; leave it out")
-    return scene.ground_height(time) if isinstance(asked, str) else asked
+        raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
+    return scene.ground_height(time) if isinstance(setting, str) else setting
 
 
 def _suits(scene: "AnyScene", camera: "Camera") -> bool:
@@ -119,7 +118,7 @@ class PictureSpec(NamedTuple):
     """The picture that ``antumbra render`` or ``compare`` was asked for."""
 
     source: str  # the scene as it was written
-    spec: SceneSpec
+    scene_spec: SceneSpec
     up: str | None
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
@@ -164,10 +163,10 @@ class PictureSpec(NamedTuple):
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
 
         limit_memory(scene, self.engine.max_memory)
-        asked = field_values(self.engine)
+        settings = field_values(self.engine)
         if self.srdh_rays is not None:
-            (asked["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
-        return Renderer(scene, **asked)
+            (settings["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
+        return Renderer(scene, **settings)
 
     @property
     def _no_sky(self) -> bool:
@@ -234,8 +233,8 @@ class PictureSpec(NamedTuple):
     def record(self, options: RenderOptions) -> dict:
         """Names and values of the options of a picture and of its engine, for ``--json``."""
         rays = self.srdh_rays
-        own = {"srdh_rays": None if rays is None else report.srdh_rays_fields(rays)}
-        return {**field_values(options), **field_values(self.engine), **own}
+        rays_fields = {"srdh_rays": None if rays is None else console.srdh_rays_fields(rays)}
+        return {**field_values(options), **field_values(self.engine), **rays_fields}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
         """The settings that decide the picture of a time, in the types of JSON.
@@ -247,13 +246,13 @@ class PictureSpec(NamedTuple):
         from ..version import VERSION as __version__
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
-        return report.plain(
+        return console.plain(
             {
                 "version": __version__,
                 "scene": digest,
                 "up": scene.up,
-                "camera": report.camera_fields(self.view(scene, time)),
-                "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
+                "camera": console.camera_fields(self.view(scene, time)),
+                "lights": [console.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
                 **deciding_fields(self.options(scene, time)),
                 "behind": self.behind,
@@ -405,8 +404,8 @@ class RenderArguments(_Options):
     def _check_shared(self) -> None:
         """Raise an InputError for options of pictures that one process makes."""
         alone = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
-        for name, given in alone.items():
-            if given:
+        for name, value in alone.items():
+            if value:
                 raise InputError(f"{name} tells of the work of one process; leave it, or --shard and --ray, out")
         if self.plan is not None and not parse_plan(self.plan).tracer.exact:
             raise InputError(f"--plan {self.plan} depends on the work before; --shard and --ray need an exact plan")
@@ -419,19 +418,22 @@ class RenderArguments(_Options):
         InputError
             If a text cannot be parsed, or an option of the picture is out of range.
         """
-        given = lambda text, parse, *more: None if text is None else parse(text, *more)
-        camera, rays = given(self.camera, arguments.parse_camera), given(self.srdh_rays, arguments.parse_srdh_rays)
+        optional = lambda text, parse, *more: None if text is None else parse(text, *more)
+        camera, rays = (
+            optional(self.camera, arguments.parse_camera),
+            optional(self.srdh_rays, arguments.parse_srdh_rays),
+        )
         wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
-        memory = given(self.max_memory, arguments.parse_bytes, "--max-memory")
-        asked = PictureSpec(
+        memory = optional(self.max_memory, arguments.parse_bytes, "--max-memory")
+        spec = PictureSpec(
             source=self.scene,
-            spec=arguments.parse_scene(self.scene),
+            scene_spec=arguments.parse_scene(self.scene),
             up=None if self.up is None else self.up.value,
             size=arguments.parse_size(self.size or ("2048x1024" if wide else "1024x1024")),
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],
-            sky=given(self.sky, arguments.parse_sky),
-            behind=given(self.background, arguments.parse_background),
+            sky=optional(self.sky, arguments.parse_sky),
+            behind=optional(self.background, arguments.parse_background),
             ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
             vpl=self.vpl,
             ground=parse_ground(self.ground),
@@ -447,7 +449,7 @@ class RenderArguments(_Options):
             raise InputError(
                 "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before"
             )
-        return asked
+        return spec
 
     def _picture(self) -> RenderOptions:
         """The options of the picture, by the preset where none are written."""

@@ -13,10 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from ..errors import InputError
 from ..files import checked_folder
-from . import arguments
-from . import console as report
-from . import picture_report as renderpage
-from . import picture_report as summary
+from . import arguments, console, picture_report
 from .arguments import FrameSequence, open_scene
 from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
@@ -45,7 +42,7 @@ STATES = "rendered", "finished", "failed"
 class AnimationJob(NamedTuple):
     """An animation to render."""
 
-    asked: PictureSpec
+    spec: PictureSpec
     scene: "AnyScene"
     load: float  # seconds that reading the scene took
     pattern: Path  # path of the pictures, with # for the frame's number
@@ -53,7 +50,7 @@ class AnimationJob(NamedTuple):
     film: Path | None = None  # the film that the pictures become
 
 
-def film_path(output: Path | None, sequence: FrameSequence | None, asked: PictureSpec) -> Path | None:
+def film_path(output: Path | None, sequence: FrameSequence | None, spec: PictureSpec) -> Path | None:
     """The film that `output` names, checked; None if it names pictures."""
     from ..picture.image_files import FILM_SUFFIXES, check_film
 
@@ -61,7 +58,7 @@ def film_path(output: Path | None, sequence: FrameSequence | None, asked: Pictur
         return None
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
-    if isinstance(asked.behind, str):
+    if isinstance(spec.behind, str):
         raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
     film = check_film(output)
     checked_folder(pictures_of(film).parent)
@@ -105,13 +102,13 @@ def render_frames(
     job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Executor"
 ) -> "Animation":
     """Render all frames that are not finished, or those that the engine leaves to this process."""
-    job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
-    job.asked.direct_lights(job.scene, 0.0)
-    job.asked.ground_height(job.scene, 0.0)
+    job.spec.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
+    job.spec.direct_lights(job.scene, 0.0)
+    job.spec.ground_height(job.scene, 0.0)
     if job.film is not None:
         _make_folder(job.pattern.parent)
     last = sequence.time(sequence.numbers[-1])
-    if last > job.scene.duration and not job.asked.quiet:
+    if last > job.scene.duration and not job.spec.quiet:
         say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
     animation = Animation(job, sequence, display)
     try:
@@ -134,13 +131,13 @@ class Animation:
         self.job, self.sequence, self._display = job, sequence, display
         self.complete = False  # whether no frame is left to other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
-        self.exposure = job.asked.exposure
+        self.exposure = job.spec.exposure
         self.seconds: list[float] = []  # time of each rendered frame, with saving, without compilation
         self.timings: dict[str, float] = {}  # sums over these frames
         self.unforeseen: Exception | None = None  # the first error that the input did not cause
         self.start = perf_counter()
-        self._digest = scene_digest(job.asked.spec)
-        self._renderer = job.asked.renderer(job.scene)
+        self._digest = scene_digest(job.spec.scene_spec)
+        self._renderer = job.spec.renderer(job.scene)
         self._replaces = False  # whether the user has been told that older pictures are replaced
         self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render, finished or not
         if self.exposure is None and not job.overwrite:
@@ -175,8 +172,8 @@ class Animation:
     def _settings(self, path: Path, time: float) -> dict:
         """The settings that the picture of a time depends on."""
         linear = path.suffix.lower() == ".exr"
-        settings = self.job.asked.settings(self.job.scene, self._digest, time)
-        return {**settings, "exposure": None if linear else self.job.asked.exposure or "automatic"}
+        settings = self.job.spec.settings(self.job.scene, self._digest, time)
+        return {**settings, "exposure": None if linear else self.job.spec.exposure or "automatic"}
 
     def _first_exposure(self) -> float | None:
         """The exposure of the first finished frame; None if there is none.
@@ -185,9 +182,9 @@ class Animation:
         """
         for number in self.sequence.numbers:
             path = numbered(self.job.pattern, number)
-            found = _noted(path) if path.exists() else {}
-            if found.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= found.items():
-                return found["exposed"]
+            note = _noted(path) if path.exists() else {}
+            if note.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= note.items():
+                return note["exposed"]
         return None
 
     def do(self, k: int) -> None:
@@ -213,9 +210,9 @@ class Animation:
         """Count the outcome of a frame, and print its fields for ``--json``."""
         number = self.sequence.numbers[k]
         self.numbers[outcome["state"]].append(number)
-        if self.job.asked.json:
+        if self.job.spec.json:
             time = self.job.scene.clamped(self.sequence.time(number))
-            report.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
+            console.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
 
     @property
     def _linear(self) -> bool:
@@ -238,7 +235,7 @@ class Animation:
                     return
 
     def _shot(self, number: int, progress) -> "Shot":
-        return self.job.asked.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
+        return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
 
     def _picture(self, number: int, progress) -> dict:
         from ..picture.image_files import frame_exposure
@@ -251,38 +248,38 @@ class Animation:
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = summary.save_picture(shot.frame, path, self.exposure, note, self.job.asked.behind)
+        saved = picture_report.save_picture(shot.frame, path, self.exposure, note, self.job.spec.behind)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
-        return {"state": "rendered", **summary.shot_answer(shot, saved)}
+        return {"state": "rendered", **picture_report.shot_answer(shot, saved)}
 
-    def _is_finished(self, path: Path, settings: dict, own: bool) -> bool:
+    def _is_finished(self, path: Path, settings: dict, replaces: bool) -> bool:
         """Whether the file exists with these settings and the exposure of the other frames.
 
         If no exposure is fixed yet, the frames get the exposure of this file. `own`: another picture is replaced.
         """
         if not path.exists():
             return False
-        found = _noted(path)
-        differ = [name for name, value in settings.items() if found.get(name) != value]
-        if not differ and self.exposure is not None and found["exposed"] not in (None, self.exposure):
+        note = _noted(path)
+        differ = [name for name, value in settings.items() if note.get(name) != value]
+        if not differ and self.exposure is not None and note["exposed"] not in (None, self.exposure):
             differ = ["exposure"]
-        if differ and own and not self._replaces:
+        if differ and replaces and not self._replaces:
             self._replaces = True
-            how = f"with other settings ({', '.join(differ)})" if found else "but not of an animation"
-            if not self.job.asked.quiet:
+            how = f"with other settings ({', '.join(differ)})" if note else "but not of an animation"
+            if not self.job.spec.quiet:
                 say(f"note: {path} is there, {how}; such pictures are rendered again")
         if not differ:
-            self.exposure = found["exposed"]
+            self.exposure = note["exposed"]
         return not differ
 
-    def _forecast(self, left: int) -> str:
+    def _forecast(self, remaining: int) -> str:
         """The time of the last frame, and an estimate for the remaining ones, as text."""
         if not self.seconds:
             return ""
         each = sum(self.seconds) / len(self.seconds)
-        return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
+        return f" ({console.duration(self.seconds[-1])} the last, about {console.duration(each * remaining)} left)"
 
     def write_film(self, film: Path, display: ProgressDisplay) -> None:
         """Write the film, and remove its pictures."""
@@ -290,8 +287,8 @@ class Animation:
 
         numbers = self.sequence.numbers
         pictures = [numbered(self.job.pattern, number) for number in numbers]
-        told = lambda done, count: display.say("writing the film", done, count)
-        write_film(pictures, film, self.sequence.fps / numbers.step, told)
+        progress = lambda done, count: display.say("writing the film", done, count)
+        write_film(pictures, film, self.sequence.fps / numbers.step, progress)
         folder = self.job.pattern.parent
         for picture in folder.glob("[0-9]*.png"):
             picture.unlink()
@@ -300,22 +297,22 @@ class Animation:
 
     def tell(self) -> int:
         """Print a summary of all frames and return the exit code."""
-        if self.job.asked.json:
-            report.print_json(self._answer())
-        elif not self.job.asked.quiet:
-            report.print_fields(self._fields())
+        if self.job.spec.json:
+            console.print_json(self._answer())
+        elif not self.job.spec.quiet:
+            console.print_fields(self._fields())
         if self.unforeseen is not None:
             raise self.unforeseen
         return BAD_INPUT if self.numbers["failed"] else 0
 
     def _answer(self) -> dict:
-        asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
-        first = asked.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
+        spec, numbers, n = self.job.spec, self.sequence.numbers, max(1, len(self.seconds))
+        first = spec.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
         return {
             "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
             "output": str(self.job.film or self.job.pattern),
-            "scene": summary.scene_answer(asked, self.job.scene),
-            **{name: value for name, value in asked.record(first).items() if name != "time"},
+            "scene": picture_report.scene_answer(spec, self.job.scene),
+            **{name: value for name, value in spec.record(first).items() if name != "time"},
             "exposure": self.exposure,
             **self.numbers,
             "load": self.job.load,
@@ -324,7 +321,7 @@ class Animation:
         }
 
     def _fields(self) -> Iterator[tuple[str, str]]:
-        asked, numbers = self.job.asked, self.sequence.numbers
+        spec, numbers = self.job.spec, self.sequence.numbers
         first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
         failed, film = self.numbers["failed"], self.job.film
         if film is not None and not failed:
@@ -335,17 +332,17 @@ class Animation:
         counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
         yield "frames", ", ".join(counts)
-        yield "scene", summary.scene_text(asked, self.job.scene)
-        yield "plan", str(asked.engine.plan)
+        yield "scene", picture_report.scene_text(spec, self.job.scene)
+        yield "plan", str(spec.engine.plan)
         if self.exposure is not None:
             yield "exposure", f"{self.exposure:.6g}"
         if self.seconds:
             phases = {name: seconds / len(self.seconds) for name, seconds in self.timings.items() if name != "total"}
-            yield "time", f"{summary.phases_text(phases)} (mean of a frame)"
+            yield "time", f"{picture_report.phases_text(phases)} (mean of a frame)"
             ordered = sorted(self.seconds)
-            middle, slowest = report.duration(ordered[len(ordered) // 2]), report.duration(ordered[-1])
+            middle, slowest = console.duration(ordered[len(ordered) // 2]), console.duration(ordered[-1])
             yield "frame", f"{middle}, at most {slowest}, with saving"
-        yield "all", report.duration(self.job.load + perf_counter() - self.start)
+        yield "all", console.duration(self.job.load + perf_counter() - self.start)
 
 
 def _noted(path: Path) -> dict:
@@ -353,17 +350,17 @@ def _noted(path: Path) -> dict:
     from ..picture.image_files import note_of
 
     try:
-        found = json.loads(note_of(path) or "{}")
+        note = json.loads(note_of(path) or "{}")
     except ValueError:
         return {}
-    return found if isinstance(found, dict) and "exposed" in found else {}
+    return note if isinstance(note, dict) and "exposed" in note else {}
 
 
 # --- ``antumbra render``: renders a scene with exact shadows ----------------------------------------------------------
 
 
 @takes(RenderArguments)
-def render(given: RenderArguments) -> int:
+def render(args: RenderArguments) -> int:
     """Render SCENE with exact shadows.
 
     Without arguments, it renders the embedded atrium to antumbra.png. Cameras and lights come from the file, at the
@@ -415,46 +412,46 @@ def render(given: RenderArguments) -> int:
     """
     from ..jobs.executors import LocalExecutor
 
-    given.check()
-    asked = given.options()
-    sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
-    film = film_path(given.output, sequence, asked)
-    path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
-    html = given.html
-    asked.check()
-    engine = engine_for(given, path)
-    with ProgressDisplay(asked.quiet) as display:
+    args.check()
+    spec = args.options()
+    sequence = None if args.frames is None else arguments.parse_frames(args.frames, args.time, args.fps)
+    film = film_path(args.output, sequence, spec)
+    path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
+    html = args.html
+    spec.check()
+    engine = engine_for(args, path)
+    with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        opened = open_scene(asked.spec, asked.up, asked.quiet)
-        asked = asked.about(opened)
+        opened = open_scene(spec.scene_spec, spec.up, spec.quiet)
+        spec = spec.about(opened)
         load = perf_counter() - start
         display.say("preparing")
         if sequence is not None:
-            job = AnimationJob(asked, opened, load, path, given.overwrite, film)
+            job = AnimationJob(spec, opened, load, path, args.overwrite, film)
             animation = render_frames(job, sequence, display, engine or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"
-            digest = scene_digest(asked.spec) if linear or engine else ""
+            digest = scene_digest(spec.scene_spec) if linear or engine else ""
             shot: Shot | None
             if engine is None:
-                shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
+                shot = spec.shot(opened, spec.renderer(opened), args.time or 0.0, display.parts, linear)
             else:
-                shot = asked.shot_in_bands(opened, given.time or 0.0, engine, digest, linear)
+                shot = spec.shot_in_bands(opened, args.time or 0.0, engine, digest, linear)
             if shot is None:  # a shard
-                return report_shard(engine, given, perf_counter() - start - load)
+                return report_shard(engine, args, perf_counter() - start - load)
             display.say("writing the picture")
-            note = json.dumps(asked.settings(opened, digest, shot.time)) if linear else None
-            saved = summary.save_picture(shot.frame, path, asked.exposure, note, background=asked.behind)
+            note = json.dumps(spec.settings(opened, digest, shot.time)) if linear else None
+            saved = picture_report.save_picture(shot.frame, path, spec.exposure, note, background=spec.behind)
             if html is not None:
-                renderpage.save_render_page(asked, opened, load, shot, saved, html)
+                picture_report.save_render_page(spec, opened, load, shot, saved, html)
     if sequence is not None:
         return animation.tell()
     assert shot is not None
-    if asked.json:
-        report.print_json(summary.picture_answer(asked, opened, load, shot, saved))
-    elif not asked.quiet:
-        report.print_fields(summary.picture_fields(asked, opened, load, shot, saved))
-        if given.explain_plan:
+    if spec.json:
+        console.print_json(picture_report.picture_answer(spec, opened, load, shot, saved))
+    elif not spec.quiet:
+        console.print_fields(picture_report.picture_fields(spec, opened, load, shot, saved))
+        if args.explain_plan:
             print_choices(shot, opened.n_triangles)
     return 0

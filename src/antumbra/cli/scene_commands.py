@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
@@ -52,21 +51,21 @@ def info(
         if check:
             _check(store, scene, display)
     if json:
-        report.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
+        console.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
         return
-    report.print_fields(_info_fields(opened, seconds))
+    console.print_fields(_info_fields(opened, seconds))
     if store is not None:
-        report.print_fields(_store_fields(store, check))
+        console.print_fields(_store_fields(store, check))
         return
     meshes = opened.meshes
-    shown = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
-    report.print_table(
+    largest = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
+    console.print_table(
         ("mesh", "triangles", "instances"),
-        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in shown],
+        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in largest],
         right=(1, 2),
     )
-    if len(meshes) > len(shown):
-        print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
+    if len(meshes) > len(largest):
+        print(f"... and {len(meshes) - len(largest)} smaller meshes (--json lists all)")
 
 
 def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
@@ -85,7 +84,7 @@ def _store_answer(store: "Store", checked: bool) -> dict:
 
 def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
     size, chunks = store.path.stat().st_size, store.chunks
-    yield "store", f"{report.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
+    yield "store", f"{console.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
     spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
     yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
     yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
@@ -104,8 +103,8 @@ def _answer(source: str, scene, seconds: float) -> dict:
         "crs": scene.crs,
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
-        "cameras": [report.camera_fields(c) for c in scene.cameras],
-        "lights": [report.light_fields(light) for light in scene.lights],
+        "cameras": [console.camera_fields(c) for c in scene.cameras],
+        "lights": [console.light_fields(light) for light in scene.lights],
         "notes": list(scene.notes),
         "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
@@ -120,14 +119,14 @@ def _city_answer(city) -> dict:
 
 def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     lower, upper = scene.bounds
-    yield "scene", f"{scene.name}, read in {report.duration(seconds)}"
+    yield "scene", f"{scene.name}, read in {console.duration(seconds)}"
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
     yield "triangles", f"{scene.n_triangles:,}{meshes}"
     if scene.meshes:
-        yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
-    yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
-    yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
-    yield "origin", report.vector(scene.origin)
+        yield "memory", f"{console.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
+    yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
+    yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
+    yield "origin", console.vector(scene.origin)
     if scene.crs or scene.city is not None:
         yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
@@ -135,7 +134,7 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
         yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
-        place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"
+        place = f"{console.vector(camera.position)} to {console.vector(camera.target)}"
         lens = f"vfov {camera.vfov:.4g}" if camera.extent is None else f"orthographic, {camera.extent:.4g} high"
         yield f"camera {i}", f"{place}, {lens}"
     for i, light in enumerate(scene.lights):
@@ -149,7 +148,7 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
 
 
 def _in_words(light) -> str:
-    values = report.light_fields(light)
+    values = console.light_fields(light)
     kind = values.pop("type")
     if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
         del values["colour"]
@@ -159,7 +158,7 @@ def _in_words(light) -> str:
 def _short(value) -> str:
     if isinstance(value, (str, bool)):
         return repr(value) if isinstance(value, str) else str(value)
-    return report.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
+    return console.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
 
 
 # --- ``antumbra scenes``: lists and exports the procedural scenes -----------------------------------------------------
@@ -209,13 +208,13 @@ def scenes(
         display.say("generating")
         answer = _make(name, count, number, output)
     if json:
-        report.print_json(answer)
+        console.print_json(answer)
     else:
         lower, upper = answer["bounds"]
         rows = [("scene", f"{name}, {answer['triangles']:,} triangles")]
-        rows.append(("bounds", f"{report.vector(lower)} to {report.vector(upper)}"))
+        rows.append(("bounds", f"{console.vector(lower)} to {console.vector(upper)}"))
         rows += [("written", str(file)) for file in answer["files"]]
-        report.print_fields(rows)
+        console.print_fields(rows)
 
 
 def _list(json: bool) -> None:
@@ -224,28 +223,28 @@ def _list(json: bool) -> None:
     add_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
-        report.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
+        console.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
         return
-    shown = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
-    report.print_table(("name", "triangles", "what it is"), shown, right=(1,))
+    cells = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
+    console.print_table(("name", "triangles", "what it is"), cells, right=(1,))
 
 
 def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
     from ..generate.procedural_scenes import generate
 
-    made = generate(name, triangles, seed)
+    generated = generate(name, triangles, seed)
     files = []
     if output is not None:
         from .scene_export import write_scene
 
-        files = write_scene(made, name, output)
+        files = write_scene(generated, name, output)
     return {
         "name": name,
         "seed": seed,
-        "triangles": len(made.faces),
-        "bounds": [made.vertices.min(0), made.vertices.max(0)],
-        "camera": made.camera,
-        "light": made.light,
+        "triangles": len(generated.faces),
+        "bounds": [generated.vertices.min(0), generated.vertices.max(0)],
+        "camera": generated.camera,
+        "light": generated.light,
         "files": [str(file) for file in files],
     }
 
@@ -295,12 +294,12 @@ def build(
     with ProgressDisplay(quiet) as display:
         display.say("reading")
         opened = _opened(specs, None if up is None else up.value, threads, quiet)
-        made = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
+        report = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
     peak = peak_resident()
     if json:
-        report.print_json({**made._asdict(), "path": str(made.path), "max_memory": memory, "peak_resident": peak})
+        console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
     elif not quiet:
-        report.print_fields(_build_fields(made, peak))
+        console.print_fields(_build_fields(report, peak))
 
 
 def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
@@ -315,12 +314,12 @@ def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: 
             yield open_scene(spec, up, quiet)
 
 
-def _build_fields(made: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
-    phases = dict(made.seconds)
+def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
+    phases = dict(report.seconds)
     total = phases.pop("total")
-    yield "store", str(made.path)
-    yield "triangles", f"{made.triangles:,} in {made.chunks:,} chunk{'s' * (made.chunks != 1)}"
-    yield "size", f"{report.size_in_memory(made.bytes)}, {made.bytes / made.triangles:.1f} bytes a triangle"
-    yield "time", f"{report.duration(total)}: " + ", ".join(f"{k} {report.duration(s)}" for k, s in phases.items())
+    yield "store", str(report.path)
+    yield "triangles", f"{report.triangles:,} in {report.chunks:,} chunk{'s' * (report.chunks != 1)}"
+    yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes a triangle"
+    yield "time", f"{console.duration(total)}: " + ", ".join(f"{k} {console.duration(s)}" for k, s in phases.items())
     if peak is not None:
-        yield "memory", f"{report.size_in_memory(peak)} at the peak"
+        yield "memory", f"{console.size_in_memory(peak)} at the peak"

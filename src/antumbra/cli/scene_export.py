@@ -32,7 +32,7 @@ def _library(path: Path) -> Path:
     return path.with_suffix(".mtl")
 
 
-def write_scene(made, name: str, path) -> list[Path]:
+def write_scene(scene, name: str, path) -> list[Path]:
     """Write a generated scene to a .glb, .obj (and .mtl) or .ply file; return the files written.
 
     Parameters
@@ -50,22 +50,22 @@ def write_scene(made, name: str, path) -> list[Path]:
     """
     path = check_output(path)
     if path.suffix.lower() == ".obj":
-        return _write_obj(made, name, path)
-    data = _glb(made, name) if path.suffix.lower() == ".glb" else _ply(made)
+        return _write_obj(scene, name, path)
+    data = _glb(scene, name) if path.suffix.lower() == ".glb" else _ply(scene)
     with atomic_output(path) as temporary:
         temporary.write_bytes(data)
     return [path]
 
 
-def _glb(made, name: str) -> bytes:
+def _glb(scene, name: str) -> bytes:
     """A binary glTF 2.0 file."""
-    vertices, _, indices = blocks = _coloured_vertices(made)
+    vertices, _, indices = blocks = _coloured_vertices(scene)
     floats = {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
     root = {
         "asset": {"version": "2.0", "generator": "antumbra"},
         "scene": 0,
         "scenes": [{"nodes": [0, 1, 2]}],
-        "nodes": [{"name": name, "mesh": 0}, _camera_node(made.camera), _light_node(made.light)],
+        "nodes": [{"name": name, "mesh": 0}, _camera_node(scene.camera), _light_node(scene.light)],
         "meshes": [{"name": name, "primitives": [_PRIMITIVE]}],
         "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0}, "doubleSided": True}],
         "accessors": [
@@ -74,19 +74,19 @@ def _glb(made, name: str) -> bytes:
             {"bufferView": 2, "componentType": UNSIGNED_INT, "type": "SCALAR", "count": indices.size},
         ],
         **buffer_views(blocks, [ARRAY_BUFFER, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER]),
-        "cameras": [_lens(made.camera)],
+        "cameras": [_lens(scene.camera)],
         "extensionsUsed": [_LIGHTS],
-        "extensions": {_LIGHTS: {"lights": [_point_light(made.light)]}},
+        "extensions": {_LIGHTS: {"lights": [_point_light(scene.light)]}},
     }
     return glb_bytes(root, blocks)
 
 
-def _coloured_vertices(made) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _coloured_vertices(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. A vertex has one colour."""
-    n = len(made.palette)
-    key = np.asarray(made.faces, np.int64) * n + np.asarray(made.colour, np.int64)[:, None]
+    n = len(scene.palette)
+    key = np.asarray(scene.faces, np.int64) * n + np.asarray(scene.colour, np.int64)[:, None]
     used, indices = np.unique(key, return_inverse=True)
-    vertices, palette = np.asarray(made.vertices, "<f4"), np.asarray(made.palette, "<f4")
+    vertices, palette = np.asarray(scene.vertices, "<f4"), np.asarray(scene.palette, "<f4")
     return vertices[used // n], palette[used % n], indices.reshape(key.shape).astype("<u4")
 
 
@@ -114,11 +114,11 @@ def _point_light(light: dict) -> dict:
     return {"type": "point", "color": colour, "intensity": float(light.get("intensity", 1.0))}
 
 
-def _ply(made) -> bytes:
-    rgb = np.round(255.0 * linear_to_srgb(np.asarray(made.palette, float))).astype(np.uint8)
-    vertices = np.ascontiguousarray(made.vertices, "<f4")
-    faces = np.empty(len(made.faces), [("n", "u1"), ("corners", "<i4", 3), ("rgb", "u1", 3)])
-    faces["n"], faces["corners"], faces["rgb"] = 3, made.faces, rgb[made.colour]
+def _ply(scene) -> bytes:
+    rgb = np.round(255.0 * linear_to_srgb(np.asarray(scene.palette, float))).astype(np.uint8)
+    vertices = np.ascontiguousarray(scene.vertices, "<f4")
+    faces = np.empty(len(scene.faces), [("n", "u1"), ("corners", "<i4", 3), ("rgb", "u1", 3)])
+    faces["n"], faces["corners"], faces["rgb"] = 3, scene.faces, rgb[scene.colour]
     head = [
         "ply\nformat binary_little_endian 1.0",
         f"element vertex {len(vertices)}",
@@ -130,19 +130,19 @@ def _ply(made) -> bytes:
     return "\n".join(head).encode() + vertices.tobytes() + faces.tobytes()
 
 
-def _write_obj(made, name: str, path: Path) -> list[Path]:
+def _write_obj(scene, name: str, path: Path) -> list[Path]:
     """Write an OBJ file, and the colours to an .mtl file beside it."""
     library = _library(path)
     lines = [f"mtllib {library.name}", f"o {name}"]
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(made.vertices).tolist()]
-    colour = np.asarray(made.colour)
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(scene.vertices).tolist()]
+    colour = np.asarray(scene.colour)
     order = np.argsort(colour, kind="stable")
-    groups = np.split(np.asarray(made.faces)[order] + 1, np.flatnonzero(np.diff(colour[order])) + 1)
+    groups = np.split(np.asarray(scene.faces)[order] + 1, np.flatnonzero(np.diff(colour[order])) + 1)
     names = np.unique(colour).tolist()
     for k, faces in zip(names, groups):
         lines.append(f"usemtl colour{k}")
         lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
-    paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(made.palette)[k]) for k in names]
+    paints = ["newmtl colour{}\nKd {:.6g} {:.6g} {:.6g}\n".format(k, *np.asarray(scene.palette)[k]) for k in names]
     with atomic_output(library) as paint_file, atomic_output(path) as file:
         paint_file.write_text("\n".join(paints), encoding="utf-8")
         file.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import console as report
+from . import console
 from .options import Json, Quiet
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -76,18 +76,18 @@ def shards_folder(output: Path) -> Path:
 
 def command_words() -> list[str]:
     """The words of the command that decide its results."""
-    found, rest = [], iter(command_line.get())
-    for word in rest:
+    words, remaining = [], iter(command_line.get())
+    for word in remaining:
         name = word.partition("=")[0]
         if name in _VALUED:
             if "=" not in word:
-                next(rest, None)
+                next(remaining, None)
         elif word not in _FLAGS:
-            found.append(word)
-    return found
+            words.append(word)
+    return words
 
 
-def engine_for(given: Any, output: Path) -> "Executor | None":
+def engine_for(args: Any, output: Path) -> "Executor | None":
     """The engine that the options --shard, --ray and --merge ask for; None if there are none.
 
     given : arguments with the fields `shard`, `ray` and `merge`
@@ -96,25 +96,25 @@ def engine_for(given: Any, output: Path) -> "Executor | None":
     from ..jobs.executors import ShardExecutor
     from ..jobs.work_parts import ShardMerge
 
-    share, folder = parse_shard(given.shard), shards_folder(output)
-    if (own := node_engine.get()) is not None:
-        return own
-    if given.merge:
-        return ShardMerge(folder, given.merge)
-    if given.ray is not None:
+    share, folder = parse_shard(args.shard), shards_folder(output)
+    if (collector := node_engine.get()) is not None:
+        return collector
+    if args.merge:
+        return ShardMerge(folder, args.merge)
+    if args.ray is not None:
         from ..cluster.node_files import files_in
         from ..cluster.ray_executor import Cluster
 
         if share is not None:
             raise InputError("--ray makes shards of its own; leave it or --shard out")
-        prepare = partial(begin, type(given).home, replace(given, json=False, quiet=True, ray=None))
-        plan = getattr(given, "plan", None)
-        say = (lambda line: None) if given.quiet else None
-        return Cluster(folder, given.ray, prepare, files_in(vars(given)), plan, say)
+        prepare = partial(begin, type(args).home, replace(args, json=False, quiet=True, ray=None))
+        plan = getattr(args, "plan", None)
+        say = (lambda line: None) if args.quiet else None
+        return Cluster(folder, args.ray, prepare, files_in(vars(args)), plan, say)
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
+def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
     """Begin a command on a node of a cluster: the engine gets its units. Results have their names, in this folder.
 
     home : module and name of the command
@@ -122,33 +122,33 @@ def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int
     """
     from ..cluster.node_files import with_files
 
-    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
+    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(args, name)}
     for name in _OUTPUTS:
-        value = getattr(given, name, None)
+        value = getattr(args, name, None)
         if value is not None:
             changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
-    changed |= with_files(vars(given), paths)
+    changed |= with_files(vars(args), paths)
     token = node_engine.set(engine)
     try:
         command = getattr(import_module(home[0]), home[1]).command
-        command(replace(given, threads=given.threads or threads, **changed))
+        command(replace(args, threads=args.threads or threads, **changed))
     finally:
         node_engine.reset(token)
 
 
-def report_shard(shard: "Executor | None", given: Any, seconds: float) -> int:
+def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
     """Say what a shard did, which wrote no results; return the exit code."""
     from ..jobs.executors import ShardExecutor
 
     if not isinstance(shard, ShardExecutor):  # on a node of a cluster
         return 0
-    if given.json:
-        found = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
-        report.print_json({**found, "seconds": seconds})
-    elif not given.quiet:
+    if args.json:
+        answer = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
+        console.print_json({**answer, "seconds": seconds})
+    elif not args.quiet:
         before = f", {shard.units - shard.did:,} were done before" if shard.did < shard.units else ""
-        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", report.duration(seconds))]
-        report.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
+        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", console.duration(seconds))]
+        console.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
 
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
@@ -111,14 +110,14 @@ def los(
         raise InputError("observers need targets: give --from or --observers, and --to or --targets")
     if begin is None and pairs in ("all", "zip"):
         raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
-    asked = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
+    pair_list = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
         check_file_crs(opened, observers, targets, Path(pairs))
         start = perf_counter()
-        at, to, normals, target_normals, faces, target_faces = asked
-        found = line_of_sight(
+        at, to, normals, target_normals, faces, target_faces = pair_list
+        sightlines = line_of_sight(
             opened, at, to, normals=normals, target_normals=target_normals, faces=faces, target_faces=target_faces,
             time=time, threads=threads,
         )  # fmt: skip
@@ -127,46 +126,46 @@ def los(
         for path, write in zip(outputs, writers):
             if path.suffix.lower() == _MODEL:
                 with atomic_output(path) as temporary:
-                    temporary.write_bytes(sight_model(opened, asked, found))
+                    temporary.write_bytes(sight_model(opened, pair_list, sightlines))
             else:
-                write(sight_table(opened, asked, found), path, "visible")
-    seen = int(found.visible.sum())
+                write(sight_table(opened, pair_list, sightlines), path, "visible")
+    visible = int(sightlines.visible.sum())
     if json:
-        answer = {"scene": opened.name, "pairs": len(at), "visible": seen, "seconds": seconds}
+        answer = {"scene": opened.name, "pairs": len(at), "visible": visible, "seconds": seconds}
         answer["outputs"] = [str(path) for path in outputs]
         if len(at) <= _MOST_LINES:
-            answer["lines"] = _lines(opened, asked, found)
-        report.print_json(answer)
+            answer["lines"] = _lines(opened, pair_list, sightlines)
+        console.print_json(answer)
     elif not quiet:
         if len(at) <= _MOST_LINES:
-            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, asked, found)]
-            report.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
-        fields = [("visible", f"{seen:,} of {len(at):,} pairs"), ("time", report.duration(seconds))]
-        report.print_fields(fields + [("written", str(path)) for path in outputs])
+            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, pair_list, sightlines)]
+            console.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
+        fields = [("visible", f"{visible:,} of {len(at):,} pairs"), ("time", console.duration(seconds))]
+        console.print_fields(fields + [("written", str(path)) for path in outputs])
 
 
-def _lines(scene: "AnyScene", pairs: "PairList", found: "Sightlines") -> list[dict]:
+def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict]:
     """A dictionary for each pair."""
     lines = []
-    for k, visible in enumerate(found.visible.tolist()):
-        face, own = int(found.face[k]), int(found.object[k])
+    for k, visible in enumerate(sightlines.visible.tolist()):
+        face, blocker = int(sightlines.face[k]), int(sightlines.object[k])
         lines.append({
             "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
             "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
             "visible": "yes" if visible else "no",
-            "blocked_by": scene.objects[own].name if own >= 0 else "",
+            "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
             "face": face if face >= 0 else "",
-            "distance": "" if visible else round(float(found.distance[k]), 4),
-            **_of_city(scene, face, own),
+            "distance": "" if visible else round(float(sightlines.distance[k]), 4),
+            **_of_city(scene, face, blocker),
         })  # fmt: skip
     return lines
 
 
-def _of_city(scene: "AnyScene", face: int, own: int) -> dict[str, str]:
+def _of_city(scene: "AnyScene", face: int, blocker: int) -> dict[str, str]:
     """What a city model knows of the blocking face."""
-    if scene.city is None or own < 0:
+    if scene.city is None or blocker < 0:
         return {}
-    thing = scene.objects[own]
+    thing = scene.objects[blocker]
     return {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
 
 
@@ -225,7 +224,7 @@ class ViewshedArguments:
 
 
 @takes(ViewshedArguments)
-def viewshed(given: ViewshedArguments) -> int:
+def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
     The columns of the result are seen (the number of observers), first and nearest (their numbers from 0, -1: none) and
@@ -239,12 +238,12 @@ def viewshed(given: ViewshedArguments) -> int:
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
-    spec = arguments.parse_scene(given.scene)
+    spec = arguments.parse_scene(args.scene)
     angles = (
-        arguments.parse_interval(given.azimuth, "--azimuth"),
-        arguments.parse_interval(given.elevation, "--elevation"),
+        arguments.parse_interval(args.azimuth, "--azimuth"),
+        arguments.parse_interval(args.elevation, "--elevation"),
     )
-    asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
+    asked_camera = None if args.camera is None else arguments.parse_camera(args.camera)
 
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
@@ -252,64 +251,64 @@ def viewshed(given: ViewshedArguments) -> int:
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
-    check_sensors(given.sensors)
-    outputs = given.output or []
+    check_sensors(args.sensors)
+    outputs = args.output or []
     for path in outputs:
-        writer_of(path, kind_of(given.sensors))
-    bits = given.bits
-    eyes = points_or_file(given.observer, given.observers, "--observer", "--observers")
+        writer_of(path, kind_of(args.sensors))
+    bits = args.bits
+    eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
-    with ProgressDisplay(given.quiet) as display:
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
-        check_file_crs(opened, given.observers)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        check_file_crs(opened, args.observers)
         display.say("preparing")
-        sensors = sensors_of(given.sensors, opened, given.threads)
-        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, given.time, _SIZE)
+        sensors = sensors_of(args.sensors, opened, args.threads)
+        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, args.time, _SIZE)
         start = perf_counter()
-        found = seen_from(
-            opened, sensors, eyes.points, eye_height=given.eye_height, on_surface=given.on_surface,
-            min_distance=given.min_distance, max_distance=given.max_distance, azimuth=angles[0], elevation=angles[1],
-            curvature=given.curvature, refraction=given.refraction, earth_radius=given.earth_radius,
-            bits=bits is not None, plan=given.plan, time=given.time, threads=given.threads,
+        result = seen_from(
+            opened, sensors, eyes.points, eye_height=args.eye_height, on_surface=args.on_surface,
+            min_distance=args.min_distance, max_distance=args.max_distance, azimuth=angles[0], elevation=angles[1],
+            curvature=args.curvature, refraction=args.refraction, earth_radius=args.earth_radius,
+            bits=bits is not None, plan=args.plan, time=args.time, threads=args.threads,
         )  # fmt: skip
         seconds = perf_counter() - start
         display.say("writing the results")
-        table = found.table
+        table = result.table
         table.camera = camera
         for path in outputs:
-            table.save(path, given.column)
-        if bits is not None and found.bits is not None:
+            table.save(path, args.column)
+        if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
-                write_rows(temporary, found.bits)
+                write_rows(temporary, result.bits)
     answer = _answer(table, len(eyes), seconds)
     written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
-    if given.json:
-        report.print_json({"scene": opened.name, **answer, "outputs": written})
-    elif not given.quiet:
-        report.print_fields([*_fields(answer), *(("written", path) for path in written)])
+    if args.json:
+        console.print_json({"scene": opened.name, **answer, "outputs": written})
+    elif not args.quiet:
+        console.print_fields([*_fields(answer), *(("written", path) for path in written)])
     return 0
 
 
 def _answer(table, observers: int, seconds: float) -> dict:
     """The fields of ``--json``."""
     counted = table.sensors.covered
-    seen, sensors = table["seen"][counted] > 0, int(counted.sum())
-    answer = {"sensors": sensors, "observers": observers, "seen": int(seen.sum()), "seconds": seconds}
+    visible, sensors = table["seen"][counted] > 0, int(counted.sum())
+    answer = {"sensors": sensors, "observers": observers, "seen": int(visible.sum()), "seconds": seconds}
     if table.sensors.areas is not None:
         areas = table.sensors.areas[counted]
-        answer |= {"area": float(areas.sum()), "area_seen": float(areas[seen].sum())}
+        answer |= {"area": float(areas.sum()), "area_seen": float(areas[visible].sum())}
     return answer
 
 
 def _fields(answer: dict) -> list[tuple[str, str]]:
-    n, seen = answer["sensors"], answer["seen"]
+    n, visible = answer["sensors"], answer["seen"]
     fields = [("sensors", f"{n:,}"), ("observers", f"{answer['observers']:,}")]
-    fields.append(("seen by any", f"{seen:,} ({100.0 * seen / max(n, 1):.1f} %)"))
+    fields.append(("seen by any", f"{visible:,} ({100.0 * visible / max(n, 1):.1f} %)"))
     if "area" in answer:
         fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g}"))
-    return [*fields, ("time", report.duration(answer["seconds"]))]
+    return [*fields, ("time", console.duration(answer["seconds"]))]
 
 
 # --- ``antumbra matrix``: which of many points see which others -------------------------------------------------------
@@ -363,7 +362,7 @@ class MatrixArguments:
 
 
 @takes(MatrixArguments)
-def matrix(given: MatrixArguments) -> int:
+def matrix(args: MatrixArguments) -> int:
     """Find which sensors of SCENE see which targets: one bit for each pair.
 
     Sensors on surfaces are seen from their outer side only. Bit j % 64 of word j // 64 of row i says whether sensor i
@@ -375,62 +374,62 @@ def matrix(given: MatrixArguments) -> int:
       antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
     """
-    spec = arguments.parse_scene(given.scene)
+    spec = arguments.parse_scene(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
     from ..jobs.result_table import Column, Table
     from ..jobs.sensor_files import check_sensors, sensors_of
 
-    check_sensors(given.sensors)
-    if given.targets is not None:
-        check_sensors(given.targets, "--targets")
-    bits, pairs, counts = _checked_outputs(given)
+    check_sensors(args.sensors)
+    if args.targets is not None:
+        check_sensors(args.targets, "--targets")
+    bits, pairs, counts = _checked_outputs(args)
     outputs = [path for path in (bits, pairs, *counts) if path is not None]
-    engine = engine_for(given, outputs[0])
-    with ProgressDisplay(given.quiet) as display:
+    engine = engine_for(args, outputs[0])
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         display.say("preparing")
-        own = sensors_of(given.sensors, opened, given.threads)
-        others = None if given.targets is None else sensors_of(given.targets, opened, given.threads)
+        sensors = sensors_of(args.sensors, opened, args.threads)
+        others = None if args.targets is None else sensors_of(args.targets, opened, args.threads)
         start = perf_counter()
-        found = visibility_matrix(
-            opened, own, others, output=bits, plan=given.plan, time=given.time, threads=given.threads, keep=engine
+        result = visibility_matrix(
+            opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=engine
         )
         seconds = perf_counter() - start
-        if found is None:
-            return report_shard(engine, given, seconds)
+        if result is None:
+            return report_shard(engine, args, seconds)
         display.say("writing the results")
         if pairs is not None:
-            found.save(pairs)
-        column = Column(found.counts, "", f"targets that it sees, of {found.columns}")
+            result.save(pairs)
+        column = Column(result.counts, "", f"targets that it sees, of {result.columns}")
         for path in counts:
-            Table(own, {"seen": column}, {"job": "matrix"}, opened).save(path)
-    _tell(given, opened.name, found, seconds, [str(path) for path in outputs])
+            Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save(path)
+    _tell(args, opened.name, result, seconds, [str(path) for path in outputs])
     return 0
 
 
-def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
+def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
     """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
-    counts = given.counts or []
+    counts = args.counts or []
     for path in counts:
-        writer_of(path, kind_of(given.sensors))
-    if given.output is None and given.sparse is None and not counts:
+        writer_of(path, kind_of(args.sensors))
+    if args.output is None and args.sparse is None and not counts:
         raise InputError("there is nothing to write: give --output, --sparse or --counts")
-    return given.output, given.sparse, counts
+    return args.output, args.sparse, counts
 
 
-def _tell(given: MatrixArguments, name: str, found: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
-    rows, columns = found.shape
-    visible = int(found.counts.sum())
-    if given.json:
+def _tell(args: MatrixArguments, name: str, result: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
+    rows, columns = result.shape
+    visible = int(result.counts.sum())
+    if args.json:
         answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
-        report.print_json({**answer, "outputs": written})
-    elif not given.quiet:
+        console.print_json({**answer, "outputs": written})
+    elif not args.quiet:
         share = 100.0 * visible / max(rows * columns, 1)
         fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
-        fields.append(("time", report.duration(seconds)))
-        report.print_fields([*fields, *(("written", path) for path in written)])
+        fields.append(("time", console.duration(seconds)))
+        console.print_fields([*fields, *(("written", path) for path in written)])

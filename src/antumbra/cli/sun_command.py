@@ -12,7 +12,7 @@ import typer
 
 from ..engine.plan import DEFAULT_PLAN
 from ..errors import InputError
-from . import console as report
+from . import console
 from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
 from .console import ProgressDisplay
 from .options import (
@@ -127,7 +127,7 @@ _MOST_AREAS = 50  # that are printed
 
 
 @takes(SunArguments)
-def sun(given: SunArguments) -> int:
+def sun(args: SunArguments) -> int:
     """Find the hours of direct sun on the surfaces of SCENE.
 
     The place comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun stands
@@ -158,62 +158,62 @@ def sun(given: SunArguments) -> int:
     from ..jobs.sun.sun_hours import sun_hours
     from ..jobs.sun.sun_positions import checked_step, parse_days
 
-    spec = parse_scene(given.scene)
+    spec = parse_scene(args.scene)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(given, name) for name in names})
-    in_areas = given.areas is not None
-    asked = given.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
-    if given.areas is not None:
-        check_areas(given.areas)
-    check_sensors(asked, areas=in_areas)
-    days = None if given.days is None else parse_days(given.days)
-    if given.step is not None:
-        checked_step(given.step)
-    if given.rule is not None:
-        check_rule(given.rule, days, in_areas)
-    parse_plan(given.plan)
-    memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
-    outputs = _checked_outputs(given, spec, asked)
-    engine = engine_for(given, outputs[0])
-    if given.city_output is not None:
-        _check_city(spec, given.city_output)
-    with ProgressDisplay(given.quiet) as display:
+    position = given_position(**{name: getattr(args, name) for name in names})
+    in_areas = args.areas is not None
+    sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
+    if args.areas is not None:
+        check_areas(args.areas)
+    check_sensors(sensor_form, areas=in_areas)
+    days = None if args.days is None else parse_days(args.days)
+    if args.step is not None:
+        checked_step(args.step)
+    if args.rule is not None:
+        check_rule(args.rule, days, in_areas)
+    parse_plan(args.plan)
+    memory = None if args.max_memory is None else parse_bytes(args.max_memory, "--max-memory")
+    outputs = _checked_outputs(args, spec, sensor_form)
+    engine = engine_for(args, outputs[0])
+    if args.city_output is not None:
+        _check_city(spec, args.city_output)
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
-        sensors = sensors_of(asked, scene, given.threads, given.areas)
+        sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
         display.say("preparing")
         ask = partial(
-            sun_hours, scene, days=days, place=place, step=given.step, rule=given.rule, epw=given.epw,
-            energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
-            plan=given.plan, threads=given.threads,
+            sun_hours, scene, days=days, place=place, step=args.step, rule=args.rule, epw=args.epw,
+            energy=args.energy, sky=args.sky, by=[by.value for by in args.by or ()], samples=args.samples,
+            plan=args.plan, threads=args.threads,
         )  # fmt: skip
-        if given.column is not None:
-            ask(sensors=sensors.part(0, 0)).shown(given.column)  # an unknown column is found before the long work
+        if args.column is not None:
+            ask(sensors=sensors.part(0, 0)).shown(args.column)  # an unknown column is found before the long work
         start = perf_counter()
         keep = engine or outputs[0].with_suffix(".parts")
-        table = ask(sensors=sensors, matrix=given.matrix, keep=keep)
+        table = ask(sensors=sensors, matrix=args.matrix, keep=keep)
         seconds = perf_counter() - start
         if table is None:
-            return report_shard(engine, given, seconds)
-        table.about |= {"scene": given.scene, "sensors": asked, "plan": given.plan}
+            return report_shard(engine, args, seconds)
+        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
         display.say("writing")
         for path in outputs:
-            table.save(path, given.column)
-        if given.city_output is not None:
-            _write_city(table, spec, given.city_output)
-    written = [str(path) for path in (*outputs, given.city_output, given.matrix) if path is not None]
-    _tell(given, table, seconds, written)
+            table.save(path, args.column)
+        if args.city_output is not None:
+            _write_city(table, spec, args.city_output)
+    written = [str(path) for path in (*outputs, args.city_output, args.matrix) if path is not None]
+    _tell(args, table, seconds, written)
     return 0
 
 
-def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
+def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
     """The files to write; their formats are checked before a scene is read."""
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
-    paths = given.output or [Path(f"{spec.stem}-sun.png")]
+    paths = args.output or [Path(f"{spec.stem}-sun.png")]
     for path in paths:
         writer_of(path, kind_of(sensors))
     return paths
@@ -238,16 +238,16 @@ def _write_city(table, spec: SceneSpec, path: Path) -> None:
     write_attributes(spec.path, path, values, lod=spec.lod)
 
 
-def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> None:
+def _tell(args: SunArguments, table, seconds: float, written: list[str]) -> None:
     rays = len(table) * table.about["suns"] * table.about["samples"]
     there = table.sensors.covered
     hours = table["sun_hours"][there]
     numbers = {"sensors": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
-    if given.json:
+    if args.json:
         columns = {name: column.values for name, column in table.columns.items() if column.values.dtype.kind in "fiub"}
-        found = {name: float(values[there].mean()) for name, values in columns.items()} if there.any() else {}
-        report.print_json({**table.about, **numbers, "means": found, "files": written})
-    elif not given.quiet:
+        means = {name: float(values[there].mean()) for name, values in columns.items()} if there.any() else {}
+        console.print_json({**table.about, **numbers, "means": means, "files": written})
+    elif not args.quiet:
         about = table.about
         least, middle, most = np.percentile(hours, (0, 50, 100)) if len(hours) else (0.0, 0.0, 0.0)
         rows = [
@@ -258,11 +258,11 @@ def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> Non
         ]
         if "passes" in table.columns and "areas" not in about:
             rows.append((about["rule"], f"{table['passes'][there].mean():.1%} of the sensors on surfaces pass"))
-        rows.append(("time", f"{report.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
+        rows.append(("time", f"{console.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
         rows += [("written", path) for path in written]
-        report.print_fields(rows)
+        console.print_fields(rows)
         if "areas" in about:
-            report.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
+            console.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
 
 
 def _areas(records: list[dict]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -63,7 +63,7 @@ class ViewArguments:
 
 
 @takes(ViewArguments)
-def view(given: ViewArguments) -> int:
+def view(args: ViewArguments) -> int:
     """Show SCENE in the browser, until Ctrl-C.
 
     Drag to turn, scroll to come nearer. While the camera moves, the browser shows triangles with baked light. As soon
@@ -79,11 +79,11 @@ def view(given: ViewArguments) -> int:
       antumbra view city.city.json --timezone Europe/Amsterdam
       antumbra view city.antumbra --max-memory 2G --no-browser
     """
-    spec = arguments.parse_scene(given.scene)
-    asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
-    asked_lights = [arguments.parse_light(text) for text in given.light or []]
-    asked_sky = None if given.sky is None else arguments.parse_sky(given.sky)
-    memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
+    spec = arguments.parse_scene(args.scene)
+    asked_camera = None if args.camera is None else arguments.parse_camera(args.camera)
+    asked_lights = [arguments.parse_light(text) for text in args.light or []]
+    asked_sky = None if args.sky is None else arguments.parse_sky(args.sky)
+    memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
     from ..jobs.sun.location import given_position, place_of
@@ -91,30 +91,30 @@ def view(given: ViewArguments) -> int:
     from ..viewer.viewer_page import view as shown
 
     import_extra("viser", "antumbra view", "view")
-    port = checked_port(given.host, given.port)
+    port = checked_port(args.host, args.port)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(given, name) for name in names})
-    with ProgressDisplay(given.quiet) as display:
+    position = given_position(**{name: getattr(args, name) for name in names})
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         limit_memory(opened, memory)
         place = place_of(opened, **position)
-        if place is None and (given.north is not None or given.timezone is not None):
+        if place is None and (args.north is not None or args.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")
-        time = opened.clamped(given.time)
+        time = opened.clamped(args.time)
         camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, time, _SIZE)
         lights = None
         if asked_lights or asked_sky is not None:
             lights = arguments.make_picture_lights(asked_lights, asked_sky, opened, time)
         display.say("preparing the first picture")
         viewer = shown(
-            opened, lights, camera=camera, time=time, plan=given.plan, threads=given.threads, max_memory=memory,
-            place=place, port=port, host=given.host, allow_host=given.allow_host or (), browser=False,
+            opened, lights, camera=camera, time=time, plan=args.plan, threads=args.threads, max_memory=memory,
+            place=place, port=port, host=args.host, allow_host=args.allow_host or (), browser=False,
         )  # fmt: skip
     with viewer:
-        if not given.quiet:
+        if not args.quiet:
             print(f"{opened.name} is at {viewer.url} (Ctrl-C ends it)", flush=True)
-        if not given.no_browser and not webbrowser.open(viewer.url):
+        if not args.no_browser and not webbrowser.open(viewer.url):
             say(f"no browser was found; open {viewer.url}")
         with suppress(KeyboardInterrupt):
             viewer.wait()

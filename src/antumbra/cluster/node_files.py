@@ -46,7 +46,7 @@ def input_of(path: Path) -> Input:
     return Input(str(path), path.stat().st_size, _sum(path), header)
 
 
-def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
+def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
     """The path of an input on this node.
 
     The file is opened by path if it is there and is the same. Otherwise it is fetched, unless an earlier job did so.
@@ -59,20 +59,20 @@ def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | 
     InputError
         If a file that refers to others, or a folder, is not there, or if the fetched file has another sum.
     """
-    path = Path(wanted.path)
-    if (wanted.size < 0 and path.is_dir()) or _is_same(path, wanted):
-        return wanted.path
-    if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
+    path = Path(source.path)
+    if (source.size < 0 and path.is_dir()) or _is_same(path, source):
+        return source.path
+    if source.size < 0 or path.suffix.lower() in _WITH_MORE:
         raise InputError(
             f"{path}: is not on node {platform.node()}, and names other files; share it, or use one file, "
             "such as .glb or .tif"
         )
-    folder = (folder or own_temporary() / "inputs") / wanted.sha256
+    folder = (folder or own_temporary() / "inputs") / source.sha256
     make_folder(folder)
     target = folder / path.name
     with file_lock(folder / "fetching.lock"):  # another worker of this machine may be fetching it
-        if not _is_same(target, wanted):
-            _fetch(wanted, read, target)
+        if not _is_same(target, source):
+            _fetch(source, read, target)
     return str(target)
 
 
@@ -93,17 +93,17 @@ def own_temporary() -> Path:
     return folder
 
 
-def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> None:
-    if shutil.disk_usage(target.parent).free < wanted.size:
-        raise InputError(f"{target.parent}: has no room for {wanted.path} ({wanted.size >> 20} MiB); set TMPDIR")
+def _fetch(source: Input, read: Callable[[str, int], bytes], target: Path) -> None:
+    if shutil.disk_usage(target.parent).free < source.size:
+        raise InputError(f"{target.parent}: has no room for {source.path} ({source.size >> 20} MiB); set TMPDIR")
     digest = hashlib.sha256()
     with atomic_output(target) as temporary, open(temporary, "wb") as out:
-        for offset in range(0, wanted.size, PIECE):
-            piece = read(wanted.path, offset)
+        for offset in range(0, source.size, PIECE):
+            piece = read(source.path, offset)
             digest.update(piece)
             out.write(piece)
-        if digest.hexdigest() != wanted.sha256:
-            raise InputError(f"{wanted.path}: changed while it was fetched; run the command again")
+        if digest.hexdigest() != source.sha256:
+            raise InputError(f"{source.path}: changed while it was fetched; run the command again")
 
 
 def piece_of(path: str, offset: int) -> bytes:
@@ -113,11 +113,11 @@ def piece_of(path: str, offset: int) -> bytes:
         return file.read(PIECE)
 
 
-def _is_same(path: Path, wanted: Input) -> bool:
+def _is_same(path: Path, source: Input) -> bool:
     try:
-        if path.stat().st_size != wanted.size:
+        if path.stat().st_size != source.size:
             return False
-        return _header(path) == wanted.header if wanted.header else _sum(path) == wanted.sha256
+        return _header(path) == source.header if source.header else _sum(path) == source.sha256
     except OSError:
         return False
 
@@ -142,8 +142,8 @@ INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky"
 
 def files_in(named: Mapping[str, Any]) -> dict[str, Path]:
     """The files and folders that arguments name, if they exist, by the names of the arguments."""
-    found = {name: _path_in(named.get(name)) for name in INPUTS}
-    return {name: Path(path) for name, path in found.items() if path and Path(path).exists()}
+    paths = {name: _path_in(named.get(name)) for name in INPUTS}
+    return {name: Path(path) for name, path in paths.items() if path and Path(path).exists()}
 
 
 def with_files(named: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:

@@ -91,12 +91,12 @@ def connected(address: str) -> Iterator:
     if ray.is_initialized():
         yield ray
         return
-    own = {}
+    options = {}
     if address == "local":
-        own = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
+        options = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **options)
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:160]
         raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status") from None

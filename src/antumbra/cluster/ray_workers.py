@@ -71,10 +71,10 @@ class Node:
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
             os.chdir(self._own)  # results of a job have relative names here
             precompile_plan_kernels(job.plan)
-            asked = UnitCollector(Path(job.folder))
-            job.prepare(paths, self._threads, asked)
-        self._units = [(units, k) for _, units, k in numbered(asked.job)]
-        return signature(asked.job)
+            collector = UnitCollector(Path(job.folder))
+            job.prepare(paths, self._threads, collector)
+        self._units = [(units, k) for _, units, k in numbered(collector.job)]
+        return signature(collector.job)
 
     def do(self, number: int) -> Done:
         """Do a unit."""
@@ -86,10 +86,10 @@ class Node:
         files = {name: units.root / name for name in units.files(k)}
         if not all(path.exists() for path in files.values()):
             return Done({}, perf_counter() - start)
-        found = {name: path.read_bytes() for name, path in files.items()}
+        contents = {name: path.read_bytes() for name, path in files.items()}
         for path in files.values():
             path.unlink()
-        return Done(found, perf_counter() - start)
+        return Done(contents, perf_counter() - start)
 
     def leave(self) -> None:
         """Remove the node's own files."""
@@ -99,10 +99,10 @@ class Node:
 
 def precompile_plan_kernels(plan: str | None) -> None:
     """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
-    wanted = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
-    if missing_of(wanted):
+    kernels = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    if missing_of(kernels):
         with file_lock(own_temporary() / "warm.lock"):
-            if missing := missing_of(wanted):
+            if missing := missing_of(kernels):
                 compile_missing(missing)
 
 
@@ -253,8 +253,8 @@ class WorkerPool:
         if often:
             raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; do the nodes lack memory?")
 
-    def _check(self, worker: NodeWorker, told) -> None:
-        if told != signature(self._job):
+    def _check(self, worker: NodeWorker, answer) -> None:
+        if answer != signature(self._job):
             raise InputError(
                 f"{worker.host} would do other work than this machine; install the same version of antumbra there"
             )
@@ -316,10 +316,10 @@ class _Remote:
 
 def about_node() -> dict[str, Any]:
     """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
-    wanted = needs.read_manifests(needs.MANIFEST).kernels
-    found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
-    found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
-    return {**found, "missing": len(missing_of(wanted)), "cache": str(user_cache().path)}
+    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    facts: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
+    facts |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
+    return {**facts, "missing": len(missing_of(kernels)), "cache": str(user_cache().path)}
 
 
 def _memory() -> float | None:
@@ -338,11 +338,11 @@ def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
             call = ask.options(num_cpus=0, max_retries=0, scheduling_strategy=on_node(ray, node["NodeID"])).remote()
             calls[call] = node["NodeManagerHostname"], int(node["Resources"].get("CPU", 0))
     ready, late = ray.wait(list(calls), num_returns=len(calls), timeout=seconds)
-    found = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]
+    records = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]
     for call in ready:
         host, cores = calls[call]
         try:
-            found.append({**ray.get(call), "cores": cores})
+            records.append({**ray.get(call), "cores": cores})
         except ray.exceptions.RayError as error:
-            found.append({"host": host, "error": " ".join(str(error).split())[:160]})
-    return sorted(found, key=lambda each: each["host"])
+            records.append({"host": host, "error": " ".join(str(error).split())[:160]})
+    return sorted(records, key=lambda each: each["host"])

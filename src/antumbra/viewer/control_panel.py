@@ -51,9 +51,9 @@ class Controls:
         """Show a line at the top of the panel."""
         self._status.content = text
 
-    def describe(self, found: Probe | None) -> None:
+    def describe(self, point: Probe | None) -> None:
         """Show what a clicked point sees."""
-        self._point.content = describe_point(found)
+        self._point.content = describe_point(point)
 
     def refresh(self) -> None:
         """Set the sliders to what the model has."""
@@ -139,19 +139,19 @@ class Controls:
                 self._page.changed()
 
 
-def describe_point(found: Probe | None) -> str:
+def describe_point(point: Probe | None) -> str:
     """HTML about a point: the surface, and a row for each light."""
-    if found is None:
+    if point is None:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
-    place = ", ".join(f"{c:.6g}" for c in found.position)
+    place = ", ".join(f"{c:.6g}" for c in point.position)
     rows = "".join(
         f"<tr><td>{escape(sight.name)}</td><td style='{_UNBROKEN}'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
         f"<td>{_blocked(sight)}</td></tr>"
-        for sight in found.sights
+        for sight in point.sights
     )
     head = "<tr><th>light</th><th>seen</th><th>its centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
-    return f"<div style='{_STYLE}'>{_face(found.face)}<br>at {place}{table}</div>"
+    return f"<div style='{_STYLE}'>{_face(point.face)}<br>at {place}{table}</div>"
 
 
 def _blocked(sight) -> str:

@@ -57,21 +57,21 @@ def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | No
         return None
     normal = hit.normal * (-1.0 if hit.normal @ direction > 0.0 else 1.0)
     position, lamps = hit.position, model.shining
-    found = visibility(
+    result = visibility(
         scene, position, [lamp.light for lamp in lamps], normal, spp=_SPP, plan=model.plan, time=time,
         threads=model.threads,
     )  # fmt: skip
     face = _face(model, int(hit.face), hit.corners, int(hit.object))
     sights = []
-    for lamp, share, samples in zip(lamps, found.fraction.tolist(), found.samples.tolist()):
-        seen = Sight(lamp.name, share, samples, None, None, None)
+    for lamp, share, samples in zip(lamps, result.fraction.tolist(), result.samples.tolist()):
+        sight = Sight(lamp.name, share, samples, None, None, None)
         sights.append(
-            _with_blocker(model, seen, lamp.light, position, normal, face) if has_centre(lamp.light) else seen
+            _with_blocker(model, sight, lamp.light, position, normal, face) if has_centre(lamp.light) else sight
         )
     return Probe(position, normal, face, sights)
 
 
-def _with_blocker(model: Model, sight: Sight, light, position, normal, own: Face) -> Sight:
+def _with_blocker(model: Model, sight: Sight, light, position, normal, face: Face) -> Sight:
     """The sight with the light's centre, and the first triangle on the way there."""
     local = (position - model.scene.origin)[None]
     world = point_receivers(local, normal[None], position[None], single=False) + model.scene.origin
@@ -79,8 +79,8 @@ def _with_blocker(model: Model, sight: Sight, light, position, normal, own: Face
     reach = FAR / model.stage.scale if isinstance(light, DirectionalLight) else 1.0
     sight = sight._replace(end=world[0] + reach * direction)
     if normal @ direction <= 0.0:
-        return sight._replace(blocker=own, at=position)
-    hit = model.scene.closest_hit(world[0], direction, 0.0, end, own.index, model.time, threads=model.threads)
+        return sight._replace(blocker=face, at=position)
+    hit = model.scene.closest_hit(world[0], direction, 0.0, end, face.index, model.time, threads=model.threads)
     if not hit.mask:
         return sight
     return sight._replace(blocker=_face(model, int(hit.face), hit.corners, int(hit.object)), at=hit.position)
@@ -120,9 +120,9 @@ class Gizmos:
         self._shown, self._lock = True, Lock()
         self.refresh()
 
-    def show_handles(self, shown: bool) -> None:
+    def show_handles(self, visible: bool) -> None:
         """Show or hide the handles of all lights."""
-        self._shown = shown
+        self._shown = visible
         self.refresh()
 
     def refresh(self) -> None:
@@ -133,18 +133,18 @@ class Gizmos:
                 if place is not None:
                     self._put(lamp, place)
 
-    def point_at(self, found: Probe | None) -> None:
+    def point_at(self, point: Probe | None) -> None:
         """Show what a point sees: lines to the lights, red up to what blocks them, and the blocking triangles."""
         for name in "/point", "/sights", "/blockers":
             self._scene.remove_by_name(name)
-        if found is None:
+        if point is None:
             return
         to_page = self._model.stage.to_page
-        self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(found.position))
-        lines, colours = sight_lines(found)
+        self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(point.position))
+        lines, colours = sight_lines(point)
         if len(lines):
             self._draw("/sights", to_page(lines), colours, 2.5)
-        rings = [sight.blocker.corners for sight in found.sights if sight.blocker is not None]
+        rings = [sight.blocker.corners for sight in point.sights if sight.blocker is not None]
         if rings:
             edges = np.concatenate([np.stack([ring, np.roll(ring, -1, 0)], 1) for ring in rings])
             self._scene.add_line_segments(
@@ -180,18 +180,18 @@ class Gizmos:
         return moved
 
 
-def sight_lines(found: Probe) -> tuple[np.ndarray, np.ndarray]:
+def sight_lines(point: Probe) -> tuple[np.ndarray, np.ndarray]:
     """(k, 2, 3) float64, world: lines from a point to the lights; (k, 2, 3) uint8: their colours."""
     lines: list[tuple] = []
     colours = []
-    for sight in found.sights:
+    for sight in point.sights:
         if sight.end is None:
             continue
         if sight.at is None:
-            lines.append((found.position, sight.end))
+            lines.append((point.position, sight.end))
             colours.append(_SEEN)
             continue
-        lines += [(found.position, sight.at), (sight.at, sight.end)]
+        lines += [(point.position, sight.at), (sight.at, sight.end)]
         colours += [_BLOCKED, _BEYOND]
-    shown = np.repeat(np.array(colours, np.uint8).reshape(-1, 1, 3), 2, 1)
-    return np.array(lines, np.float64).reshape(-1, 2, 3), shown
+    line_colours = np.repeat(np.array(colours, np.uint8).reshape(-1, 1, 3), 2, 1)
+    return np.array(lines, np.float64).reshape(-1, 2, 3), line_colours

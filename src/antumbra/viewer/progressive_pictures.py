@@ -147,11 +147,11 @@ def box_test_picture(model: Model, camera: Camera, lights: list[Light], spp: int
     """Count the box tests of a picture's shadow rays under the page's plan."""
     moment = TimeSample(model.time, camera, lights)
     explanation = explain(model.scene, [moment], [model.looks.plan], spp=spp, threads=model.threads)
-    (found,) = explanation.plans
-    scale = linear_scale(found.boxes[explanation.asks])
-    each = f"{found.box_tests / max(explanation.rays, 1):.4g} boxes tested a ray by {found.plan}"
+    (steps,) = explanation.plans
+    scale = linear_scale(steps.boxes[explanation.asks])
+    each = f"{steps.box_tests / max(explanation.rays, 1):.4g} boxes tested a ray by {steps.plan}"
     legend = draw_bar(scale.bar("boxes tested for each pixel's rays"), _WIDTH, _LETTERS)
-    return BoxTestPicture(scale.colours(found.boxes, explanation.asks), explanation.rays, each, legend)
+    return BoxTestPicture(scale.colours(steps.boxes, explanation.asks), explanation.rays, each, legend)
 
 
 # --- Traced pictures of a page, from coarse to fine, while its camera rests -------------------------------------------
@@ -256,10 +256,10 @@ def scaled_camera(camera: Camera, coarse: int) -> Camera:
     return camera.resized(*(max(1, round(n / side)) for n in (camera.width, camera.height)))
 
 
-def _grey(share: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _grey(share: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """(h, w, 3) uint8: shares from black to white, where a surface is seen."""
     grey = np.round(255.0 * share).astype(np.uint8)[..., None]
-    return np.where(seen[..., None], grey, _UNLIT)
+    return np.where(mask[..., None], grey, _UNLIT)
 
 
 # --- A browser that looks at a page: its camera, and the pictures that it gets, ever finer while the camera rests -----
@@ -286,8 +286,8 @@ class ClientView:
         Called, in the worker's thread, for each picture that was sent.
     """
 
-    def __init__(self, model: Model, worker: TaskQueue, client: Any, drawn: Callable[[TracedPicture], None]):
-        self.model, self._worker, self._client, self._drawn = model, worker, client, drawn
+    def __init__(self, model: Model, worker: TaskQueue, client: Any, on_sent: Callable[[TracedPicture], None]):
+        self.model, self._worker, self._client, self._drawn = model, worker, client, on_sent
         self.name = f"picture {client.client_id}"
         self.pose: Pose | None = None
         self._level = self._changes = 0

@@ -29,7 +29,7 @@ def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
     colours : (2, n, 3) float32, linear, in [0, 1]: of the front and of the back
     """
     both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3).astype(np.float32)
-    shown = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
+    rgb = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
     root = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -40,11 +40,11 @@ def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
         "accessors": [
             {**_accessor(0, both), "min": both.min(0).tolist(), "max": both.max(0).tolist()},
-            _accessor(1, shown),
+            _accessor(1, rgb),
         ],
-        **buffer_views([both, shown], [ARRAY_BUFFER, ARRAY_BUFFER]),
+        **buffer_views([both, rgb], [ARRAY_BUFFER, ARRAY_BUFFER]),
     }
-    return glb_bytes(root, [both, shown])
+    return glb_bytes(root, [both, rgb])
 
 
 def before_aces(colours: np.ndarray) -> np.ndarray:
@@ -93,8 +93,9 @@ def proxy_mesh(triangles: Triangles, most: int = MOST) -> ProxyMesh:
     faces = np.flatnonzero(length > 0.0)
     if not len(faces):
         return ProxyMesh(corners[:0], np.empty((0, 3)), np.empty((0, 3)), faces)
-    shown, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
-    both = np.concatenate([shown, corners[faces]], 2)  # light is measured on the face: the piece may lie within a wall
+    simplified, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
+    # Light is measured on the original face, because a simplified piece may lie inside a wall.
+    both = np.concatenate([simplified, corners[faces]], 2)
     both, faces = _divided(both, faces, most)
     points = both[:, :, 3:].astype(np.float64).mean(1) + triangles.origin
     order = np.argsort(morton_codes(points - points.mean(0)), kind="stable")
@@ -115,15 +116,15 @@ def _divided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndar
 
     while size > _SHORTEST * longest.max() and (4.0 ** times(size / _FINER)).sum() <= most:
         size /= _FINER
-    left, done = times(size), []
+    remaining, done = times(size), []
     while len(corners):
-        last = left <= 0
+        last = remaining <= 0
         done.append((corners[last], faces[last]))
         a, b, c = corners[~last].swapaxes(0, 1)
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         corners = np.concatenate([np.stack(each, 1) for each in four])
-        faces, left = np.tile(faces[~last], 4), np.tile(left[~last] - 1, 4)
+        faces, remaining = np.tile(faces[~last], 4), np.tile(remaining[~last] - 1, 4)
     return np.concatenate([pieces for pieces, _ in done]), np.concatenate([owner for _, owner in done])
 
 
@@ -138,11 +139,11 @@ def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.nd
         at = np.floor((corners[faces] - low) * (cells / extent)).astype(np.int64)
         keys = (at[..., 0] << 42) | (at[..., 1] << 21) | at[..., 2]
         a, b, c = keys.T
-        whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-        _, first = np.unique(np.sort(keys[whole], 1) @ _MIXED, return_index=True)
+        proper = np.flatnonzero((a != b) & (b != c) & (c != a))
+        _, first = np.unique(np.sort(keys[proper], 1) @ _MIXED, return_index=True)
         if len(first) <= most:
-            kept = whole[first]
-            return ((at[kept] + 0.5) * (extent / cells) + low).astype(np.float32), faces[kept]
+            chosen = proper[first]
+            return ((at[chosen] + 0.5) * (extent / cells) + low).astype(np.float32), faces[chosen]
         cells /= max(_FINER, (len(first) / most) ** 0.5)
 
 
@@ -152,8 +153,8 @@ def proxy_light(model: Model, pieces: ProxyMesh, check: Callable = lambda *_: No
     check : called between parts of the work; it may raise an exception to end it
     """
     lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
-    asked = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
-    meter = Meter(model.scene, asked, 2 * n)
+    settings = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
+    meter = Meter(model.scene, settings, 2 * n)
     out = np.zeros((2, n, 3), np.float32)
     for side, sign in enumerate((1.0, -1.0)):
         for start in range(0, n, _AT_ONCE):

@@ -44,8 +44,8 @@ class Guard:
 
     def __init__(self, host: str, allow_host: Sequence[str] = ()):
         self.allowed = {_allowed(name) for name in allow_host}
-        own = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
-        self.names = {*self.allowed, *own, canonical(host)}
+        names = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
+        self.names = {*self.allowed, *names, canonical(host)}
         self.token = "" if is_loopback(host) else secrets.token_urlsafe(16)
         self.in_place = False  # a server has taken it
 
@@ -73,8 +73,8 @@ class Guard:
 
         The port of `host` may differ from ours, as in ``ssh -L 9000:localhost:8080``: no page can write that header.
         """
-        scheme, _, rest = origin.partition("://")
-        return scheme in ("http", "https") and (rest.lower() == host.lower() or name_of(rest) in self.allowed)
+        scheme, _, netloc = origin.partition("://")
+        return scheme in ("http", "https") and (netloc.lower() == host.lower() or name_of(netloc) in self.allowed)
 
     def check(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
         """The answer to a request: 403, or that of `serve` to the path without the token."""
@@ -123,10 +123,10 @@ def is_loopback(host: str) -> bool:
         If the host is none.
     """
     try:
-        found = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        addresses = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise InputError(f"cannot listen at {host!r} ({error}); 127.0.0.1 is this machine") from None
-    return all(ip_address(address[0].partition("%")[0]).is_loopback for *_, address in found)
+    return all(ip_address(address[0].partition("%")[0]).is_loopback for *_, address in addresses)
 
 
 def name_of(netloc: str) -> str | None:
@@ -157,18 +157,18 @@ def one_line(text: Any) -> str:
 
 
 def _allowed(name: Any) -> str:
-    found = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
-    if found is None or found != canonical(name):
+    host = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
+    if host is None or host != canonical(name):
         raise InputError(
             f"allow_host: {quoted(name)} is no name or address; give one as gpu.example.org, without a port"
         )
-    return found
+    return host
 
 
 def _names() -> set[str]:
     """The names of this machine."""
-    own = {socket.gethostname().lower(), socket.getfqdn().lower()} - {""}
-    return own | {f"{name}.local" for name in own if "." not in name}
+    names = {socket.gethostname().lower(), socket.getfqdn().lower()} - {""}
+    return names | {f"{name}.local" for name in names if "." not in name}
 
 
 def _token_of(path: str) -> str:

@@ -242,8 +242,8 @@ class Model:
     def lamps(self) -> list[EditableLight]:
         """All lights, at the time and where the user moved them."""
         if self._found is None or self._found[0] != self.time:
-            own = self.scene.default_lights(self.time) if self._given is None else self._given
-            self._found = self.time, dict(zip(light_names(own), own))
+            lights = self.scene.default_lights(self.time) if self._given is None else self._given
+            self._found = self.time, dict(zip(light_names(lights), lights))
         return [
             EditableLight(name, self._moved.get(name, light), name not in self._off)
             for name, light in self._found[1].items()
@@ -259,9 +259,9 @@ class Model:
     @property
     def shining(self) -> list[EditableLight]:
         """The lights that are on; never none: without any, the first one with intensity 0."""
-        found = self.lamps
-        on = [lamp for lamp in found if lamp.on and not self._has_set(lamp)]
-        return on or [found[0]._replace(light=replace(found[0].light, intensity=0.0), on=False)]
+        lamps = self.lamps
+        on = [lamp for lamp in lamps if lamp.on and not self._has_set(lamp)]
+        return on or [lamps[0]._replace(light=replace(lamps[0].light, intensity=0.0), on=False)]
 
     @property
     def sun(self) -> EditableLight | None:

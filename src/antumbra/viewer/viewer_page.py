@@ -146,9 +146,9 @@ class Page:
         direction = np.array(event.ray_direction, np.float64)
 
         def work(check) -> None:
-            found = probe(self.model, origin, direction)
-            self.marks.point_at(found)
-            self.controls.describe(found)
+            point = probe(self.model, origin, direction)
+            self.marks.point_at(point)
+            self.controls.describe(point)
 
         self.worker.ask("click", CLICK, work)
 
@@ -178,10 +178,10 @@ def checked_port(host: str, port: int) -> int:
         raise InputError("the host is empty; give 127.0.0.1 for this machine alone, or 0.0.0.0 for all that reach it")
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as found:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind(address)
-            return found.getsockname()[1]
+        with socket.socket(family, kind) as server:
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            server.bind(address)
+            return server.getsockname()[1]
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None)
         if number == errno.EADDRINUSE:
