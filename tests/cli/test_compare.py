@@ -151,7 +151,7 @@ def test_bits_that_differ(compare, monkeypatch, tmp_path, plan, code):
 
     monkeypatch.setattr(Accelerator, "answer_all", spoilt)
     done = compare("--html", "a.html", "--no-filter", plans=["bsah+single", plan])
-    line = f"{plan} differs from bsah+single: 1 of the bits, 1 of the pixels, and first the pixel (7, 3)"
+    line = f"{plan} differs from bsah+single: 1 of the bits, 1 of the pixels, first at (7, 3)"
     assert done.code == code and line in " ".join(done.out.split()) and line in (tmp_path / "a.html").read_text()
     assert ("please report it" in done.err) == ("class=bad" in (tmp_path / "a.html").read_text()) == bool(code)
     assert ("it is not exact" in done.out) != bool(code) and "the same by" not in done.out

@@ -269,7 +269,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--gbuffer", "guess"), ["--gbuffer", "raster"]),
         (("--threads", "0"), ["--threads"]),
         (("--up", "x"), ["--up"]),
-        (("--up", "z"), ["--up and --crs belong to files"]),
+        (("--up", "z"), ["--up and --crs are for files"]),
         (("--time", "noon"), ["--time"]),
         (("--time", "nan"), ["time"]),
         (("--exposure", "0"), ["exposure is 0"]),

@@ -1,4 +1,4 @@
-"""``antumbra bake``: bakes ambient occlusion, shadows or light of a scene into a glTF file."""
+"""``antumbra bake``: bake ambient occlusion, shadows or light of a scene into a glTF file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -47,62 +47,62 @@ class BakeArguments:
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
-    what: Annotated[BakedQuantity, typer.Option(help="What surfaces receive.")] = BakedQuantity.ao
-    vertex: Annotated[bool, typer.Option("--vertex", help="Values at vertices; this is the default.")] = False
+    what: Annotated[BakedQuantity, typer.Option(help="Quantity to bake.")] = BakedQuantity.ao
+    vertex: Annotated[bool, typer.Option("--vertex", help="Bake values at vertices (the default).")] = False
     attribute: Annotated[
         str | None,
         typer.Option(
-            help="Attribute of the vertices: COLOR_0, or an own name such as _AO.  [default: COLOR_0; of bent normals "
+            help="Vertex attribute: COLOR_0, or a custom name such as _AO.  [default: COLOR_0; for bent normals "
             "_BENT_NORMAL]",
             metavar="NAME",
             show_default=False,
         ),
     ] = None
-    multiply: Annotated[bool, typer.Option("--multiply", help="Multiply a COLOR_0 of the file, not replace it.")] = (
-        False
-    )
+    multiply: Annotated[
+        bool, typer.Option("--multiply", help="Multiply the file's COLOR_0 instead of replacing it.")
+    ] = False
     texture: Annotated[
         int | None,
         typer.Option(
-            help="A square texture of so many texels a side, not vertices.", metavar="SIZE", show_default=False
+            help="Bake a square texture of SIZE texels per side instead of vertices.",
+            metavar="SIZE",
+            show_default=False,
         ),
     ] = None
     uv: Annotated[
         int | None,
         typer.Option(
-            help="The file's UV set that the texture uses.  [default: a new atlas]", metavar="SET", show_default=False
+            help="UV set of the file for the texture.  [default: a new atlas]", metavar="SET", show_default=False
         ),
     ] = None
-    bits: Annotated[int, typer.Option(help="Bits of a channel of the texture: 8 or 16.")] = 8
-    exr: Annotated[bool, typer.Option("--exr", help="Write the texture as .exr beside FILE too.")] = False
-    denoise: Annotated[bool, typer.Option("--denoise", help="Smooth noise of ao or shadow over 4x4 texels.")] = False
+    bits: Annotated[int, typer.Option(help="Bits per texture channel: 8 or 16.")] = 8
+    exr: Annotated[bool, typer.Option("--exr", help="Also write the texture as .exr next to FILE.")] = False
+    denoise: Annotated[bool, typer.Option("--denoise", help="Smooth the noise of ao or shadow over 4x4 texels.")] = (
+        False
+    )
     radius: Annotated[
         float | None,
-        typer.Option(help="For ao: what is farther away blocks nothing.  [default: no limit]", show_default=False),
+        typer.Option(help="For ao: greatest distance of occluders.  [default: no limit]", show_default=False),
     ] = None
     light: PictureLightOption = None
     sky: Annotated[
         float | None,
-        typer.Option(
-            help="For light: irradiance of an open sky, besides the lights.", metavar="LUX", show_default=False
-        ),
+        typer.Option(help="For light: add the irradiance of an open sky.", metavar="LUX", show_default=False),
     ] = None
     exposure: Annotated[
         float | None,
         typer.Option(
-            help="Factor on light that is cut off at 1.  [default: 1; of light automatic]", show_default=False
+            help="Exposure factor; values are clipped at 1.  [default: 1; for light automatic]", show_default=False
         ),
     ] = None
-    spp: Annotated[int, typer.Option(help="Rays for each vertex or texel and light.", min=1, max=1024)] = 256
+    spp: Annotated[int, typer.Option(help="Rays per vertex or texel and light.", min=1, max=1024)] = 256
     sampler: SamplerOption = "hammersley"
-    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep the darkness of points inside solids.")] = (
-        False
-    )
+    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep points inside solids dark.")] = False
     time: TimeOption = 0.0
     up: UpOption = None
     plan: Annotated[
         str | None,
-        typer.Option(help="The methods that answer; see antumbra plans.  [default: auto]", show_default=False),
+        typer.Option(help="Plan; see antumbra plans.  [default: auto]", show_default=False),
     ] = None
     threads: Threads = None
     shard: ShardOption = None
@@ -112,7 +112,7 @@ class BakeArguments:
     quiet: Quiet = False
 
     def options(self) -> dict[str, Any]:
-        """The arguments of `antumbra.bake` that need no scene."""
+        """The arguments of `antumbra.bake` that do not depend on the scene."""
         names = "attribute", "multiply", "texture", "uv", "bits", "exr", "denoise", "radius", "exposure"
         more = "spp", "sampler", "keep_hidden", "time", "plan", "threads"
         return {name: getattr(self, name) for name in (*names, *more)}
@@ -120,26 +120,26 @@ class BakeArguments:
 
 @takes(BakeArguments)
 def bake(args: BakeArguments) -> int:
-    """Bake what the surfaces of SCENE receive into a copy of its glTF file.
+    """Bake occlusion, shadows or light of SCENE into a copy of its glTF file.
 
-    Everything else in the file stays: nodes, instances, materials, textures, animations. Any other scene is written as
-    glTF first, with its triangles and base colours.
+    Everything else in the file is kept: nodes, instances, materials, textures, animations. Other scenes are first
+    converted to glTF, with their triangles and base colours.
 
     \b
     WHAT
-      ao           the share of the sky that is open, weighted by the cosine
-      shadow       the mean share of the lights that is visible
-      sun          the irradiance of one sun over its intensity
-      light        the light of all lights and the sky, linear RGB
-      bent-normal  the mean open direction
+      ao           visible share of the sky, weighted by the cosine
+      shadow       mean visible share of the lights
+      sun          irradiance of one sun, divided by its intensity
+      light        light of all lights and the sky, linear RGB
+      bent-normal  mean unoccluded direction
 
-    A texture of ao becomes the occlusion texture of the materials. Viewers apply it to the light from all around.
-    Textures of shadow, sun and light take the place of the base colour, which is multiplied in, and the materials
-    become unlit (KHR_materials_unlit). COLOR_0 multiplies the base colour; of shadow, sun and light it makes materials
-    unlit too. A mesh that several nodes show is divided, since each node receives other light.
+    An ao texture becomes the occlusion texture of the materials, which viewers apply to ambient light. Textures of
+    shadow, sun and light are multiplied by the base colour and replace it, and the materials become unlit
+    (KHR_materials_unlit). COLOR_0 multiplies the base colour; for shadow, sun and light it also makes the materials
+    unlit. A mesh used by several nodes is duplicated, because each node receives different light.
 
-    Points inside solids are dark, and nobody sees them. Visible points nearby replace them. The corners of a face run
-    counter-clockwise around its outer side, as glTF says.
+    Points inside solids are dark but never visible; they get the values of visible points nearby. The front of a face
+    is the side on which its corners run counter-clockwise, as in glTF.
 
     \b
     LIGHT
@@ -183,7 +183,7 @@ def bake(args: BakeArguments) -> int:
 
 
 def _lights(args: BakeArguments, specs: list, scene) -> list | None:
-    """The lights that were asked for; None: the bake chooses."""
+    """The lights of the arguments; None: the bake chooses."""
     from ..scene.lights import AmbientOcclusion
     from ..scene.sky import Sky
 
@@ -206,5 +206,5 @@ def _fields(result: "Baked") -> Iterator[tuple[str, str]]:
     if result.seam is not None:
         yield "seams", f"99 % differ by less than {result.seam:.3f}"
     trace = result.seconds["trace"]
-    yield "rays", f"{result.rays:,}, {result.rays / max(trace, 1e-9) / 1e6:.1f} million a second"
+    yield "rays", f"{result.rays:,}, {result.rays / max(trace, 1e-9) / 1e6:.1f} million per second"
     yield "time", ", ".join(f"{name} {console.duration(s)}" for name, s in result.seconds.items())

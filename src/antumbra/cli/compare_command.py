@@ -255,7 +255,7 @@ def differs(comparison: "Comparison", one: "PlanMeasurement") -> str:
     n, pixels, first = one.difference
     assert first is not None
     return (
-        f"{one.plan} differs from {comparison.reference}: {n:,} bits and {pixels:,} pixels, the first at "
+        f"{one.plan} differs from {comparison.reference}: {n:,} of the bits, {pixels:,} of the pixels, first at "
         f"({first[0]}, {first[1]})"
     )
 
