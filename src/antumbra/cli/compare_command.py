@@ -1,4 +1,4 @@
-"""``antumbra compare``: measures plans on one picture; reports text, JSON, heat maps and an HTML page."""
+"""``antumbra compare``: measure plans on one picture, and report text, JSON, heat maps and an HTML page."""
 
 import shlex
 from collections.abc import Iterator
@@ -39,7 +39,7 @@ from .options import (
 )
 from .picture_spec import PictureSpec, RenderArguments, Shot
 
-# --- The command-line arguments of ``antumbra compare``, and their conversion to options ------------------------------
+# --- Arguments and their conversion to options ------------------------------------------------------------------------
 
 
 _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
@@ -47,16 +47,16 @@ _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
 
 @dataclass(frozen=True)
 class CompareArguments(_Options):
-    """The arguments of the command line: each field is an argument or an option.
+    """The command-line arguments and options, one per field.
 
-    The base class has those of `RenderOptions` and `EngineOptions`.
+    The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help="A plan; given twice or more. See antumbra plans.",
+            help="A plan; repeat for at least two. See antumbra plans.",
             metavar="PLAN",
             show_default=False,
         ),
@@ -64,20 +64,24 @@ class CompareArguments(_Options):
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="A .png file: picture and heat maps.", metavar="FILE", callback=writes(".png")
+            "--output",
+            "-o",
+            help="Write the picture and heat maps to a .png file.",
+            metavar="FILE",
+            callback=writes(".png"),
         ),
     ] = Path("compare.png")
     html: Annotated[
         Path | None,
         typer.Option(
-            help="A page with everything, in one .html file.",
+            help="Write all results to a self-contained .html file.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html", ".htm"),
         ),
     ] = None
-    rounds: Annotated[int, typer.Option(help="Timed frames of each plan; the median counts.", min=1, max=1000)] = 5
-    size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "512x512"
+    rounds: Annotated[int, typer.Option(help="Timed frames per plan, for the median.", min=1, max=1000)] = 5
+    size: Annotated[str, typer.Option(help="Picture size in pixels.", metavar="WxH")] = "512x512"
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
@@ -91,7 +95,7 @@ class CompareArguments(_Options):
     quiet: Quiet = False
 
     def options(self) -> PictureSpec:
-        """The options of the picture, checked against each other; they name no plan.
+        """The options of the picture, without a plan, checked against each other.
 
         Raises
         ------
@@ -99,14 +103,14 @@ class CompareArguments(_Options):
             If a text cannot be parsed, or options exclude each other.
         """
         if self.srdh_rays is not None and arguments.parse_srdh_rays(self.srdh_rays).last_frame:
-            raise InputError("--srdh-rays last-frame belongs to animations; a comparison is of one picture")
+            raise InputError("--srdh-rays last-frame is for animations; compare renders a single picture")
         shared = {f.name for f in fields(self)} & {f.name for f in fields(RenderArguments)} - {"plan", "output"}
         of_picture = RenderArguments(**{name: getattr(self, name) for name in shared})
         of_picture.check()
         return of_picture.options()
 
     def command(self) -> str:
-        """A command line with the same arguments, for a shell."""
+        """The equivalent command line, quoted for a shell."""
         words = ["antumbra", "compare", self.scene]
         for field in fields_of(type(self)):
             value = getattr(self, field.name)
@@ -116,7 +120,7 @@ class CompareArguments(_Options):
 
 
 def _words(option: str, value: Any) -> list[str]:
-    """An option with its value, or with each of its values, as words of a command line."""
+    """An option and its value, or each of its values, as words of a command line."""
     if value is True:
         return [option]
     if isinstance(value, list):
@@ -125,7 +129,7 @@ def _words(option: str, value: Any) -> list[str]:
     return [f"{option}={text}"] if text.startswith("-") else [option, text]
 
 
-# --- The results of ``antumbra compare``: as text, as JSON, and as panels of a picture --------------------------------
+# --- Results as text, JSON and panels of a picture --------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -135,24 +139,24 @@ if TYPE_CHECKING:
     from .picture_spec import PictureSpec, Shot
 
 _WIDTH = 120  # width of the tables, in characters
-_CAPTION = "tests of boxes and triangles per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
-_NO_MAP = {True: "no map: it chooses a plan for each query", False: "no map: it works on all rays at once"}
+_CAPTION = "box and triangle tests per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
+_NO_MAP = {True: "no map: it chooses a plan per query", False: "no map: it traces all rays at once"}
 
 
 class ComparisonReport(NamedTuple):
-    """A comparison, and what was compared."""
+    """A comparison and its inputs."""
 
     arguments: "CompareArguments"
     spec: "PictureSpec"
     scene: "AnyScene"
-    load: float  # seconds that reading the scene took
-    shot: "Shot"  # its frame is the reference's
+    load: float  # seconds to read the scene
+    shot: "Shot"  # with the frame of the reference
     comparison: "Comparison"
     machine: dict[str, str | int]
 
 
 class ComparisonPanels:
-    """The rendered picture, and the heat map of each plan, with a common colour bar.
+    """The rendered picture and the heat map of each plan, with a common colour bar.
 
     panels : list of Panel
     bar : Bar
@@ -166,7 +170,7 @@ class ComparisonPanels:
         maps = [one.windows for one in comparison.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
-        def drawn(one: "PlanMeasurement") -> np.ndarray:
+        def heat_map(one: "PlanMeasurement") -> np.ndarray:
             if one.windows is None:
                 return blank(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
             return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
@@ -174,11 +178,11 @@ class ComparisonPanels:
         self.panels: list[Panel] = [
             Panel(_rendered(report), (report.scene.name, f"{comparison.frame.rays:,} shadow rays"))
         ]
-        self.panels += [Panel(drawn(one), (str(one.plan), _label(comparison, one))) for one in comparison.plans]
+        self.panels += [Panel(heat_map(one), (str(one.plan), _label(comparison, one))) for one in comparison.plans]
         self.bar: ColourBar = scale.bar(_CAPTION)
 
     def save(self, path: Path) -> None:
-        """Write all panels as one picture."""
+        """Save all panels as one picture."""
         from ..picture.heat_maps import sheet
         from ..picture.image_files import save_png
 
@@ -194,16 +198,16 @@ def _rendered(report: ComparisonReport) -> np.ndarray:
 
 def _label(comparison: "Comparison", one: "PlanMeasurement") -> str:
     total, least = one.medians["total"], comparison.fastest.medians["total"]
-    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests a ray"
+    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
 
 
 def ratio(value: float, least: float) -> str:
-    """How many times the least value it is."""
+    """The ratio to the least value, as text."""
     return f"{number(value / least)}x" if least > 0.0 else "-"
 
 
 def number(value: float | None) -> str:
-    """A number with three digits or more, as text."""
+    """A number with at least three significant digits, as text."""
     if value is None:
         return "-"
     return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
@@ -222,18 +226,18 @@ def speed(one: "PlanMeasurement") -> str:
 
 
 def extent(one: "PlanMeasurement") -> str:
-    """The least and the greatest total, in milliseconds."""
+    """The range of the totals in milliseconds, as text."""
     totals = [seconds["total"] for seconds in one.seconds]
     return f"{milliseconds(min(totals))}-{milliseconds(max(totals))}"
 
 
 def phases(comparison: "Comparison") -> list[str]:
-    """The phases that take time in any plan, and at last "total"."""
+    """The phases that take time in any plan, ending with "total"."""
     return [name for name in comparison.plans[0].medians if any(one.medians[name] > 0.0 for one in comparison.plans)]
 
 
 def counters(comparison: "Comparison") -> list[tuple[str, list[str]]]:
-    """Names, and the counts of each plan; without counts that are 0 in all plans."""
+    """Names and the counts of each plan, without counters that are 0 in all plans."""
     rows = [(name, [one.counters[name] for one in comparison.plans]) for name in comparison.plans[0].counters]
     for name in comparison.plans[0].paging or ():
         rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in comparison.plans]))
@@ -242,12 +246,14 @@ def counters(comparison: "Comparison") -> list[tuple[str, list[str]]]:
 
 
 def bits(comparison: "Comparison") -> list[str]:
-    """Lines that say whether the bits are the same."""
+    """Lines that state whether the plans give the same bits."""
     differing = [one for one in comparison.plans if one.difference.pixels]
     if not differing:
-        return ["the same by all plans"]
-    lines = [differs(comparison, one) + ("" if one.plan.tracer.exact else "; it is not exact") for one in differing]
-    return lines if len(comparison.plans) - len(differing) < 2 else [*lines, "the same by all other plans"]
+        return ["identical for all plans"]
+    lines = [
+        differs(comparison, one) + ("" if one.plan.tracer.exact else "; this plan is not exact") for one in differing
+    ]
+    return lines if len(comparison.plans) - len(differing) < 2 else [*lines, "identical for all other plans"]
 
 
 def differs(comparison: "Comparison", one: "PlanMeasurement") -> str:
@@ -261,7 +267,7 @@ def differs(comparison: "Comparison", one: "PlanMeasurement") -> str:
 
 
 def comparison_fields(report: ComparisonReport) -> Iterator[tuple[str, str]]:
-    """The names and values that are printed above the tables."""
+    """The names and values printed above the tables."""
     yield "picture", str(report.arguments.output)
     if report.arguments.html is not None:
         yield "page", str(report.arguments.html)
@@ -271,7 +277,7 @@ def comparison_fields(report: ComparisonReport) -> Iterator[tuple[str, str]]:
 
 
 def picture_rows(report: ComparisonReport) -> Iterator[tuple[str, str]]:
-    """Names and values of the picture that was compared."""
+    """Names and values that describe the rendered picture."""
     scene = report.scene
     moment = f", at {report.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
     yield "scene", picture_report.scene_text(report.spec, scene) + moment
@@ -279,7 +285,7 @@ def picture_rows(report: ComparisonReport) -> Iterator[tuple[str, str]]:
 
 
 def print_tables(report: ComparisonReport) -> None:
-    """Print the medians of the phases, and the counters."""
+    """Print the median times of the phases and the counters."""
     comparison, names = report.comparison, phases(report.comparison)
     least = comparison.fastest.medians["total"]
     rows = [
@@ -289,9 +295,9 @@ def print_tables(report: ComparisonReport) -> None:
         )
         for one in comparison.plans
     ]  # fmt: skip
-    print(f"Milliseconds of a frame, median of {report.arguments.rounds}")
+    print(f"Milliseconds per frame, median of {report.arguments.rounds}")
     console.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
-    print("Counters of a frame")
+    print("Counters per frame")
     head = "", *(str(one.plan) for one in comparison.plans)
     console.print_table(head, [(name, *row) for name, row in counters(comparison)], range(1, len(head)), _WIDTH)
 
@@ -336,25 +342,25 @@ def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict:
     }
 
 
-# --- The page of ``antumbra compare``: pictures of plans, their times and counters ------------------------------------
+# --- HTML page --------------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
     from ..picture.heat_maps import Panel
 
-_NARROWEST = 300  # least width of a panel, in pixels
+_NARROWEST = 300  # minimum width of a panel, in pixels
 
 
 def save_comparison_page(report: ComparisonReport, panels: ComparisonPanels, path: Path) -> None:
-    """Write the page whole or not at all."""
+    """Write the page atomically."""
     comparison = report.comparison
     verdict, plans = " class=bad" if comparison.wrong else "", [str(one.plan) for one in comparison.plans]
     parts = [
         *(f"<p{verdict}>Bits: {escape(line)}.</p>" for line in bits(comparison)),
         _pictures(panels),
-        f"<h2>Milliseconds of a frame: median of {report.arguments.rounds}, and ratio to the fastest</h2>",
+        f"<h2>Milliseconds per frame: median of {report.arguments.rounds}, and ratio to the fastest</h2>",
         picture_report.html_table(["", *plans], _times(report)),
-        "<h2>Counters of a frame</h2>",
+        "<h2>Counters per frame</h2>",
         picture_report.html_table(["", *plans], counters(comparison)),
         "<h2>Picture</h2>",
         picture_report.html_pairs(picture_rows(report)),
@@ -367,7 +373,7 @@ def save_comparison_page(report: ComparisonReport, panels: ComparisonPanels, pat
 
 
 def _pictures(panels: ComparisonPanels) -> str:
-    """All panels as figures, and the colour bar below them."""
+    """All panels as figures, with the colour bar below."""
     from ..picture.heat_maps import draw_bar
 
     url = picture_report.data_url(draw_bar(panels.bar, 1400, 18))
@@ -376,7 +382,7 @@ def _pictures(panels: ComparisonPanels) -> str:
 
 
 def _figure(panel: "Panel") -> str:
-    """A panel with its lines below it."""
+    """A panel with its caption."""
     title, *more = map(escape, panel.lines)
     width = max(panel.picture.shape[1], _NARROWEST)
     image = f'<img alt="{title}" src="{picture_report.data_url(panel.picture)}">'
@@ -385,7 +391,7 @@ def _figure(panel: "Panel") -> str:
 
 
 def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
-    """The rows of the phases, of the total, and of the rays per second: names, and cells in HTML."""
+    """The rows of the phases, the total and the rays per second: names, and cells in HTML."""
     plans = report.comparison.plans
     medians = [one.medians for one in plans]
     for name in phases(report.comparison):
@@ -396,22 +402,22 @@ def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
     yield "million rays/s", [f"{speed(one)} <small></small>" for one in plans]
 
 
-# --- ``antumbra compare``: measures plans on the same picture ---------------------------------------------------------
+# --- The command ------------------------------------------------------------------------------------------------------
 
 
 @takes(CompareArguments)
 def compare(args: CompareArguments) -> int:
     """Measure plans on the same picture of SCENE, side by side.
 
-    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. Each
-    frame starts anew, as the picture of antumbra render: it keeps nothing from the frames before. Counters are those of
-    a frame that is not timed.
+    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. As in
+    antumbra render, each frame starts from scratch and reuses nothing from earlier frames. The counters come from a
+    separate, untimed frame.
 
-    All plans must give the same bits. If an exact plan differs from the first one, the exit code is 1.
+    All exact plans must give the same bits. If one differs from the first exact plan, the exit code is 1.
 
-    The picture shows the rendered scene, and a heat map for each plan: the tests of boxes and triangles per shadow ray,
-    in windows of 16x16 pixels. All maps have the same colours, on a logarithmic scale. A plan without a builder has no
-    map, because its hierarchy is over the rays of all pixels. CAMERA and LIGHT are written as in antumbra render.
+    The picture shows the rendered scene and a heat map per plan: box and triangle tests per shadow ray, in windows of
+    16x16 pixels. All maps share one logarithmic colour scale. A plan without a builder has no map, because its
+    hierarchy spans the rays of all pixels. antumbra render --help explains CAMERA and LIGHT.
 
     \b
     Examples
@@ -423,7 +429,7 @@ def compare(args: CompareArguments) -> int:
     from ..engine.plan import with_sample
     from ..kernels.parallel import thread_count
     from ..picture.frame_request import TimeSample
-    from ..picture.plan_comparison import compare as compared
+    from ..picture.plan_comparison import compare as compare_plans
     from ..picture.plan_comparison import compared_plans
 
     spec = args.options()
@@ -440,8 +446,8 @@ def compare(args: CompareArguments) -> int:
         time = scene.clamped(args.time or 0.0)
         moment = TimeSample(time, spec.view(scene, time), spec.all_lights(scene, time))
         display.say("preparing")
-        options = replace(spec.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
-        comparison = compared(scene, moment, plans, options, spec.engine, rounds=args.rounds, say=display.say)
+        options = replace(spec.picture, time=time, antialias=False)  # smoothing would spread differing pixels
+        comparison = compare_plans(scene, moment, plans, options, spec.engine, rounds=args.rounds, say=display.say)
         display.say("writing the picture")
         shot = Shot(moment.camera, moment.lights, options, comparison.frame)
         report = ComparisonReport(

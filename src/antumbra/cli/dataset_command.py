@@ -1,4 +1,4 @@
-"""``antumbra dataset``: renders a scene with many cameras and lights, with ids, to a folder."""
+"""``antumbra dataset``: render a scene with many cameras and lights, with object ids, to a folder."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -36,13 +36,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DatasetArguments:
-    """The arguments of the command line: each field is an argument or an option."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER", callback=writes_folder()
+            "--output",
+            "-o",
+            help="A new folder, or one written by this command.",
+            metavar="FOLDER",
+            callback=writes_folder(),
         ),
     ]
     camera: Annotated[
@@ -51,24 +55,22 @@ class DatasetArguments:
             help="An index, or POSITION:TARGET[:VFOV]; may be repeated.", metavar="CAMERA", show_default=False
         ),
     ] = None
-    orbit: Annotated[int, typer.Option(help="So many cameras around the scene.", min=0, metavar="N")] = 0
-    random: Annotated[int, typer.Option(help="So many random cameras in and around it.", min=0, metavar="N")] = 0
+    orbit: Annotated[int, typer.Option(help="Add N cameras around the scene.", min=0, metavar="N")] = 0
+    random: Annotated[int, typer.Option(help="Add N random cameras in and around the scene.", min=0, metavar="N")] = 0
     light: PictureLightOption = None
     random_lights: Annotated[
-        int, typer.Option(help="So many random lights: by turns a sun and a sphere.", min=0, max=1000, metavar="N")
+        int, typer.Option(help="Add N random lights, alternately a sun and a sphere.", min=0, max=1000, metavar="N")
     ] = 0
     ao: AoOption = None
-    seed: Annotated[int, typer.Option(help="Decides random cameras and lights.", min=0)] = 0
-    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    seed: Annotated[int, typer.Option(help="Seed of random cameras and lights.", min=0)] = 0
+    size: Annotated[str, typer.Option(help="Picture size in pixels.", metavar="WxH")] = "512x512"
     spp: SppOption = 16
     sampler: SamplerOption = "larcher-pillichshammer"
     time: TimeOption = 0.0
     up: UpOption = None
     plan: Annotated[
         str | None,
-        typer.Option(
-            help="The methods that answer; see antumbra plans. Exact plans change no bit.", show_default=False
-        ),
+        typer.Option(help="Plan; see antumbra plans. Exact plans give the same bits.", show_default=False),
     ] = None
     threads: Threads = None
     max_memory: MaxMemoryOption = None
@@ -76,12 +78,12 @@ class DatasetArguments:
     ray: RayOption = None
     merge: MergeOption = None
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
+        bool, typer.Option("--overwrite", help="Replace finished frames, and data sets with other settings.")
     ] = False
     sheet: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a .png with the layers of the first frame.",
+            help="Also write a .png contact sheet of the first frame's layers.",
             metavar="FILE",
             show_default=False,
             callback=writes(".png"),
@@ -91,7 +93,7 @@ class DatasetArguments:
     quiet: Quiet = False
 
     def parsed(self) -> "_Parsed":
-        """The arguments that are more than words and numbers, checked before a scene is read."""
+        """The arguments that need parsing, checked before a scene is read."""
         return _Parsed(
             arguments.parse_scene(self.scene),
             arguments.parse_size(self.size),
@@ -107,7 +109,7 @@ class _Parsed(NamedTuple):
     spec: SceneSpec
     size: tuple[int, int]  # width, height
     cameras: list[int | CameraSpec]
-    lights: list  # lights, and indices of the scene's own
+    lights: list  # lights, or indices of the scene's lights
     ambient: list  # ambient occlusion, or nothing
     memory: int | None  # bytes
     shard: "ShardIndex | None"
@@ -115,15 +117,15 @@ class _Parsed(NamedTuple):
 
 @takes(DatasetArguments)
 def dataset(args: DatasetArguments) -> int:
-    """Render a data set of SCENE: for each camera a multi-layer EXR and a mask of each light's shadow.
+    """Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.
 
-    Without cameras or lights, the file's are used, or one of each that suits the scene. Cameras are numbered in the
-    order of --camera, --orbit, --random; lights in the order of --light, --ao, --random-lights. antumbra render --help
+    Without cameras or lights, those of the file are used, or defaults that suit the scene. Cameras are numbered in the
+    order --camera, --orbit, --random; lights in the order --light, --ao, --random-lights. antumbra render --help
     explains CAMERA and LIGHT.
 
-    FOLDER gets frames/0000.exr, masks/0000.Light000.png and manifest.json. The manifest has the settings, seeds,
-    cameras, lights, names of objects, and a SHA-256 of the scene and of each file. The same command goes on after an
-    interruption, and changes nothing once it is done.
+    The command writes frames/0000.exr, masks/0000.Light000.png and manifest.json to FOLDER. The manifest lists the
+    settings, seeds, cameras, lights, object names, and SHA-256 digests of the scene and each file. Run the same command
+    again to continue after an interruption; once the data set is complete, it changes nothing.
 
     \b
     Examples
@@ -140,9 +142,9 @@ def dataset(args: DatasetArguments) -> int:
         limit_memory(scene, parsed.memory)
         display.say("preparing")
         try:
-            result = _made(args, parsed, scene, display)
+            result = _dataset(args, parsed, scene, display)
         except KeyboardInterrupt:
-            say("frames that are finished stay; the same command goes on from there")
+            say("finished frames are kept; run the same command again to continue")
             raise
         if args.sheet is not None and (parsed.shard is None or parsed.shard.index == 0):
             from ..jobs.dataset.dataset_files import contact_sheet
@@ -156,12 +158,12 @@ def dataset(args: DatasetArguments) -> int:
     return 0
 
 
-def _made(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
-    from ..jobs.dataset.dataset_job import dataset as make
+def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+    from ..jobs.dataset.dataset_job import dataset as make_dataset
 
-    keeps_lights = parsed.ambient and not args.random_lights  # the scene's lights stay if only ambient light is added
+    keeps_lights = parsed.ambient and not args.random_lights  # adding only ambient light keeps the scene's lights
     lights = arguments.make_lights(parsed.lights, scene, args.time) if parsed.lights or keeps_lights else []
-    return make(
+    return make_dataset(
         scene,
         args.output,
         [arguments.make_camera(camera, scene, args.time, parsed.size) for camera in parsed.cameras] or None,
@@ -191,5 +193,5 @@ def _fields(result: "Dataset", scene: "AnyScene", shard: "ShardIndex | None") ->
     part = "" if shard is None else f" (shard {shard})"
     yield "rendered", f"{result.rendered:,}{finished}{part}"
     if not result.complete:
-        yield "", "other shards have frames to render; the last one completes the manifest"
+        yield "", "other shards still have frames to render; the last one completes the manifest"
     yield "time", console.duration(result.seconds)

@@ -1,4 +1,4 @@
-"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps, and of triangles left by culling."""
+"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps, and of the triangles that culling keeps."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from .options import (
     writes,
 )
 
-# --- ``antumbra explain``: shows where shadow rays spend their steps, plan by plan ------------------------------------
+# --- ``antumbra explain`` ---------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _PLANS = "bsah+single:random", "srdh+single"
 _STORE_PLANS = ("bsah+chcrt",)
 _WIDTH = 120  # width of the tables, in characters
-_CAPTION = "box tests of each pixel's rays; black: no rays"
+_CAPTION = "box tests of the rays of a pixel; black: no rays"
 
 
 def explain(
@@ -53,20 +53,20 @@ def explain(
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}; for a "
+            help=f"A plan; may be repeated, to compare with the first.  [default: {' and '.join(_PLANS)}; for a "
             "store bsah+chcrt]",
             metavar="PLAN",
             show_default=False,
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "512x512",
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512",
     camera: CameraOption = None,
     light: LightOption = None,
     time: TimeOption = 0.0,
     before: Annotated[
         float | None,
         typer.Option(
-            help="A frame so many seconds before is built first, for plans that keep something (refit, last-frame).",
+            help="First build a frame this many seconds earlier, for plans that reuse state (refit, last-frame).",
             metavar="SECONDS",
             show_default=False,
         ),
@@ -79,15 +79,15 @@ def explain(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show where plans spend the steps of SCENE's shadow rays.
+    """Show where plans spend the traversal steps of SCENE's shadow rays.
 
-    The picture shows a panel for each plan, side by side: the boxes tested for each pixel, in the same colours for all.
-    The tables split box tests into the classes of the SRDH paper: on the path to the hit, in vain beside it, for
-    unblocked rays. They also show how deep in each tree the triangles lie that block half of all blocked rays.
+    The picture shows a panel per plan, side by side: the boxes tested per pixel, in one common colour scale. The tables
+    split box tests into the classes of the SRDH paper: on the path to the hit, off that path, and of unblocked rays.
+    They also give the depth, in each tree, of the triangles that block half of all blocked rays.
 
-    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays. Their
-    panels show the tests in windows of 16x16 pixels, shared among the pixels, and the classes are unknown. Plans
-    without a builder have no tree and no steps. A store is explained by its own tree, with the plan bsah+chcrt.
+    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays: their
+    panels show the tests in windows of 16x16 pixels, averaged over the pixels, and the classes are unknown. Plans
+    without a builder have no tree and no steps. For a store, its own tree is used, with the plan bsah+chcrt.
 
     \b
     Examples
@@ -97,13 +97,13 @@ def explain(
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    asked_camera = None if camera is None else arguments.parse_camera(camera)
-    asked_lights = [arguments.parse_light(text) for text in light or []]
+    camera_spec = None if camera is None else arguments.parse_camera(camera)
+    light_specs = [arguments.parse_light(text) for text in light or []]
     if before is not None and not 0.0 < before <= 1e9:
-        raise InputError(f"--before is {before:g}; it must be a number of seconds above 0, such as 0.04")
-    asked_rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
-    if asked_rays is not None and asked_rays.last_frame and before is None:
-        raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
+        raise InputError(f"--before is {before:g}; it must be a positive number of seconds, such as 0.04")
+    rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
+    if rays is not None and rays.last_frame and before is None:
+        raise InputError("--srdh-rays last-frame needs an earlier frame; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
     from ..engine.plan import with_sample
@@ -115,24 +115,24 @@ def explain(
 
     path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
     plans = explained_plans(plan or [])
-    with_sample(plans or explained_plans(_PLANS), asked_rays)
+    with_sample(plans or explained_plans(_PLANS), rays)
     memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if up is None else up.value, quiet)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
-        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
+        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
 
         def moment(at: float) -> TimeSample:
-            view = arguments.make_camera(asked_camera, opened, at, width_height)
-            return TimeSample(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
+            view = arguments.make_camera(camera_spec, opened, at, width_height)
+            return TimeSample(opened.clamped(at), view, arguments.make_lights(light_specs, opened, at))
 
         moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
         display.say("preparing")
         explanation = explained(
             opened, moments, plans, spp=spp, threads=threads,
-            say=lambda plan, i: display.say(f"walking by {plan}", i, len(plans)),
+            say=lambda plan, i: display.say(f"counting the steps of {plan}", i, len(plans)),
         )  # fmt: skip
         display.say("writing the picture")
         save_png(_picture(explanation), path)
@@ -141,7 +141,7 @@ def explain(
             "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
             "before": before, "camera": console.camera_fields(moments[-1].camera),
             "lights": [console.light_fields(light) for light in moments[-1].lights], "spp": spp,
-            "srdh_rays": None if asked_rays is None else console.srdh_rays_fields(asked_rays), "threads": threads,
+            "srdh_rays": None if rays is None else console.srdh_rays_fields(rays), "threads": threads,
         }  # fmt: skip
         console.print_json({**settings, **_answer(explanation)})
     elif not quiet:
@@ -160,12 +160,12 @@ def _picture(explanation: "Explanation"):
 
 
 def _label(explanation: "Explanation", one: "PlanSteps") -> str:
-    each = f"{_each(one.box_tests, explanation.rays)} box tests a ray"
+    each = f"{_each(one.box_tests, explanation.rays)} box tests per ray"
     return each if one is explanation.plans[0] else f"{each}, {_ratio(explanation, one)} times the first"
 
 
 def _each(n: float, rays: int) -> str:
-    """The mean for each ray, as text."""
+    """The mean per ray, as text."""
     return f"{n / rays:.4g}" if rays else "-"
 
 
@@ -175,7 +175,7 @@ def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
 
 
 def _answer(explanation: "Explanation") -> dict:
-    """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
+    """The steps for ``--json``. Values are null if there are no rays, or if the classes are unknown."""
     from ..trace.rays.single_rays import CLASSES
 
     first, rays = explanation.plans[0].box_tests, explanation.rays or float("nan")
@@ -199,17 +199,17 @@ def _answer(explanation: "Explanation") -> dict:
 
 
 def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
-    """The fields that are the same for all plans."""
+    """The fields common to all plans."""
     rays, blocked = explanation.rays, explanation.blocked
     yield "rays", f"{rays:,}" + (f", {100 * blocked / rays:.3g} % of them blocked" if rays else "")
     if blocked:
         share = 100 * explanation.frequent_rays / blocked
         yield "frequent", f"{len(explanation.frequent):,} triangles block {share:.0f} % of the blocked rays"
-    yield "bits", "the same by all plans"
+    yield "bits", "identical for all plans"
 
 
 def _print_tables(explanation: "Explanation") -> None:
-    """Print the figures that differ between plans."""
+    """Print the figures of each plan."""
     from ..trace.rays.single_rays import CLASSES
 
     steps = [
@@ -219,7 +219,7 @@ def _print_tables(explanation: "Explanation") -> None:
         )
         for one in explanation.plans
     ]  # fmt: skip
-    print("Steps for each ray")
+    print("Steps per ray")
     console.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
     depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
     print("Boxes from the root to a leaf")
@@ -228,7 +228,7 @@ def _print_tables(explanation: "Explanation") -> None:
 
 
 def _classes(explanation: "Explanation", one: "PlanSteps") -> list[str]:
-    """The box tests of each class for each ray, and their shares, as text."""
+    """The box tests of each class per ray, and their shares, as text."""
     if one.classes is None or not one.box_tests:
         return ["-"] * 3
     return [f"{_each(n, explanation.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
@@ -238,7 +238,7 @@ def _depth(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
 
 
-# --- ``antumbra culling``: shows the triangles that pre-BVH culling leaves --------------------------------------------
+# --- ``antumbra culling`` ---------------------------------------------------------------------------------------------
 
 
 def culling(
@@ -253,22 +253,22 @@ def culling(
             callback=writes(".png"),
         ),
     ] = None,
-    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "768x768",
     camera: CameraOption = None,
     light: LightOption = None,
     time: TimeOption = 0.0,
     up: UpOption = None,
     spp: SppOption = 16,
-    culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
+    culler: Annotated[str, typer.Option(help="Culling method; see antumbra plans.")] = "grid32",
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show which triangles of SCENE pre-BVH culling leaves.
+    """Show which triangles of SCENE survive pre-BVH culling.
 
-    The picture has three panels: the camera's view, then the scene from above and from the side, drawn transparent.
-    Orange triangles may meet a shadow ray of the camera's pixels. All other triangles are blue, receivers are white,
-    and lights are yellow.
+    The picture has three panels: the camera's view, and the transparent scene from above and from the side. Orange
+    triangles may intersect a shadow ray of the camera's pixels. All other triangles are blue, receivers white, and
+    lights yellow.
 
     \b
     Examples
@@ -277,8 +277,8 @@ def culling(
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
     spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    asked_camera = None if camera is None else arguments.parse_camera(camera)
-    asked_lights = [arguments.parse_light(text) for text in light or []]
+    camera_spec = None if camera is None else arguments.parse_camera(camera)
+    light_specs = [arguments.parse_light(text) for text in light or []]
 
     from ..checks import spelling_hint
     from ..engine.method_registry import CULLERS, find_method
@@ -294,8 +294,8 @@ def culling(
     with ProgressDisplay(quiet) as display:
         display.say("reading the scene")
         opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
-        view = arguments.make_camera(asked_camera, opened, time, width_height)
-        lights = arguments.make_lights(asked_lights, opened, time)
+        view = arguments.make_camera(camera_spec, opened, time, width_height)
+        lights = arguments.make_lights(light_specs, opened, time)
         display.say("preparing")
         picture = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
         display.say("writing the picture")
@@ -322,7 +322,7 @@ def culling(
             [
                 ("picture", str(path)),
                 ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
-                ("left", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
+                ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
                 ("cells", cells),
                 ("time", console.duration(picture.seconds)),
             ]
