@@ -1,4 +1,4 @@
-"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps, and of the triangles that culling keeps."""
+"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps and of culled triangles."""
 
 import math
 from collections.abc import Iterator

@@ -269,9 +269,8 @@ def warmup(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
-        print(
-            f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({console.duration(seconds)})"
-        )
+        time = console.duration(seconds)
+        print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 
 # --- ``antumbra plans`` -----------------------------------------------------------------------------------------------

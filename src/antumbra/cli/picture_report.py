@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from . import console
 
-# --- Pages of results: one HTML file that holds its pictures, and needs nothing else ----------------------------------
+# --- HTML pages with embedded pictures --------------------------------------------------------------------------------
 
 
 _STYLE = """
@@ -36,7 +36,7 @@ pre { overflow-x: auto; padding: 0.8em 1em; background: #8882; }
 
 
 def save_page(title: str, parts: Iterable[str], path: Path) -> None:
-    """Write a page of these parts, which are HTML, whole or not at all."""
+    """Write a page of HTML parts atomically."""
     from ..files import atomic_output
 
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
@@ -48,14 +48,14 @@ def save_page(title: str, parts: Iterable[str], path: Path) -> None:
 
 
 def data_url(rgb) -> str:
-    """A picture, (H, W, 3) uint8 sRGB, as the address of an image."""
+    """A picture, (H, W, 3) uint8 sRGB, as a data URL."""
     from ..picture.image_files import png_bytes
 
     return "data:image/png;base64," + b64encode(png_bytes(rgb)).decode("ascii")
 
 
 def html_table(headers: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """A table of numbers; the cells are HTML, the names of rows and columns are text."""
+    """A table of numbers. Cells are HTML; row and column names are plain text."""
     head = "".join(f"<th>{escape(header)}" for header in headers)
     body = "\n".join(
         f"<tr{' class=sum' if name == 'total' else ''}><th>{escape(name)}{''.join(f'<td>{cell}' for cell in cells)}"
@@ -70,7 +70,7 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>\n{body}\n</table>"
 
 
-# --- Writes the pictures of ``antumbra render``, and summarises them as text or JSON ----------------------------------
+# --- Pictures of ``antumbra render``, and their summaries as text and JSON --------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -85,13 +85,13 @@ class SavedPicture(NamedTuple):
 
     path: Path
     exposure: float | None  # None: the file holds linear light
-    seconds: float  # time of writing it
+    seconds: float  # to write the file
 
 
 def save_picture(
     frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None
 ) -> SavedPicture:
-    """Write the picture. Exposure None: automatic."""
+    """Save the picture. Exposure None: automatic."""
     from ..picture.image_files import frame_exposure, save_frame
 
     start = perf_counter()
@@ -150,7 +150,7 @@ def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
 def picture_fields(
     spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
 ) -> Iterator[tuple[str, str]]:
-    """The names and values that are printed for a single picture."""
+    """The names and values printed for a single picture."""
     frame = shot.frame
     yield "picture", str(saved.path)
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
@@ -163,7 +163,7 @@ def picture_fields(
     for name, value in (frame.counters or {}).items():
         yield name.replace("_", " "), f"{value:,}"
     if frame.counters is not None:
-        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
+        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were repeated in float64"
 
 
 def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
@@ -171,7 +171,7 @@ def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
 
 
 def phases_text(seconds: dict[str, float]) -> str:
-    """The seconds of each phase as text, without phases that did not happen."""
+    """The seconds of each phase as text, without phases that did not run."""
     return ", ".join(f"{name} {console.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
@@ -184,34 +184,34 @@ def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
         yield (
             "chunks",
             (
-                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when rays met them, "
+                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when needed, "
                 f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
 
 
 def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
-    """The names and values from the camera to the rays; `speed`: million rays a second."""
+    """The names and values from the camera to the rays; `speed`: million rays per second."""
     camera, frame, options = shot.camera, shot.frame, shot.options
     spp = options.spp
     yield "camera", f"{camera.width}x{camera.height} from {console.vector(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
-        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture sees it, by its shadows alone"
+        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture shows its shadows"
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
     samples = [light.samples(spp) for light in shot.lights]
-    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    each = f"{spp} per pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} per pixel"
     finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
-    finer += "" if options.bounce is None else f", {options.bounce} bounces a pixel"
-    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    finer += "" if options.bounce is None else f", {options.bounce} bounces per pixel"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million per second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
 
 def _light_text(light) -> str:
-    """A light's kind, and its intensity with the unit."""
+    """The kind of a light, and its intensity with unit."""
     from ..scene.lights import DirectionalLight
 
     if light.domain == "list" or light.domain == "hemisphere":
@@ -221,7 +221,7 @@ def _light_text(light) -> str:
 
 
 def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
-    """The plan that was asked for, and the methods that ran if it chose them."""
+    """The plan; for one that chooses its methods, also the methods that ran."""
     return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
 
 
@@ -231,18 +231,18 @@ def _speed(frame) -> float | None:
 
 
 def _refined(frame) -> float:
-    """The share of all pixels that were refined."""
+    """The share of pixels that were refined."""
     return float(frame.refined.mean())
 
 
 def _uncertain(frame) -> float | None:
-    """The share of the triangle tests that float32 left to float64; None without counters."""
+    """The share of triangle tests that were uncertain in float32; None without counters."""
     if frame.counters is None:
         return None
     return frame.counters["uncertain"] / max(1, frame.counters["triangle_tests"])
 
 
-# --- What the plan `auto` chose for a picture, why, and how well it predicted -----------------------------------------
+# --- Choices of the plan `auto`, their reasons and predictions --------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -250,17 +250,17 @@ if TYPE_CHECKING:
     from .picture_spec import Shot
 
 _WIDTH = 110  # characters of a line
-_REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query"}
+_REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query"}
 
 
 def print_choices(shot: "Shot", triangles: int) -> None:
-    """Print a row for the tree and one for each query; for a plan that chooses nothing, its name."""
+    """Print a row for the tree and one per query; for a plan that chooses nothing, its name."""
     from ..engine.auto.cost_model import build_seconds, machine_rates
     from ..engine.plan import parse_plan
 
     frame = shot.frame
     if frame.choices is None:
-        print(f"The plan {frame.plan} names its methods; nothing was chosen.")
+        print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
     built, builder = frame.timings["build"], parse_plan(frame.plan).build
     rows = []
@@ -284,10 +284,10 @@ def _reason(choice: "StrategyChoice") -> str:
     of_ray = ", ".join(
         f"{strategy} {ns:.3g}" for strategy, ns in sorted(choice.tried.items(), key=lambda item: item[1])
     )
-    return f"a sample: {of_ray} ns a ray"
+    return f"sampled: {of_ray} ns per ray"
 
 
-# --- The page of ``antumbra render --html``: the picture, its settings, times and counters ----------------------------
+# --- The page of ``antumbra render --html`` ---------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -298,7 +298,7 @@ if TYPE_CHECKING:
 def save_render_page(
     spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
 ) -> None:
-    """Write the page whole or not at all."""
+    """Write the page atomically: the picture, its settings, times and counters."""
     from ..picture.image_files import frame_exposure, screen_picture
     from .installation_commands import about
 
@@ -335,11 +335,11 @@ def _facts(spec, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> I
         yield "time", f"{shot.time:g} of {scene.duration:g} s"
     yield from shot_fields(spec, shot)
     for note in scene.notes:
-        yield "left out", note
+        yield "note", note
 
 
 def _lights(shot: "Shot") -> Iterator[tuple[str, list[str]]]:
-    """One row for each light: the share of it that the surfaces of the picture see."""
+    """One row per light: the mean share that the visible surfaces see."""
     frame = shot.frame
     for name, light, share in zip(frame.names, shot.lights, frame.visibility):
         lit = f"{100.0 * float(share[frame.mask].mean()):.1f} %" if frame.mask.any() else ""

@@ -1,6 +1,6 @@
-"""The arguments of ``antumbra render``, and the picture that they specify.
+"""The arguments of ``antumbra render``, and the picture they specify.
 
-A `PictureSpec` has everything that determines the picture except the time.
+A `PictureSpec` holds everything that determines a picture except the time.
 """
 
 import hashlib
@@ -41,8 +41,7 @@ from .options import (
 )
 from .shards import MergeOption, RayOption, ShardOption
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The ground that catches shadows in pictures of ``antumbra render``: whether there is one, and at which height.
+# --- Shadow-catcher plane: whether there is one, and its height -------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -65,10 +64,10 @@ def parse_ground(text: str) -> str | float:
 
 
 def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: float | None) -> float | None:
-    """The height of the ground for `Renderer.render`; None: there is none.
+    """The height of the ground for `Renderer.render`; None: no ground.
 
-    asked : from `parse_ground`
-    time : seconds; None: the ground is for all moments of an animation
+    setting : from `parse_ground`
+    time : seconds; None: the ground suits all frames of an animation
     """
     from ..engine.scene import Scene
 
@@ -82,9 +81,9 @@ def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: f
 
 
 def _suits(scene: "AnyScene", camera: "Camera") -> bool:
-    """Whether a picture shows a scene in memory from outside.
+    """Whether the camera is outside a scene in memory.
 
-    A scene may have a ground of its own: then its shadows go on beyond it.
+    The scene may already contain ground, whose shadows then continue beyond its edge.
     """
     from ..engine.scene import Scene
 
@@ -94,11 +93,11 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
         return False
     try:
         return scene.view.room is None
-    except InputError:  # a moment of the animation has no triangles: its frame shows the error
+    except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
 
 
-# --- The parsed arguments of ``antumbra render``: everything that determines its pictures, except the time ------------
+# --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -115,22 +114,22 @@ if TYPE_CHECKING:
 
 
 class PictureSpec(NamedTuple):
-    """The picture that ``antumbra render`` or ``compare`` was asked for."""
+    """The picture specified by the arguments of ``antumbra render`` or ``compare``."""
 
-    source: str  # the scene as it was written
+    source: str  # the argument SCENE
     scene_spec: SceneSpec
     up: str | None
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
-    lights: list  # lights, and indices of the scene's own
+    lights: list  # lights, or indices of the scene's lights
     sky: "str | Path | np.ndarray | None"  # from `parse_sky`
     behind: "str | np.ndarray | None"  # background from `parse_background`; None: the sky
     ambient: list  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
     ground: str | float  # from `parse_ground`
     picture: RenderOptions  # `options` completes them
-    engine: EngineOptions  # plan None: the default for the kind of scene
-    srdh_rays: "SrdhRays | None"  # rays that the plan's builder is shown
+    engine: EngineOptions  # plan None: the default for this kind of scene
+    srdh_rays: "SrdhRays | None"  # training rays of the plan's builder
     exposure: float | None  # None: automatic
     json: bool
     quiet: bool
@@ -139,7 +138,7 @@ class PictureSpec(NamedTuple):
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
 
-        plans : plans that are compared, instead of the one among the options
+        plans : the plans of a comparison, instead of the one in the options
         """
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
         from ..picture.image_files import checked_exposure
@@ -151,7 +150,7 @@ class PictureSpec(NamedTuple):
             with_sample([parse_plan(each) for each in plans or [plan or DEFAULT_PLAN]], self.srdh_rays)
 
     def about(self, scene: "AnyScene") -> "PictureSpec":
-        """This, with the default plan for the kind of scene if none was named."""
+        """This picture, with the default plan for this kind of scene if no plan was specified."""
         from ..engine.engine import default_plan_of
 
         if self.engine.plan is not None:
@@ -177,17 +176,17 @@ class PictureSpec(NamedTuple):
         return arguments.make_camera(self.camera, scene, time, self.size, self.moving)
 
     def ground_height(self, scene: "AnyScene", time: float) -> float | None:
-        """The height of the ground at a time; None: there is none. All frames of an animation have the same."""
+        """The height of the ground at a time; None: no ground. It is the same for all frames of an animation."""
         if self.moving:
             return ground_of(self.ground, scene, self.view(scene, 0.0), None)
         return ground_of(self.ground, scene, self.view(scene, time), time)
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
-        """The lights at a time, without the virtual point lights made from photons."""
+        """The lights at a time, without virtual point lights."""
         return arguments.make_picture_lights(self.lights, self.sky, scene, time) + self.ambient
 
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
-        """The lights at a time, with the virtual point lights made from photons."""
+        """The lights at a time, with virtual point lights."""
         from .. import virtual_point_lights
         from ..picture.shading import skies_of
 
@@ -198,7 +197,7 @@ class PictureSpec(NamedTuple):
         return lights
 
     def options(self, scene: "AnyScene", time: float, layers: bool = False) -> RenderOptions:
-        """The options of the picture of a time; `layers`: it keeps its image light by light, for an EXR file."""
+        """The options of the picture at a time; `layers`: keep the image of each light, for an EXR file."""
         ground = self.ground_height(scene, time)
         return replace(
             self.picture,
@@ -219,7 +218,7 @@ class PictureSpec(NamedTuple):
     def shot_in_bands(
         self, scene: "AnyScene", time: float, engine: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
-        """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
+        """The same frame, traced by an executor in bands; None if other processes trace some of them."""
         from ..jobs.work_parts import render_bands
 
         camera, lights, options = self._asked(scene, time, layers)
@@ -231,16 +230,16 @@ class PictureSpec(NamedTuple):
         return self.view(scene, time), self.all_lights(scene, time), self.options(scene, time, layers)
 
     def record(self, options: RenderOptions) -> dict:
-        """Names and values of the options of a picture and of its engine, for ``--json``."""
+        """Names and values of the picture and engine options, for ``--json``."""
         rays = self.srdh_rays
         rays_fields = {"srdh_rays": None if rays is None else console.srdh_rays_fields(rays)}
         return {**field_values(options), **field_values(self.engine), **rays_fields}
 
     def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
-        """The settings that decide the picture of a time, in the types of JSON.
+        """The settings that determine the picture at a time, as JSON types.
 
-        An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
-        exposure.
+        The exposure is omitted, and so are exact plans, their training rays, the G-buffer method and the threads, which
+        do not change any bit.
         """
         from ..engine.plan import parse_plan
         from ..version import VERSION as __version__
@@ -276,9 +275,9 @@ class Shot(NamedTuple):
 
 
 def scene_digest(spec: SceneSpec) -> str:
-    """Which scene it is, by the contents of the file, or of the files in the folder that are read.
+    """A digest that identifies a scene: of its file, or of the files in its folder that are read.
 
-    Files that a file refers to (textures, buffers of a .gltf) are not read.
+    Files that the file refers to (textures, buffers of a .gltf) are not included.
     """
     from ..formats.array_files import FILES
     from ..store.store_format import STORE_SUFFIX
@@ -287,7 +286,7 @@ def scene_digest(spec: SceneSpec) -> str:
     if spec.path is None:
         digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
         return digest.hexdigest()
-    if spec.path.suffix.lower() == STORE_SUFFIX:  # its first page has the checksum of the checksums of all chunks
+    if spec.path.suffix.lower() == STORE_SUFFIX:  # the first page contains the checksum of all chunk checksums
         with spec.path.open("rb") as stream:
             digest.update(stream.read(4096))
         return digest.hexdigest()
@@ -306,7 +305,7 @@ def _contents(path: Path) -> bytes:
         return hashlib.file_digest(stream, "sha256").digest()
 
 
-# --- The command-line arguments of ``antumbra render``, and their conversion to options -------------------------------
+# --- Arguments of ``antumbra render``, and their conversion to options ------------------------------------------------
 
 
 _Options: Any = arguments_of("render")
@@ -314,9 +313,9 @@ _Options: Any = arguments_of("render")
 
 @dataclass(frozen=True)
 class RenderArguments(_Options):
-    """The arguments of the command line: each field is an argument or an option.
+    """The command-line arguments and options, one per field.
 
-    The base class has those of `RenderOptions` and `EngineOptions`.
+    The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
@@ -325,8 +324,8 @@ class RenderArguments(_Options):
         typer.Option(
             "--output",
             "-o",
-            help="A .png or .exr file; #### is a frame's number. A .mp4, .webm or .gif file of --frames.  "
-            "[default: SCENE's name.png, here]",
+            help="A .png or .exr file; #### stands for the frame number. With --frames also .mp4, .webm or .gif.  "
+            "[default: SCENE's name.png in the current folder]",
             metavar="FILE",
             callback=writes(pictures, films),
         ),
@@ -334,7 +333,7 @@ class RenderArguments(_Options):
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Write a page too: the picture, its settings, times and counters, in one .html file.",
+            help="Also write a self-contained .html page with the picture, settings, times and counters.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html"),
@@ -343,7 +342,7 @@ class RenderArguments(_Options):
     size: Annotated[
         str | None,
         typer.Option(
-            help="Size of the picture in pixels.  [default: 1024x1024; of a panorama 2048x1024]",
+            help="Picture size in pixels.  [default: 1024x1024; for a panorama 2048x1024]",
             metavar="WxH",
             show_default=False,
         ),
@@ -356,23 +355,21 @@ class RenderArguments(_Options):
     frames: Annotated[
         str | None,
         typer.Option(
-            help="An animation instead of one picture; LAST is included.",
+            help="Render an animation; LAST is included.",
             metavar="FIRST:LAST[:STEP]",
             show_default=False,
         ),
     ] = None
     fps: Annotated[
-        float | None, typer.Option(help="Frames a second of --frames.  [default: 24]", show_default=False)
+        float | None, typer.Option(help="Frames per second of --frames.  [default: 24]", show_default=False)
     ] = None
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Render frames again that are finished already.")] = (
-        False
-    )
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Render finished frames again.")] = False
     up: UpOption = None
     preset: PresetOption = Preset.standard
     srdh_rays: SrdhRaysOption = None
     explain_plan: Annotated[
         bool,
-        typer.Option("--explain-plan", help="Show what the plan auto chose, why, and the times."),
+        typer.Option("--explain-plan", help="Show the choices of the plan auto, their reasons and times."),
     ] = False
     exposure: ExposureOption = None
     shard: ShardOption = None
@@ -385,30 +382,30 @@ class RenderArguments(_Options):
         """Raise an InputError if options exclude each other."""
         for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
             if self.ao is not None and instead is not None:
-                raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
+                raise InputError(f"--ao occludes the ambient light that {name} replaces; leave one of them out")
         if self.vpl is not None and self.bounce is not None:
-            raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
+            raise InputError("--vpl and --bounce both add one bounce of light; leave one of them out")
         if self.shard is not None or self.ray is not None or self.merge:
             self._check_shared()
         if self.frames is not None:
             if self.html is not None:
-                raise InputError("--html shows a single picture; leave it or --frames out")
+                raise InputError("--html is for a single picture; leave it or --frames out")
             if self.explain_plan:
-                raise InputError("--explain-plan explains a single picture; leave it or --frames out")
+                raise InputError("--explain-plan is for a single picture; leave it or --frames out")
             return
         if self.fps is not None:
             raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
         if self.overwrite:
-            raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
+            raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always overwritten")
 
     def _check_shared(self) -> None:
-        """Raise an InputError for options of pictures that one process makes."""
-        alone = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
-        for name, value in alone.items():
+        """Raise an InputError for options that need the whole picture in one process."""
+        unshared = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
+        for name, value in unshared.items():
             if value:
-                raise InputError(f"{name} tells of the work of one process; leave it, or --shard and --ray, out")
+                raise InputError(f"{name} reports on a single process; leave it, or --shard and --ray, out")
         if self.plan is not None and not parse_plan(self.plan).tracer.exact:
-            raise InputError(f"--plan {self.plan} depends on the work before; --shard and --ray need an exact plan")
+            raise InputError(f"--plan {self.plan} depends on earlier work; --shard and --ray need an exact plan")
 
     def options(self) -> PictureSpec:
         """Parse the arguments.
@@ -447,12 +444,12 @@ class RenderArguments(_Options):
         )
         if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(
-                "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before"
+                "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no previous frame"
             )
         return spec
 
     def _picture(self) -> RenderOptions:
-        """The options of the picture, by the preset where none are written."""
+        """The options of the picture; the preset supplies those not set."""
         preset = QUALITIES[self.preset]
         chosen = {"spp": preset.spp, "filter": preset.filter, **literal(self, RenderOptions)}
         refined = preset.adaptive if self.adaptive is None else self.adaptive
