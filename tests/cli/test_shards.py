@@ -118,7 +118,7 @@ def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
     again = run("a", *words, "--json").json()
     assert again["done"] == 1 and again["parts"] == first["parts"] and file.read_bytes() == before
     told = run("a", *words)
-    assert "1/2" in told.out and "were done before" in told.out and "antumbra merge a.shards" in told.out
+    assert "1/2" in told.out and "were already done" in told.out and "antumbra merge a.shards" in told.out
 
 
 def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts):

@@ -14,7 +14,7 @@ from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
-# --- ``antumbra info``: shows the contents of a scene -----------------------------------------------------------------
+# --- ``antumbra info`` ------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -27,13 +27,13 @@ _MOST_MESHES = 20
 def info(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
     up: UpOption = None,
-    check: Annotated[bool, typer.Option("--check", help="Of a store: read all of it and check its checksums.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Read a whole store and verify its checksums.")] = False,
     json: Json = False,
 ) -> None:
     """Show the contents of SCENE.
 
     It lists meshes, triangles, instances, bounds, cameras, lights, animation, memory, and the loader's notes about
-    parts it left out. For a store it shows its chunks.
+    ignored parts. For a store, it also describes the chunks.
 
     \b
     Examples
@@ -84,12 +84,12 @@ def _store_answer(store: "Store", checked: bool) -> dict:
 
 def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
     size, chunks = store.path.stat().st_size, store.chunks
-    yield "store", f"{console.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
+    yield "store", f"{console.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes per triangle"
     spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
     yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
     yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
     if checked:
-        yield "checksums", "all as they should be"
+        yield "checksums", "all correct"
 
 
 def _answer(source: str, scene, seconds: float) -> dict:
@@ -123,7 +123,7 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
     yield "triangles", f"{scene.n_triangles:,}{meshes}"
     if scene.meshes:
-        yield "memory", f"{console.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
+        yield "memory", f"{console.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one time"
     yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
     yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
     yield "origin", console.vector(scene.origin)
@@ -140,9 +140,9 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
     for i, light in enumerate(scene.lights):
         yield f"light {i}", _in_words(light)
     if not scene.cameras:
-        yield "cameras", "none: a camera that shows the whole scene is used"
+        yield "cameras", "none; the default camera shows the whole scene"
     if not scene.lights:
-        yield "lights", "none: sun and sky are used, or a lamp in a closed room"
+        yield "lights", "none; the defaults are sun and sky, or a lamp in a closed room"
     for note in scene.notes:
         yield "note", note
 
@@ -161,22 +161,24 @@ def _short(value) -> str:
     return console.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
 
 
-# --- ``antumbra scenes``: lists and exports the procedural scenes -----------------------------------------------------
+# --- ``antumbra scenes`` ----------------------------------------------------------------------------------------------
 
 
 def scenes(
-    name: Annotated[str | None, typer.Argument(help="A scene to look at or to export.", metavar="NAME")] = None,
+    name: Annotated[str | None, typer.Argument(help="A scene to describe or export.", metavar="NAME")] = None,
     triangles: Annotated[
         str | None,
-        typer.Option(help="About how many triangles: 5000, 100k, 2M.  [default: the scene's own]", metavar="N"),
+        typer.Option(
+            help="Approximate number of triangles: 5000, 100k, 2M.  [default: depends on the scene]", metavar="N"
+        ),
     ] = None,
-    seed: Annotated[str, typer.Option(help="Other seeds scatter the clutter differently.", metavar="N")] = "0",
+    seed: Annotated[str, typer.Option(help="Seed for the placement of clutter.", metavar="N")] = "0",
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="Write NAME to a .glb, .obj or .ply file.",
+            help="Export the scene to a .glb, .obj or .ply file.",
             metavar="FILE",
             callback=writes(".glb", ".obj", ".ply"),
         ),
@@ -185,8 +187,8 @@ def scenes(
 ) -> None:
     """List the procedural scenes, or export one.
 
-    A GLB file also holds the scene's camera and a point light. The point light replaces the scene's quad light, because
-    glTF has none. To render a procedural scene, name it: antumbra render procedural:city
+    A GLB file also contains the scene's camera and a point light, which replaces the quad light because glTF has no
+    area lights. To render a procedural scene, use its name: antumbra render procedural:city
 
     \b
     Examples
@@ -226,7 +228,7 @@ def _list(json: bool) -> None:
         console.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
         return
     cells = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
-    console.print_table(("name", "triangles", "what it is"), cells, right=(1,))
+    console.print_table(("name", "triangles", "description"), cells, right=(1,))
 
 
 def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
@@ -249,7 +251,7 @@ def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> d
     }
 
 
-# --- ``antumbra build``: writes scenes that are larger than memory to a store -----------------------------------------
+# --- ``antumbra build`` -----------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -265,19 +267,19 @@ def build(
         ),
     ],
     max_memory: Annotated[
-        str, typer.Option(help="Memory to build with, in bytes, or with M or G: 512M, 4G.", metavar="SIZE")
+        str, typer.Option(help="Memory limit of the build, in bytes or with a suffix: 512M, 4G.", metavar="SIZE")
     ] = "4G",
     up: UpOption = None,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write SCENEs, as one scene, to a store that need not fit in memory.
+    """Combine SCENEs in one store, which may exceed memory.
 
-    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the order
-    given, as they are at time 0. The cameras and lights of all scenes are kept. procedural:city is made and written
-    block by block, at any size. Other scenes are in memory, one at a time, while they are read. The same scenes give
-    the same bytes, for any --max-memory and --threads.
+    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
+    order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
+    by block, at any size. Other scenes are read into memory one at a time. The same scenes give the same bytes for any
+    --max-memory and --threads.
 
     \b
     Examples
@@ -303,7 +305,7 @@ def build(
 
 
 def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
-    """Yield the scenes one after the other. A city is yielded as pieces that are made later."""
+    """Yield the scenes one by one. A city is yielded as a stream of blocks, generated later."""
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
@@ -319,7 +321,7 @@ def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str
     total = phases.pop("total")
     yield "store", str(report.path)
     yield "triangles", f"{report.triangles:,} in {report.chunks:,} chunk{'s' * (report.chunks != 1)}"
-    yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes a triangle"
+    yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes per triangle"
     yield "time", f"{console.duration(total)}: " + ", ".join(f"{k} {console.duration(s)}" for k, s in phases.items())
     if peak is not None:
         yield "memory", f"{console.size_in_memory(peak)} at the peak"

@@ -1,7 +1,7 @@
-"""Exports procedural scenes for other programs: GLB, OBJ and PLY with base colours.
+"""Export procedural scenes as GLB, OBJ and PLY with base colours.
 
-`trimesh` does not write them: its GLB has no lights (KHR_lights_punctual), and its colours have 8 bits. The GLB files
-written here have lights and linear float colours.
+The GLB files have lights (KHR_lights_punctual) and linear float colours. Those of `trimesh` have no lights and 8-bit
+colours, so it is not used here.
 """
 
 import math
@@ -20,7 +20,7 @@ _LIGHTS = "KHR_lights_punctual"
 
 
 def check_output(path) -> Path:
-    """`path`, if a scene can be written there; otherwise an InputError that names the cure."""
+    """`path` if a scene can be written there; otherwise an InputError that says what to do."""
     path = checked_output(path, SUFFIXES)
     if path.suffix.lower() == ".obj":
         checked_output(_library(path), (".mtl",))
@@ -28,7 +28,7 @@ def check_output(path) -> Path:
 
 
 def _library(path: Path) -> Path:
-    """The file of materials of an OBJ file."""
+    """The material file of an OBJ file."""
     return path.with_suffix(".mtl")
 
 
@@ -37,16 +37,15 @@ def write_scene(scene, name: str, path) -> list[Path]:
 
     Parameters
     ----------
-    made : from `antumbra.generate.procedural_scenes.generate`
+    scene : from `antumbra.generate.procedural_scenes.generate`
     name : str
         Name of the mesh.
     path : str or path-like
 
     Notes
     -----
-    GLB holds exact linear colours, the camera, and a point light in the centre of the scene's quad light (glTF has no
-    area lights). OBJ and PLY hold triangles and colours; those of PLY have 8 bits. Coordinates are float32 in GLB and
-    PLY.
+    GLB holds exact linear colours, the camera, and a point light at the centre of the scene's quad light (glTF has no
+    area lights). OBJ and PLY hold triangles and colours, with 8 bits in PLY. Coordinates are float32 in GLB and PLY.
     """
     path = check_output(path)
     if path.suffix.lower() == ".obj":
@@ -82,7 +81,7 @@ def _glb(scene, name: str) -> bytes:
 
 
 def _coloured_vertices(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. A vertex has one colour."""
+    """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. Vertices are split by colour."""
     n = len(scene.palette)
     key = np.asarray(scene.faces, np.int64) * n + np.asarray(scene.colour, np.int64)[:, None]
     used, indices = np.unique(key, return_inverse=True)
@@ -131,7 +130,7 @@ def _ply(scene) -> bytes:
 
 
 def _write_obj(scene, name: str, path: Path) -> list[Path]:
-    """Write an OBJ file, and the colours to an .mtl file beside it."""
+    """Write an OBJ file, and its colours to an .mtl file next to it."""
     library = _library(path)
     lines = [f"mtllib {library.name}", f"o {name}"]
     lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(scene.vertices).tolist()]

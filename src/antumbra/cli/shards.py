@@ -1,4 +1,4 @@
-"""Work split among processes: the options --shard, --ray and --merge, the folder of shards, and ``antumbra merge``."""
+"""Work split among processes: the options --shard, --ray and --merge, shard folders, and ``antumbra merge``."""
 
 import re
 from contextvars import ContextVar
@@ -14,8 +14,7 @@ from ..errors import InputError
 from . import console
 from .options import Json, Quiet
 
-# ---------------------------------------------------------------------------------------------------------------------
-# ``--shard``, ``--ray`` and ``merge``: the engine that a command asks for, and the folder where it keeps shards.
+# --- The options and their executors ----------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ ShardOption = Annotated[
     str | None,
     typer.Option(
         "--shard",
-        help="Do shard I of N only, 0 to N-1; other processes do the others, and antumbra merge joins them.",
+        help="Do only shard I of N, 0 to N-1; other processes do the rest, and antumbra merge joins them.",
         metavar="I/N",
         show_default=False,
     ),
@@ -34,7 +33,7 @@ RayOption = Annotated[
     str | None,
     typer.Option(
         "--ray",
-        help="Work on the nodes of a Ray cluster: auto or HOST:PORT; local: of this machine.",
+        help="Run on a Ray cluster: auto, HOST:PORT, or local (this machine alone).",
         metavar="ADDRESS|local",
         show_default=False,
     ),
@@ -45,18 +44,18 @@ command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 """The words of the command line."""
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
-_NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # that of a frame, at the end of a name
-node_engine: ContextVar["UnitCollector | None"] = ContextVar("asked", default=None)
-"""The engine of a command that begins on a node of a cluster."""
+_NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
+node_engine: ContextVar["UnitCollector | None"] = ContextVar("node_engine", default=None)
+"""The executor of a command that starts on a cluster node."""
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
-_LEFT_OUT = "sheet", "html"  # pictures of a whole job
-_VALUED = "--ray", "--shard", "--merge", "--threads"  # options that change no result, with a value
+_LEFT_OUT = "sheet", "html"  # pictures that need the whole job
+_VALUED = "--ray", "--shard", "--merge", "--threads"  # options with a value that do not affect results
 _FLAGS = "--json", "--quiet", "-q", "--debug"
 
 
 def parse_shard(text: str | None) -> "ShardIndex | None":
-    """The shard that ``--shard`` names; None: there is none."""
+    """The shard that ``--shard`` names; None without the option."""
     from ..jobs.executors import ShardIndex
 
     if text is None:
@@ -64,18 +63,18 @@ def parse_shard(text: str | None) -> "ShardIndex | None":
     match = _SHARD.fullmatch(text.strip())
     index, of = (int(n) for n in match.groups()) if match else (0, 0)
     if not index < of:
-        raise InputError(f"--shard is {text!r}; write I/N with I from 0 and below N, such as 0/4")
+        raise InputError(f"--shard is {text!r}; write I/N with 0 <= I < N, such as 0/4")
     return ShardIndex(index, of)
 
 
 def shards_folder(output: Path) -> Path:
-    """The folder of shards beside an output."""
+    """The shard folder next to an output."""
     stem = output.name.removesuffix(output.suffix)
     return output.with_name(f"{_NUMBER.sub('', stem) or 'frames'}.shards")
 
 
 def command_words() -> list[str]:
-    """The words of the command that decide its results."""
+    """The words of the command line that determine the results."""
     words, remaining = [], iter(command_line.get())
     for word in remaining:
         name = word.partition("=")[0]
@@ -88,10 +87,10 @@ def command_words() -> list[str]:
 
 
 def engine_for(args: Any, output: Path) -> "Executor | None":
-    """The engine that the options --shard, --ray and --merge ask for; None if there are none.
+    """The executor for the options --shard, --ray and --merge; None without them.
 
-    given : arguments with the fields `shard`, `ray` and `merge`
-    output : a file or a folder; shards are kept beside it
+    args : arguments with the fields `shard`, `ray` and `merge`
+    output : a file or folder; shards are stored next to it
     """
     from ..jobs.executors import ShardExecutor
     from ..jobs.work_parts import ShardMerge
@@ -106,7 +105,7 @@ def engine_for(args: Any, output: Path) -> "Executor | None":
         from ..cluster.ray_executor import Cluster
 
         if share is not None:
-            raise InputError("--ray makes shards of its own; leave it or --shard out")
+            raise InputError("--ray splits the work itself; leave it or --shard out")
         prepare = partial(begin, type(args).home, replace(args, json=False, quiet=True, ray=None))
         plan = getattr(args, "plan", None)
         say = (lambda line: None) if args.quiet else None
@@ -115,10 +114,10 @@ def engine_for(args: Any, output: Path) -> "Executor | None":
 
 
 def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
-    """Begin a command on a node of a cluster: the engine gets its units. Results have their names, in this folder.
+    """Start a command on a cluster node and pass its units to the executor. Results go to the current folder.
 
     home : module and name of the command
-    paths : field -> the path of its file on this node
+    paths : field -> path of its file on this node
     """
     from ..cluster.node_files import with_files
 
@@ -137,7 +136,7 @@ def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int,
 
 
 def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
-    """Say what a shard did, which wrote no results; return the exit code."""
+    """Report what a shard did, since it wrote no results; return the exit code."""
     from ..jobs.executors import ShardExecutor
 
     if not isinstance(shard, ShardExecutor):  # on a node of a cluster
@@ -146,26 +145,26 @@ def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
         answer = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
         console.print_json({**answer, "seconds": seconds})
     elif not args.quiet:
-        before = f", {shard.units - shard.did:,} were done before" if shard.did < shard.units else ""
+        before = f", {shard.units - shard.did:,} were already done" if shard.did < shard.units else ""
         rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", console.duration(seconds))]
         console.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
 
 
-# --- ``antumbra merge``: the results of a command from the shards of several processes --------------------------------
+# --- ``antumbra merge`` -----------------------------------------------------------------------------------------------
 
 
 def merge(
     context: typer.Context,
-    folders: Annotated[list[Path], typer.Argument(help="Folders NAME.shards that --shard made.", metavar="FOLDER...")],
+    folders: Annotated[list[Path], typer.Argument(help="Folders NAME.shards written by --shard.", metavar="FOLDER...")],
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Join the shards of a command: write the files that it writes without --shard, byte by byte.
+    """Join the shards of a command into the files it writes without --shard, byte for byte.
 
-    Each FOLDER says which command made it. The same command runs once more, in the current folder, and takes what the
-    shards found instead of tracing rays. A shard that is missing, doubled, stale, or of another command is an error
-    that names it, and no file is written then.
+    Each FOLDER records the command that wrote it. That command runs again, in the current folder, with the results of
+    the shards instead of traced rays. A shard that is missing, duplicated, stale, or from another command causes an
+    error that names it, and no file is written.
 
     \b
     Examples

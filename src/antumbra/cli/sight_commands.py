@@ -31,17 +31,17 @@ from .options import (
 )
 from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
 
-# --- ``antumbra los``: lines of sight between pairs of points ---------------------------------------------------------
+# --- ``antumbra los`` -------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.line_of_sight.sightlines import PairList, Sightlines
 
-_MOST_LINES = 20  # pairs that are printed
+_MOST_LINES = 20  # most pairs that are printed
 _MODEL = ".glb"
 _SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
-_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # of the lines that are printed
+_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # printed columns
 
 
 def los(
@@ -61,12 +61,12 @@ def los(
     pairs: Annotated[
         str,
         typer.Option(
-            help="all: each observer and each target; zip: one by one; a file with the columns from and to: indices; "
-            "or, without observers and targets, a file with the columns x1,y1,z1,x2,y2,z2.",
+            help="all: each observer with each target; zip: pairwise; a file of indices with the columns from and to; "
+            "or, without observers and targets, a file of points with the columns x1,y1,z1,x2,y2,z2.",
             metavar="all|zip|FILE",
         ),
     ] = "all",
-    output: Annotated[list[Path] | None, tables("Where to write", "--output", "-o", suffixes=_SUFFIXES)] = None,
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None,
     time: TimeOption = 0.0,
     up: UpOption = None,
     crs: CrsOption = None,
@@ -74,11 +74,11 @@ def los(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Say which points see each other in SCENE, and what blocks those that do not.
+    """Find which points see each other in SCENE, and what blocks the others.
 
-    Each pair gets the nearest blocking face, its object, the point where it blocks, and the distances. An end that lies
-    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2), or float32 may round it
-    behind the surface. Files hold a row for each pair; a .glb shows the lines, green as far as they see.
+    The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
+    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2); otherwise float32 may
+    round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to the first blocker.
 
     \b
     Examples
@@ -145,7 +145,7 @@ def los(
 
 
 def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict]:
-    """A dictionary for each pair."""
+    """A dictionary per pair."""
     lines = []
     for k, visible in enumerate(sightlines.visible.tolist()):
         face, blocker = int(sightlines.face[k]), int(sightlines.object[k])
@@ -162,14 +162,14 @@ def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> li
 
 
 def _of_city(scene: "AnyScene", face: int, blocker: int) -> dict[str, str]:
-    """What a city model knows of the blocking face."""
+    """The city model's attributes of the blocking face."""
     if scene.city is None or blocker < 0:
         return {}
     thing = scene.objects[blocker]
     return {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
 
 
-# --- ``antumbra viewshed``: how many observers see each sensor of a scene ---------------------------------------------
+# --- ``antumbra viewshed`` --------------------------------------------------------------------------------------------
 
 
 _SIZE = 1024, 768  # of pictures
@@ -177,7 +177,7 @@ _SIZE = 1024, 768  # of pictures
 
 @dataclass(frozen=True)
 class ViewshedArguments:
-    """The parameters of ``antumbra viewshed``."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     sensors: SensorsOption = "face"
@@ -187,29 +187,31 @@ class ViewshedArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
-    eye_height: Annotated[float, typer.Option(help="World units that eyes are above the observers.")] = 0.0
+    eye_height: Annotated[float, typer.Option(help="Height of the eyes above the observers, in world units.")] = 0.0
     on_surface: Annotated[
-        bool, typer.Option("--on-surface", help="Put each observer on the highest surface at its place first.")
+        bool, typer.Option("--on-surface", help="First place each observer on the highest surface at its position.")
     ] = False
-    min_distance: Annotated[float, typer.Option(help="World units from the eye; nearer sensors are not seen.")] = 0.0
+    min_distance: Annotated[float, typer.Option(help="Least distance of visible sensors, in world units.")] = 0.0
     max_distance: Annotated[
         float | None,
-        typer.Option(help="World units; farther ones are not seen.  [default: no limit]", show_default=False),
+        typer.Option(help="Greatest distance of visible sensors.  [default: no limit]", show_default=False),
     ] = None
     azimuth: Annotated[
         str, typer.Option(help="Compass directions, degrees clockwise from north.", metavar="FROM:TO")
     ] = "0:360"
     elevation: Annotated[str, typer.Option(help="Degrees above the horizontal.", metavar="LOWEST:HIGHEST")] = "-90:90"
-    curvature: Annotated[bool, typer.Option("--curvature", help="Let the earth curve away from each observer.")] = False
-    refraction: Annotated[float, typer.Option(help="Share of the curvature that bent light takes back.")] = 0.13
-    earth_radius: Annotated[float, typer.Option(help="World units.")] = 6_371_000.0
+    curvature: Annotated[bool, typer.Option("--curvature", help="Account for the curvature of the earth.")] = False
+    refraction: Annotated[
+        float, typer.Option(help="Refraction coefficient: share of the curvature that refraction offsets.")
+    ] = 0.13
+    earth_radius: Annotated[float, typer.Option(help="Radius of the earth in world units.")] = 6_371_000.0
     output: OutputsOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
         Path | None,
         typer.Option(
-            help="A .npy file: which observer sees which sensor, 64 observers in a word.",
+            help="A .npy file of bits: which observer sees which sensor, 64 observers per word.",
             show_default=False,
             callback=writes(".npy"),
         ),
@@ -227,9 +229,9 @@ class ViewshedArguments:
 def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
-    The columns of the result are seen (the number of observers), first and nearest (their numbers from 0, -1: none) and
-    distance. A raster becomes a map or a GeoTIFF, other sensors a view of the scene. raster:2+1.6 asks for targets 1.6
-    above the highest surfaces. Distances are straight, from the eye.
+    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance.
+    Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
+    the highest surfaces. Distances are straight-line distances from the eye.
 
     \b
     Examples
@@ -243,11 +245,11 @@ def viewshed(args: ViewshedArguments) -> int:
         arguments.parse_interval(args.azimuth, "--azimuth"),
         arguments.parse_interval(args.elevation, "--elevation"),
     )
-    asked_camera = None if args.camera is None else arguments.parse_camera(args.camera)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
 
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
-    from ..jobs.line_of_sight.viewshed import viewshed as seen_from
+    from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
@@ -265,9 +267,9 @@ def viewshed(args: ViewshedArguments) -> int:
         check_file_crs(opened, args.observers)
         display.say("preparing")
         sensors = sensors_of(args.sensors, opened, args.threads)
-        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, args.time, _SIZE)
+        camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        result = seen_from(
+        result = compute_viewshed(
             opened, sensors, eyes.points, eye_height=args.eye_height, on_surface=args.on_surface,
             min_distance=args.min_distance, max_distance=args.max_distance, azimuth=angles[0], elevation=angles[1],
             curvature=args.curvature, refraction=args.refraction, earth_radius=args.earth_radius,
@@ -311,7 +313,7 @@ def _fields(answer: dict) -> list[tuple[str, str]]:
     return [*fields, ("time", console.duration(answer["seconds"]))]
 
 
-# --- ``antumbra matrix``: which of many points see which others -------------------------------------------------------
+# --- ``antumbra matrix`` ----------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -322,20 +324,20 @@ _BITS, _SPARSE = ".npy", ".npz"
 
 @dataclass(frozen=True)
 class MatrixArguments:
-    """The arguments of the command line."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
-        typer.Option(help="The same forms as --sensors.  [default: the sensors themselves]", show_default=False),
+        typer.Option(help="Targets, in the forms of --sensors.  [default: the sensors themselves]", show_default=False),
     ] = None
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="A .npy file of bits, 64 targets in a word; it goes on where it stopped.",
+            help="A .npy file of bits, 64 targets per word; an interrupted run continues in it.",
             show_default=False,
             callback=writes(_BITS),
         ),
@@ -348,7 +350,7 @@ class MatrixArguments:
             callback=writes(_SPARSE),
         ),
     ] = None
-    counts: Annotated[list[Path] | None, tables("A file of the number of targets that each sensor sees")] = None
+    counts: Annotated[list[Path] | None, tables("File of the number of targets visible from each sensor")] = None
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
@@ -363,10 +365,10 @@ class MatrixArguments:
 
 @takes(MatrixArguments)
 def matrix(args: MatrixArguments) -> int:
-    """Find which sensors of SCENE see which targets: one bit for each pair.
+    """Find which sensors of SCENE see which targets, as one bit per pair.
 
-    Sensors on surfaces are seen from their outer side only. Bit j % 64 of word j // 64 of row i says whether sensor i
-    and target j see each other. Without --targets each pair is traced once, and no sensor sees itself.
+    Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
+    and target j see each other. Without --targets, each pair is traced once, and no sensor sees itself.
 
     \b
     Examples
@@ -402,7 +404,7 @@ def matrix(args: MatrixArguments) -> int:
         display.say("writing the results")
         if pairs is not None:
             result.save(pairs)
-        column = Column(result.counts, "", f"targets that it sees, of {result.columns}")
+        column = Column(result.counts, "", f"visible targets, of {result.columns}")
         for path in counts:
             Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save(path)
     _tell(args, opened.name, result, seconds, [str(path) for path in outputs])
@@ -410,7 +412,7 @@ def matrix(args: MatrixArguments) -> int:
 
 
 def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
-    """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
+    """The output files of bits, pairs and counts, checked before a scene is read."""
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 

@@ -1,4 +1,4 @@
-"""``antumbra view``: shows a scene in the browser."""
+"""``antumbra view``: show a scene in the browser."""
 
 import webbrowser
 from contextlib import suppress
@@ -29,23 +29,24 @@ from .options import (
     takes,
 )
 
-_SIZE = 1024, 1024  # of the camera before the browser says its own
+_SIZE = 1024, 1024  # of the camera until the browser reports its size
 
 
 @dataclass(frozen=True)
 class ViewArguments:
-    """The parameters of ``antumbra view``."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
-    port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8080
+    port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.", min=0, max=65535)] = 8080
     host: Annotated[
         str,
-        typer.Option(help="Address to listen at; 0.0.0.0 lets all look who can reach it and know its token."),
+        typer.Option(help="Address to listen on; 0.0.0.0 exposes the page to the network, protected by a token."),
     ] = "127.0.0.1"
     allow_host: Annotated[
-        list[str] | None, typer.Option(help="Another name under which browsers may reach the page. Repeatable.")
+        list[str] | None,
+        typer.Option(help="Additional host name of the page, such as that of a proxy; may be repeated."),
     ] = None
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
@@ -66,10 +67,10 @@ class ViewArguments:
 def view(args: ViewArguments) -> int:
     """Show SCENE in the browser, until Ctrl-C.
 
-    Drag to turn, scroll to come nearer. While the camera moves, the browser shows triangles with baked light. As soon
-    as it rests, traced pictures appear, from coarse to fine. Click a surface: the panel says which lights it sees and
-    which triangle blocks them. Lights have handles. Sliders move the sun and the animation. With a place on Earth
-    (--latitude and --longitude, or --crs), the sun follows a day and an hour.
+    Drag to rotate, scroll to zoom. While the camera moves, the browser shows a mesh with baked light; when it stops,
+    traced pictures appear, from coarse to fine. Click a surface to list the lights it sees and the triangles that block
+    the others. Drag the handles of lights to move them, and use sliders for the sun and the animation. With a location
+    on Earth (--latitude and --longitude, or --crs), the sun follows a date and time.
 
     \b
     Examples
@@ -80,15 +81,15 @@ def view(args: ViewArguments) -> int:
       antumbra view city.antumbra --max-memory 2G --no-browser
     """
     spec = arguments.parse_scene(args.scene)
-    asked_camera = None if args.camera is None else arguments.parse_camera(args.camera)
-    asked_lights = [arguments.parse_light(text) for text in args.light or []]
-    asked_sky = None if args.sky is None else arguments.parse_sky(args.sky)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
+    sky = None if args.sky is None else arguments.parse_sky(args.sky)
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
     from ..jobs.sun.location import given_position, place_of
     from ..viewer.viewer_page import checked_port
-    from ..viewer.viewer_page import view as shown
+    from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(args.host, args.port)
@@ -102,18 +103,18 @@ def view(args: ViewArguments) -> int:
         if place is None and (args.north is not None or args.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")
         time = opened.clamped(args.time)
-        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, time, _SIZE)
+        camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, time, _SIZE)
         lights = None
-        if asked_lights or asked_sky is not None:
-            lights = arguments.make_picture_lights(asked_lights, asked_sky, opened, time)
+        if light_specs or sky is not None:
+            lights = arguments.make_picture_lights(light_specs, sky, opened, time)
         display.say("preparing the first picture")
-        viewer = shown(
+        viewer = open_viewer(
             opened, lights, camera=camera, time=time, plan=args.plan, threads=args.threads, max_memory=memory,
             place=place, port=port, host=args.host, allow_host=args.allow_host or (), browser=False,
         )  # fmt: skip
     with viewer:
         if not args.quiet:
-            print(f"{opened.name} is at {viewer.url} (Ctrl-C ends it)", flush=True)
+            print(f"{opened.name} is at {viewer.url} (press Ctrl-C to stop)", flush=True)
         if not args.no_browser and not webbrowser.open(viewer.url):
             say(f"no browser was found; open {viewer.url}")
         with suppress(KeyboardInterrupt):
