@@ -31,7 +31,7 @@ def test_lights_are_switched_off(model):
 
 
 def test_lights_move(model):
-    model.move("lamp", model.stage.to_page((1, 2, 3)))
+    model.move("lamp", model.page_frame.to_page((1, 2, 3)))
     np.testing.assert_allclose(model.lamps[1].light.position, (1, 2, 3))
     assert model.lamps[1].name == "lamp"
 

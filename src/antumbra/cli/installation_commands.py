@@ -152,7 +152,8 @@ def _node_text(node: dict) -> str:
         return f"{node['host']}: {node['error']}"
     memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
     kernels = f"{node['missing']} kernels missing" if node["missing"] else "all kernels compiled"
-    return f"{node['host']}: {node['cores']} cores, {memory}{node['room']:.0f} GiB of disk space, {node['antumbra']}, {kernels}"
+    disk = f"{node['room']:.0f} GiB of disk space"
+    return f"{node['host']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
 
 
 def _kernels() -> dict:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
 _PATIENCE = 5.0  # seconds until a head node answers
-_PLACE = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
+_HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
 class Cluster:
@@ -62,11 +62,11 @@ class Cluster:
                 todo.append(number)
         if todo:
             inputs = {name: input_of(path) for name, path in self._inputs.items()}
-            sent = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
+            node_job = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
             with connected(self.address) as ray:
-                crew = WorkerPool(ray, job, sent, self._say)
-                crew.do(todo)
-                self.log = crew.log
+                pool = WorkerPool(ray, job, node_job, self._say)
+                pool.do(todo)
+                self.log = pool.log
         return True
 
     def end(self, job: Sequence[Units]) -> None:
@@ -87,7 +87,7 @@ def connected(address: str) -> Iterator:
     if "://" in address:
         raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
     if address not in ("auto", "local"):
-        _check_place(ray, address)
+        _check_address(ray, address)
     if ray.is_initialized():
         yield ray
         return
@@ -106,9 +106,9 @@ def connected(address: str) -> Iterator:
         ray.shutdown()
 
 
-def _check_place(ray, address: str) -> None:
+def _check_address(ray, address: str) -> None:
     """Raise InputError unless something listens at HOST:PORT. Ray itself tries for more than half a minute."""
-    match = _PLACE.fullmatch(address.strip())
+    match = _HOST_PORT.fullmatch(address.strip())
     if match is None or not 0 < int(match[2]) < 65536:
         raise InputError(f"--ray is {address!r}; write auto, local, or HOST:PORT of the head node")
     hosts = [match[1]]

@@ -42,7 +42,7 @@ class NodeJob(NamedTuple):
     folder: str  # name of the folder of units
 
 
-class Done(NamedTuple):
+class UnitResult(NamedTuple):
     """A unit that a node has done."""
 
     files: dict[str, bytes]  # by their names below the root; none if it cannot be done
@@ -58,8 +58,8 @@ class Node:
     """The worker of a node. Files are written in a folder of its own, and sent from there."""
 
     def __init__(self, threads: int):
-        self._threads, self._open = threads, ExitStack()
-        self._own = self._open.enter_context(temporary_folder())  # of a killed node, the next one removes it
+        self._threads, self._resources = threads, ExitStack()
+        self._folder = self._resources.enter_context(temporary_folder())  # of a killed node, the next one removes it
         self._units: list[tuple[Units, int]] = []
 
     def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
@@ -69,14 +69,14 @@ class Node:
         """
         with progress_listener(ignore_progress):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
-            os.chdir(self._own)  # results of a job have relative names here
+            os.chdir(self._folder)  # results of a job have relative names here
             precompile_plan_kernels(job.plan)
             collector = UnitCollector(Path(job.folder))
             job.prepare(paths, self._threads, collector)
         self._units = [(units, k) for _, units, k in numbered(collector.job)]
         return signature(collector.job)
 
-    def do(self, number: int) -> Done:
+    def do(self, number: int) -> UnitResult:
         """Do a unit."""
         units, k = self._units[number]
         start = perf_counter()
@@ -85,16 +85,16 @@ class Node:
         assert units.root is not None
         files = {name: units.root / name for name in units.files(k)}
         if not all(path.exists() for path in files.values()):
-            return Done({}, perf_counter() - start)
+            return UnitResult({}, perf_counter() - start)
         contents = {name: path.read_bytes() for name, path in files.items()}
         for path in files.values():
             path.unlink()
-        return Done(contents, perf_counter() - start)
+        return UnitResult(contents, perf_counter() - start)
 
     def leave(self) -> None:
         """Remove the node's own files."""
         os.chdir(tempfile.gettempdir())
-        self._open.close()
+        self._resources.close()
 
 
 def precompile_plan_kernels(plan: str | None) -> None:
@@ -106,12 +106,12 @@ def precompile_plan_kernels(plan: str | None) -> None:
                 compile_missing(missing)
 
 
-# --- The workers of a cluster, one on each node: who does what, and what happens if one is lost -----------------------
+# --- The workers of a cluster, one on each node: owner does what, and what happens if one is lost -----------------------
 
 
 _AHEAD = 2  # units that a worker has: one that it does, and the next one
 _TRIES = 4  # losses of a unit with its worker, or of workers of a node, until nobody tries again
-_POLL, _LOOK = 0.2, 2.0  # seconds between two looks at results, and at the nodes of the cluster
+_POLL, _SCAN = 0.2, 2.0  # seconds between two looks at results, and at the nodes of the cluster
 _PATIENCE = 120.0  # seconds without any worker
 
 
@@ -129,7 +129,7 @@ class NodeWorker:
     def __init__(self, node: str, host: str, actor):
         self.node, self.host, self.actor = node, host, actor
         self.ready, self.lost = False, False
-        self.flying = 0  # calls whose answer has not come
+        self.pending = 0  # calls whose answer has not come
 
 
 class WorkerPool:
@@ -139,15 +139,15 @@ class WorkerPool:
     say : tells the user a line
     """
 
-    def __init__(self, ray, job: Sequence[Units], sent: NodeJob, say: Callable[[str], None]):
-        self._ray, self._job, self._sent, self._say = ray, job, sent, say
+    def __init__(self, ray, job: Sequence[Units], node_job: NodeJob, say: Callable[[str], None]):
+        self._ray, self._job, self._node_job, self._say = ray, job, node_job, say
         self._units = [(units, k) for _, units, k in numbered(job)]
         self._todo = deque[int]()
-        self._flying: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> who does it, and the unit; None: begin
+        self._pending: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> owner does it, and the unit; None: begin
         self._workers: dict[str, NodeWorker] = {}
         self._losses: Counter[str] = Counter()  # by node
         self._tries: Counter[int] = Counter()  # by unit
-        self._looked = -_LOOK
+        self._last_scan = -_SCAN
         self._reader = self._read = None
         self.log = Log({}, {}, [])
 
@@ -155,34 +155,34 @@ class WorkerPool:
         """Do the units of these numbers."""
         self._todo.extend(numbers)
         missing, since = set(numbers), monotonic()
-        self._serve_inputs()
+        self._start_reader()
         try:
             with report_progress(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
                 while missing:
-                    self._look_for_nodes()
-                    self._hand_out()
+                    self._start_workers()
+                    self._assign()
                     if self._workers:
                         since = monotonic()
                     elif monotonic() - since > _PATIENCE:
                         raise InputError("no node of the cluster has a free core; look at: ray status")
-                    for number in self._heard():
+                    for number in self._collect():
                         missing.discard(number)
                         progress(len(numbers) - len(missing), len(numbers))
         finally:
-            self._dismiss()
+            self._stop_workers()
 
-    def _serve_inputs(self) -> None:
+    def _start_reader(self) -> None:
         """Start a process beside this one that reads inputs for nodes that lack them."""
-        if not self._sent.inputs:
+        if not self._node_job.inputs:
             return
         remote, here = self._ray.remote(_Reader), self._ray.get_runtime_context().get_node_id()
         self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
 
-    def _look_for_nodes(self) -> None:
+    def _start_workers(self) -> None:
         """Start a worker on each node that has none."""
-        if monotonic() - self._looked < _LOOK:
+        if monotonic() - self._last_scan < _SCAN:
             return
-        self._looked = monotonic()
+        self._last_scan = monotonic()
         for node in self._ray.nodes():
             name, cores = node["NodeID"], int(node["Resources"].get("CPU", 0))
             if node["Alive"] and cores and name not in self._workers and self._losses[name] < _TRIES:
@@ -191,32 +191,32 @@ class WorkerPool:
                 )
                 worker = NodeWorker(name, node["NodeManagerHostname"], actor.remote(cores))
                 self._workers[name] = worker
-                self._call(worker, worker.actor.begin.remote(self._sent, _Remote(self._reader)), None)
+                self._call(worker, worker.actor.begin.remote(self._node_job, _RemoteReader(self._reader)), None)
 
-    def _hand_out(self) -> None:
+    def _assign(self) -> None:
         for worker in self._workers.values():
-            while worker.ready and worker.flying < _AHEAD and self._todo:
+            while worker.ready and worker.pending < _AHEAD and self._todo:
                 number = self._todo.popleft()
                 self._call(worker, worker.actor.do.remote(number), number)
 
     def _call(self, worker: NodeWorker, call, number: int | None) -> None:
-        worker.flying += 1
-        self._flying[call] = worker, number
+        worker.pending += 1
+        self._pending[call] = worker, number
 
-    def _heard(self) -> list[int]:
+    def _collect(self) -> list[int]:
         """The units whose results have come; they are written."""
-        if not self._flying:
+        if not self._pending:
             self._ray.wait([self._ray.put(0)], timeout=_POLL)
             return []
-        ready, _ = self._ray.wait(list(self._flying), num_returns=1, timeout=_POLL)
+        ready, _ = self._ray.wait(list(self._pending), num_returns=1, timeout=_POLL)
         done = []
         for call in ready:
-            worker, number = self._flying[call]
+            worker, number = self._pending[call]
             answer = self._answer(call, worker)
             if worker.lost:
                 continue
-            del self._flying[call]
-            worker.flying -= 1
+            del self._pending[call]
+            worker.pending -= 1
             if number is None:
                 self._check(worker, answer)
             else:
@@ -235,19 +235,19 @@ class WorkerPool:
             cause = error.cause
             raise cause if isinstance(cause, Exception) else error from None
         except (errors.RayActorError, errors.WorkerCrashedError, errors.ObjectLostError, errors.NodeDiedError):
-            self._lose(worker)
+            self._drop(worker)
 
-    def _lose(self, worker: NodeWorker) -> None:
+    def _drop(self, worker: NodeWorker) -> None:
         worker.lost = True
         self._workers.pop(worker.node, None)
         self._losses[worker.node] += 1
         with suppress(Exception):
             self._ray.kill(worker.actor)
-        lost = [number for who, number in self._flying.values() if who is worker and number is not None]
-        self._flying = {call: held for call, held in self._flying.items() if held[0] is not worker}
+        lost = [number for owner, number in self._pending.values() if owner is worker and number is not None]
+        self._pending = {call: entry for call, entry in self._pending.items() if entry[0] is not worker}
         self._todo.extendleft(reversed(lost))
         self._tries.update(lost[:1])  # the others were only waiting
-        self._looked = -_LOOK
+        self._last_scan = -_SCAN
         self._say(f"note: the worker on {worker.host} was lost; {len(lost)} parts are done again")
         often = [number for number in lost if self._tries[number] >= _TRIES]
         if often:
@@ -277,10 +277,10 @@ class WorkerPool:
         else:
             units.found(k)
 
-    def _dismiss(self) -> None:
+    def _stop_workers(self) -> None:
         """End all workers."""
         with suppress(Exception):
-            leaving = [worker.actor.leave.remote() for worker in self._workers.values() if not worker.flying]
+            leaving = [worker.actor.leave.remote() for worker in self._workers.values() if not worker.pending]
             self._ray.wait(leaving, num_returns=len(leaving), timeout=5.0) if leaving else None
         for actor in [*(worker.actor for worker in self._workers.values()), *([self._reader] if self._reader else [])]:
             with suppress(Exception):
@@ -299,7 +299,7 @@ class _Reader:
         return piece_of(path, offset)
 
 
-class _Remote:
+class _RemoteReader:
     """A function that asks a `_Reader` in another process."""
 
     def __init__(self, reader):

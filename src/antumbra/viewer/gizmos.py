@@ -12,10 +12,10 @@ from ..query.receivers import point_receivers
 from ..scene.lights import DirectionalLight
 from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
-# --- What a point of a surface sees of each light, and what blocks it -------------------------------------------------
+# --- Visibility of each light from a surface point --------------------------------------------------------------------
 
 
-_SPP = 256  # rays to each light
+_SPP = 256  # rays per light
 
 
 class Face(NamedTuple):
@@ -27,18 +27,18 @@ class Face(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What a point sees of one light."""
+    """Visibility of one light from a point."""
 
     name: str
-    share: float  # of the samples, in [0, 1]
+    share: float  # visible share of the samples, in [0, 1]
     samples: int
-    end: np.ndarray | None  # (3,) float64, world: the centre of the light; None: it has none
-    blocker: Face | None  # the first triangle on the way to the centre
-    at: np.ndarray | None  # (3,) float64, world: where the blocker is met
+    end: np.ndarray | None  # (3,) float64, world: the centre of the light; None: no centre
+    blocker: Face | None  # the first triangle towards the centre
+    at: np.ndarray | None  # (3,) float64, world: the point on the blocker
 
 
 class Probe(NamedTuple):
-    """What a point of a surface sees."""
+    """Visibility of the lights from a surface point."""
 
     position: np.ndarray  # (3,) float64, world
     normal: np.ndarray  # (3,) float64, unit, towards the viewer
@@ -47,7 +47,7 @@ class Probe(NamedTuple):
 
 
 def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | None:
-    """What the first point on a ray sees of the lights; None if the ray meets nothing.
+    """Visibility of the lights from the first point on a ray; None if the ray hits nothing.
 
     origin, direction : (3,) float64, world
     """
@@ -72,11 +72,11 @@ def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | No
 
 
 def _with_blocker(model: Model, sight: Sight, light, position, normal, face: Face) -> Sight:
-    """The sight with the light's centre, and the first triangle on the way there."""
+    """The sight with the light's centre, and the first triangle towards it."""
     local = (position - model.scene.origin)[None]
     world = point_receivers(local, normal[None], position[None], single=False) + model.scene.origin
     (direction,), end = towards_centre(light, world)
-    reach = FAR / model.stage.scale if isinstance(light, DirectionalLight) else 1.0
+    reach = FAR / model.page_frame.scale if isinstance(light, DirectionalLight) else 1.0
     sight = sight._replace(end=world[0] + reach * direction)
     if normal @ direction <= 0.0:
         return sight._replace(blocker=face, at=position)
@@ -87,7 +87,7 @@ def _with_blocker(model: Model, sight: Sight, light, position, normal, face: Fac
 
 
 def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
-    """A triangle with the name of its object; of a city, with the type of its surface too."""
+    """A triangle with the name of its object and, in a city, the type of its surface."""
     scene = model.scene
     name = scene.objects[owner].name if 0 <= owner < len(scene.objects) else ""
     if scene.city is not None:
@@ -96,7 +96,7 @@ def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
     return Face(index, name, corners)
 
 
-# --- Marks in the page: handles of lights, and lines from a clicked point to the lights and what blocks them ----------
+# --- Gizmos in the page -----------------------------------------------------------------------------------------------
 
 
 _LIGHT, _SEEN, _BLOCKED, _BEYOND = (255, 196, 60), (255, 214, 64), (255, 64, 64), (150, 40, 60)
@@ -105,12 +105,12 @@ _POINT = 0.03  # page units: radius of a clicked point
 
 
 class Gizmos:
-    """What is drawn over the pictures.
+    """Light handles, and the sightlines of the clicked point.
 
     Parameters
     ----------
     page : Page
-        Its `changed` is called after a handle was moved.
+        Its `changed` is called after a handle has moved.
     """
 
     def __init__(self, page: Any):
@@ -126,20 +126,20 @@ class Gizmos:
         self.refresh()
 
     def refresh(self) -> None:
-        """Put the handles where the lights are."""
+        """Move the handles to the lights."""
         with self._lock:
             for lamp in self._model.lamps:
-                place = handle_position(lamp.light, self._model.stage)
+                place = handle_position(lamp.light, self._model.page_frame)
                 if place is not None:
                     self._put(lamp, place)
 
     def point_at(self, point: Probe | None) -> None:
-        """Show what a point sees: lines to the lights, red up to what blocks them, and the blocking triangles."""
+        """Show the sightlines of a point, red up to a blocker, and the blocking triangles."""
         for name in "/point", "/sights", "/blockers":
             self._scene.remove_by_name(name)
         if point is None:
             return
-        to_page = self._model.stage.to_page
+        to_page = self._model.page_frame.to_page
         self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(point.position))
         lines, colours = sight_lines(point)
         if len(lines):
@@ -154,16 +154,16 @@ class Gizmos:
     def _put(self, lamp: EditableLight, place: np.ndarray) -> None:
         on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
         if lamp.name not in self._handles:
-            handle_position = self._handles[lamp.name] = self._scene.add_transform_controls(
+            handle = self._handles[lamp.name] = self._scene.add_transform_controls(
                 path, scale=_HANDLE, disable_rotations=True, depth_test=False, position=place
             )
             self._scene.add_label(f"{path}/name", lamp.name)
-            handle_position.on_update(self._page.heard(self._mover(lamp.name)))
-        handle_position = self._handles[lamp.name]
-        handle_position.visible = on
-        if not np.allclose(handle_position.position, place, atol=1e-5):
-            handle_position.position = place
-        lines = light_outline(lamp.light, self._model.stage)
+            handle.on_update(self._page.listener(self._mover(lamp.name)))
+        handle = self._handles[lamp.name]
+        handle.visible = on
+        if not np.allclose(handle.position, place, atol=1e-5):
+            handle.position = place
+        lines = light_outline(lamp.light, self._model.page_frame)
         if len(lines):
             self._scene.add_line_segments(
                 f"/outlines/{lamp.name}", lines, _LIGHT, thickness=2.0, thickness_units="screen", visible=on
@@ -181,7 +181,7 @@ class Gizmos:
 
 
 def sight_lines(point: Probe) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 2, 3) float64, world: lines from a point to the lights; (k, 2, 3) uint8: their colours."""
+    """Lines from a point to the lights, (k, 2, 3) float64, world, and their colours, (k, 2, 3) uint8."""
     lines: list[tuple] = []
     colours = []
     for sight in point.sights:

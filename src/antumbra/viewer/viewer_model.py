@@ -64,7 +64,7 @@ class PageFrame(NamedTuple):
 
     @classmethod
     def of(cls, scene) -> "PageFrame":
-        """The stage on which a scene is shown as a whole."""
+        """The page_frame on which a scene is shown as a whole."""
         centre, radius = bounding_sphere(scene.bounds)
         scale = RADIUS / radius
         return cls(centre, scale, axes(scene.up)[1], np.ptp(scene.bounds, axis=0) * scale / 2.0)
@@ -119,19 +119,19 @@ class EditableLight(NamedTuple):
     on: bool = True
 
 
-def handle_position(light: Light, stage: PageFrame) -> np.ndarray | None:
+def handle_position(light: Light, page_frame: PageFrame) -> np.ndarray | None:
     """(3,) float64, page: the place of the light's handle; None: it has none, as light from everywhere."""
     if not has_centre(light):
         return None
-    (direction,), end = towards_centre(light, stage.centre[None])
-    return FAR * direction if np.isinf(end) else stage.to_page(stage.centre + direction)
+    (direction,), end = towards_centre(light, page_frame.centre[None])
+    return FAR * direction if np.isinf(end) else page_frame.to_page(page_frame.centre + direction)
 
 
-def move_light(light: Light, stage: PageFrame, to: np.ndarray) -> Light:
+def move_light(light: Light, page_frame: PageFrame, to: np.ndarray) -> Light:
     """The light with its handle at a place ((3,), page). A sun then shines from there to the middle of the page."""
     if isinstance(light, DirectionalLight):
         return replace(light, direction=-np.asarray(to, np.float64)).named(light.name) if np.any(to) else light
-    world = stage.to_world(to)
+    world = page_frame.to_world(to)
     if isinstance(light, QuadLight):
         return replace(light, corner=world - (light.u + light.v) / 2.0).named(light.name)
     if isinstance(light, PointLight):
@@ -141,16 +141,16 @@ def move_light(light: Light, stage: PageFrame, to: np.ndarray) -> Light:
     return light
 
 
-def light_outline(light: Light, stage: PageFrame) -> np.ndarray:
+def light_outline(light: Light, page_frame: PageFrame) -> np.ndarray:
     """(k, 2, 3) float64, page: lines that show the extent of a light; none for a point."""
     if isinstance(light, QuadLight):
         a, b = light.corner + light.u, light.corner + light.v
         ring = np.stack([light.corner, a, a + light.v, b, light.corner])
-        return _lines(stage.to_page(ring))
+        return _lines(page_frame.to_page(ring))
     if isinstance(light, DiskLight):
-        return _lines(stage.to_page(_ring(light.center, light.radius, light.normal)))
+        return _lines(page_frame.to_page(_ring(light.center, light.radius, light.normal)))
     if isinstance(light, SphereLight):
-        rings = [_lines(stage.to_page(_ring(light.center, light.radius, axis))) for axis in np.eye(3)]
+        rings = [_lines(page_frame.to_page(_ring(light.center, light.radius, axis))) for axis in np.eye(3)]
         return np.concatenate(rings)
     if isinstance(light, DirectionalLight):
         return np.stack([-FAR * light.direction, -0.8 * FAR * light.direction])[None]
@@ -226,15 +226,15 @@ class Model:
             instance(camera, Camera, "camera")
         if place is not None:
             place = checked_place(instance(place, Place, "place"))
-        self.scene, self.stage, self.place, self.threads = scene, PageFrame.of(scene), place, threads
+        self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, threads
         self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
-        self.plan, self.time, self.looks = plan, scene.clamped(time), DisplayOptions()
+        self.plan, self.time, self.display = plan, scene.clamped(time), DisplayOptions()
         self._given = None if lights is None else check_lights(lights, scene.up)
         self._found: tuple[float, dict[str, Light]] | None = None  # the lights of a time, where nobody moved them
         self._moved: dict[str, Light] = {}
         self._off: set[str] = set()
         self._camera = camera
-        self.seen_by: Camera | None = None  # the camera of the browser that moved last
+        self.last_camera: Camera | None = None  # the camera of the browser that moved last
         self._exposure: float | None = None
         self.ambient = np.zeros(3, np.float32)  # irradiance, as in the latest frame
 
@@ -282,7 +282,7 @@ class Model:
             return self.scene.camera(0, self.time).resized(width, height)
         return self.scene.default_camera(width, height)
 
-    def learn(self, frame: Frame) -> None:
+    def update_from(self, frame: Frame) -> None:
         """Take over the exposure of the first frame, so that nothing flickers, and the ambient light of each one."""
         if self._exposure is None:
             self._exposure = frame_exposure(frame)
@@ -292,11 +292,11 @@ class Model:
     @property
     def exposure(self) -> float | None:
         """The exposure of all pictures, from the first one on; None before it."""
-        return None if self._exposure is None else self._exposure * 2.0**self.looks.stops
+        return None if self._exposure is None else self._exposure * 2.0**self.display.stops
 
-    def expose_anew(self) -> None:
+    def reset_exposure(self) -> None:
         """Let the next picture choose the exposure."""
-        self._exposure, self.looks = None, self.looks._replace(stops=0.0)
+        self._exposure, self.display = None, self.display._replace(stops=0.0)
 
     def go_to(self, time: float) -> None:
         """Show the scene at a time, in seconds."""
@@ -309,7 +309,7 @@ class Model:
 
     def move(self, name: str, to: np.ndarray) -> None:
         """Move a light so that its handle is at a place ((3,), page)."""
-        self._moved[name] = move_light(self.lamp(name).light, self.stage, to)
+        self._moved[name] = move_light(self.lamp(name).light, self.page_frame, to)
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""

@@ -59,9 +59,9 @@ class Page:
         viser = import_extra("viser", "the viewer", "view")
         self.model, self.host = model, host
         self.guard, port = Guard(host, allow_host), checked_port(host, port)
-        self._viewings: dict[int, ClientView] = {}
-        self._pieces: tuple[float, ProxyMesh] | None = None  # those of a time
-        self._standin: bytes | None = None
+        self._views: dict[int, ClientView] = {}
+        self._mesh: tuple[float, ProxyMesh] | None = None  # those of a time
+        self._proxy: bytes | None = None
         with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command says the address itself
             self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
         if not self.guard.in_place:
@@ -70,12 +70,12 @@ class Page:
                 f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' gets a fit one"
             )
         self.port = self.server.get_port()  # another one if somebody has just taken ours
-        self.worker = TaskQueue(self.tell)
-        self._furnish()
-        self.controls, self.marks = Controls(self), Gizmos(self)
-        self.server.on_client_connect(self.heard(self._enter))
-        self.server.on_client_disconnect(self.heard(self._leave))
-        self.server.scene.on_click()(self.heard(self._click))
+        self.worker = TaskQueue(self.show_error)
+        self._set_up_scene()
+        self.controls, self.gizmos = Controls(self), Gizmos(self)
+        self.server.on_client_connect(self.listener(self._connect))
+        self.server.on_client_disconnect(self.listener(self._disconnect))
+        self.server.scene.on_click()(self.listener(self._click))
 
     @property
     def url(self) -> str:
@@ -84,7 +84,7 @@ class Page:
         page = f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
         return f"{page}/{self.guard.token}/" if self.guard.token else page
 
-    def heard(self, act: Callable) -> Callable:
+    def listener(self, act: Callable) -> Callable:
         """A listener for viser that calls the coroutine function `act`. The panel shows its errors."""
 
         async def listener(*event: Any) -> None:
@@ -93,20 +93,20 @@ class Page:
             except Exception as error:
                 if not isinstance(error, InputError):  # which a message that no page sends can cause
                     LOG.warning("a message was not understood: %s", one_line(error))
-                self.tell(error)
+                self.show_error(error)
 
         return listener
 
     def changed(self) -> None:
         """Draw everything anew after a change of the model."""
         self.controls.refresh()
-        self.marks.refresh()
-        for viewing in list(self._viewings.values()):
-            viewing.begin(0.0)
-        if self._standin is not None:
-            self.worker.ask("stand-in", MESH, self._make_standin, _SETTLED)
+        self.gizmos.refresh()
+        for client_view in list(self._views.values()):
+            client_view.begin(0.0)
+        if self._proxy is not None:
+            self.worker.submit("proxy mesh", MESH, self._bake_proxy, _SETTLED)
 
-    def tell(self, error: Exception) -> None:
+    def show_error(self, error: Exception) -> None:
         """Show an error in the panel."""
         reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         self.controls.say(one_line(reason))
@@ -117,53 +117,53 @@ class Page:
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 
-    def _furnish(self) -> None:
-        scene, stage = self.server.scene, self.model.stage
+    def _set_up_scene(self) -> None:
+        scene, page_frame = self.server.scene, self.model.page_frame
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        scene.set_up_direction(tuple(stage.up))
+        scene.set_up_direction(tuple(page_frame.up))
         scene.world_axes.visible = False
-        pose, camera = stage.first_pose(self.model.first_camera(1024, 1024)), self.server.initial_camera
+        pose, camera = page_frame.first_pose(self.model.first_camera(1024, 1024)), self.server.initial_camera
         camera.position, camera.look_at, camera.fov = pose.position, pose.target, pose.vfov
 
-    async def _enter(self, client: Any) -> None:
-        viewing = self._viewings[client.client_id] = ClientView(self.model, self.worker, client, self._drawn)
-        if self._standin is not None:
-            viewing.put_standin(self._standin)
-        client.camera.on_update(self.heard(viewing.look))
-        await viewing.look(client.camera)
+    async def _connect(self, client: Any) -> None:
+        client_view = self._views[client.client_id] = ClientView(self.model, self.worker, client, self._on_sent)
+        if self._proxy is not None:
+            client_view.put_proxy(self._proxy)
+        client.camera.on_update(self.listener(client_view.look))
+        await client_view.look(client.camera)
 
-    async def _leave(self, client: Any) -> None:
-        if viewing := self._viewings.pop(client.client_id, None):
-            viewing.leave()
+    async def _disconnect(self, client: Any) -> None:
+        if client_view := self._views.pop(client.client_id, None):
+            client_view.leave()
 
-    def _drawn(self, picture: TracedPicture) -> None:
-        self.controls.tell(picture)
-        if self._standin is None and self.model.in_memory and not self.worker.has("stand-in"):
-            self.worker.ask("stand-in", MESH, self._make_standin)
+    def _on_sent(self, picture: TracedPicture) -> None:
+        self.controls.show_picture(picture)
+        if self._proxy is None and self.model.in_memory and not self.worker.has("proxy mesh"):
+            self.worker.submit("proxy mesh", MESH, self._bake_proxy)
 
     async def _click(self, event: Any) -> None:
-        origin = self.model.stage.to_world(np.array(event.ray_origin))
+        origin = self.model.page_frame.to_world(np.array(event.ray_origin))
         direction = np.array(event.ray_direction, np.float64)
 
         def work(check) -> None:
             point = probe(self.model, origin, direction)
-            self.marks.point_at(point)
+            self.gizmos.point_at(point)
             self.controls.describe(point)
 
-        self.worker.ask("click", CLICK, work)
+        self.worker.submit("click", CLICK, work)
 
-    def _make_standin(self, check) -> None:
+    def _bake_proxy(self, check) -> None:
         """Bake the light of the stand-in, and send it to all browsers."""
         model, scene, time = self.model, self.model.scene, self.model.time
         if model.exposure is None:
             return
-        if self._pieces is None or self._pieces[0] != time:
-            self._pieces = time, proxy_mesh(scene.triangles(time, model.threads))
-        pieces = self._pieces[1]
+        if self._mesh is None or self._mesh[0] != time:
+            self._mesh = time, proxy_mesh(scene.triangles(time, model.threads))
+        pieces = self._mesh[1]
         colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, scene.colours[pieces.faces], model)
-        self._standin = glb_of(model.stage.to_page(pieces.corners + scene.origin), colours)
-        for viewing in list(self._viewings.values()):
-            viewing.put_standin(self._standin)
+        self._proxy = glb_of(model.page_frame.to_page(pieces.corners + scene.origin), colours)
+        for client_view in list(self._views.values()):
+            client_view.put_proxy(self._proxy)
 
 
 def checked_port(host: str, port: int) -> int:
@@ -243,7 +243,7 @@ class Viewer:
     @property
     def camera(self) -> Camera:
         """The camera of the browser that moved last; before the first one, that of the first view."""
-        return self._model.seen_by or self._model.first_camera(1024, 1024)
+        return self._model.last_camera or self._model.first_camera(1024, 1024)
 
     def wait(self) -> None:
         """Wait until the page is closed, or for Ctrl-C."""
