@@ -20,26 +20,26 @@ from ..jobs.executors import UnitCollector, Units, numbered
 from ..progress import LOG
 from .node_files import files_in, input_of, with_files
 
-# --- The engine that hands a job's units to a Ray cluster -------------------------------------------------------------
+# --- The executor -----------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
     from .ray_workers import Log
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
-_PATIENCE = 5.0  # seconds until a head node answers
+_TIMEOUT = 5.0  # seconds to connect to a head node
 _HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
 class Cluster:
-    """Does the units of a job on the nodes of a Ray cluster, and writes the files that they send.
+    """Runs the units of a job on the nodes of a Ray cluster, and writes the files they return.
 
-    folder : where units are kept that are no results
-    address : "local": a cluster of this machine alone; "auto", or HOST:PORT: one that runs
-    prepare : begins the job on a node, see `node.Prepare`
-    inputs : the files that the job reads, by names that `prepare` knows
-    plan : whose kernels are compiled before the first unit
-    say : tells the user a line; None: by the logger ``antumbra``
+    folder : folder for intermediate units
+    address : "local": a cluster of this machine alone; "auto" or HOST:PORT: a running cluster
+    prepare : starts the job on a node, see `ray_workers.Prepare`
+    inputs : the files that the job reads, by the names that `prepare` uses
+    plan : plan whose kernels are compiled before the first unit
+    say : function that prints a line for the user; None: logs it to ``antumbra``
     """
 
     def __init__(
@@ -76,12 +76,12 @@ class Cluster:
 
 @contextmanager
 def connected(address: str) -> Iterator:
-    """The module ``ray``, connected to a cluster. A connection that exists already is used, and stays.
+    """The module ``ray``, connected to a cluster. An existing connection is reused and kept.
 
     Raises
     ------
     InputError
-        If Ray is missing, or there is no cluster at the address, also where a connection exists.
+        If Ray is missing, or there is no cluster at the address, even if a connection exists.
     """
     ray = import_extra("ray", "a cluster", "ray")
     if "://" in address:
@@ -107,24 +107,24 @@ def connected(address: str) -> Iterator:
 
 
 def _check_address(ray, address: str) -> None:
-    """Raise InputError unless something listens at HOST:PORT. Ray itself tries for more than half a minute."""
+    """Raise InputError unless HOST:PORT accepts connections. Ray itself retries for more than half a minute."""
     match = _HOST_PORT.fullmatch(address.strip())
     if match is None or not 0 < int(match[2]) < 65536:
         raise InputError(f"--ray is {address!r}; write auto, local, or HOST:PORT of the head node")
     hosts = [match[1]]
     if match[1] in ("localhost", "127.0.0.1"):
-        hosts.append(ray.util.get_node_ip_address())  # as Ray itself reads it
+        hosts.append(ray.util.get_node_ip_address())  # as Ray resolves it
     reason = ""
     for host in hosts:
         try:
-            socket.create_connection((host, int(match[2])), _PATIENCE).close()
+            socket.create_connection((host, int(match[2])), _TIMEOUT).close()
             return
         except OSError as error:
             reason = error.strerror or str(error)
     raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status")
 
 
-# --- A function of this package on a cluster: the Python side of ``--ray`` --------------------------------------------
+# --- `run`, the Python counterpart of ``--ray`` -----------------------------------------------------------------------
 
 
 _OUTPUTS = "output", "matrix", "folder"
@@ -133,7 +133,7 @@ _OUTPUTS = "output", "matrix", "folder"
 def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> Any:
     """Call a function of this package on a Ray cluster (needs ``antumbra[ray]``).
 
-    Each node opens the scene by its path, or fetches the file once to its disk, and does parts of the work. The result
+    Each node opens the scene by its path, or fetches the file once to its disk, and does part of the work. The result
     equals that of ``function(load(scene), *args, **kwargs)``.
 
     Parameters
@@ -143,14 +143,14 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     scene : str or path-like
         The path of the scene.
     *args, **kwargs
-        The other arguments, without `keep` and `threads`: each node uses all of its cores.
+        The other arguments, except `keep` and `threads`: each node uses all its cores.
     address : str
-        "local": a cluster of this machine alone. "auto", or HOST:PORT: a cluster that runs.
+        "local": a cluster of this machine alone. "auto" or HOST:PORT: a running cluster.
 
     Raises
     ------
     InputError
-        If Ray is missing, there is no such cluster, or an argument is wrong.
+        If Ray is missing, there is no such cluster, or an argument is invalid.
 
     Examples
     --------
@@ -158,7 +158,7 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     """
     if not inspect.isfunction(function) or "keep" not in inspect.signature(function).parameters:
         name = getattr(function, "__name__", quoted(function))
-        raise InputError(f"{name} has no parts; use sun_hours, visibility_matrix, bake or dataset")
+        raise InputError(f"{name} cannot be distributed; use sun_hours, visibility_matrix, bake or dataset")
     scene = path_of(scene, "scene")
     text(address, "address")
     home = function.__module__, function.__name__
@@ -170,7 +170,7 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
 
 
 def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
-    """The arguments of a call by their names."""
+    """The arguments of a call by name."""
     try:
         return dict(inspect.signature(function).bind(scene, *args, **kwargs).arguments)
     except TypeError as error:
@@ -178,12 +178,12 @@ def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
 
 
 def _opened(function: Callable, scene):
-    """The scene as a function takes it: `bake` keeps what else is in the file."""
+    """The scene as a function expects it: `bake` takes the path, since it keeps everything else in the file."""
     return scene if function.__name__ == "bake" else load(scene)
 
 
 def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: UnitCollector) -> None:
-    """Begin the call on a node. Its results go to the current folder."""
+    """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
     named = _named(function, Path(), args, kwargs)
     named |= with_files(named, paths)

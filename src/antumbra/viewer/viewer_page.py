@@ -1,4 +1,4 @@
-"""`antumbra.view`: open a scene in the browser. The server of the page, and its event handlers."""
+"""`antumbra.view`: open a scene in the browser, with the server of the page and its event handlers."""
 
 import errno
 import io
@@ -32,10 +32,10 @@ from .proxy_mesh import ProxyMesh, glb_of, proxy_colours, proxy_light, proxy_mes
 from .request_guard import LOG, Guard, guarding, one_line
 from .viewer_model import Model
 
-# --- The page in the browser: its server, and what happens when somebody comes, clicks or changes something -----------
+# --- The server and its event handlers --------------------------------------------------------------------------------
 
 
-_SETTLED = 0.5  # seconds after a change until the stand-in gets the new light
+_SETTLED = 0.5  # seconds after a change until the proxy mesh is baked again
 
 
 class Page:
@@ -45,14 +45,14 @@ class Page:
     ----------
     model : Model
     host, port : str, int
-        Port 0: any free one.
-    allow_host : names or addresses
-        Under which the page may be reached besides its own.
+        Port 0: any free port.
+    allow_host : sequence of str
+        Additional names or addresses of the page.
 
     Raises
     ------
     InputError
-        If viser is missing or cannot be guarded, the port is busy, or a name is wrong.
+        If viser is missing or cannot be guarded, the port is busy, or a name is invalid.
     """
 
     def __init__(self, model: Model, host: str, port: int, allow_host: Sequence[str] = ()):
@@ -60,16 +60,16 @@ class Page:
         self.model, self.host = model, host
         self.guard, port = Guard(host, allow_host), checked_port(host, port)
         self._views: dict[int, ClientView] = {}
-        self._mesh: tuple[float, ProxyMesh] | None = None  # those of a time
+        self._mesh: tuple[float, ProxyMesh] | None = None  # the proxy mesh at a time
         self._proxy: bytes | None = None
-        with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command says the address itself
+        with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command prints the address itself
             self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
         if not self.guard.in_place:
             self.server.stop()
             raise InputError(
-                f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' gets a fit one"
+                f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' installs a suitable version"
             )
-        self.port = self.server.get_port()  # another one if somebody has just taken ours
+        self.port = self.server.get_port()  # differs if another process has just taken ours
         self.worker = TaskQueue(self.show_error)
         self._set_up_scene()
         self.controls, self.gizmos = Controls(self), Gizmos(self)
@@ -85,20 +85,20 @@ class Page:
         return f"{page}/{self.guard.token}/" if self.guard.token else page
 
     def listener(self, act: Callable) -> Callable:
-        """A listener for viser that calls the coroutine function `act`. The panel shows its errors."""
+        """A viser callback that awaits `act` and shows its errors in the panel."""
 
         async def listener(*event: Any) -> None:
             try:
                 await act(*event)
             except Exception as error:
-                if not isinstance(error, InputError):  # which a message that no page sends can cause
-                    LOG.warning("a message was not understood: %s", one_line(error))
+                if not isinstance(error, InputError):  # caused by a message that our page does not send
+                    LOG.warning("invalid message: %s", one_line(error))
                 self.show_error(error)
 
         return listener
 
     def changed(self) -> None:
-        """Draw everything anew after a change of the model."""
+        """Redraw everything after a change of the model."""
         self.controls.refresh()
         self.gizmos.refresh()
         for client_view in list(self._views.values()):
@@ -112,7 +112,7 @@ class Page:
         self.controls.say(one_line(reason))
 
     def close(self) -> None:
-        """End the server and its threads."""
+        """Stop the server and its threads."""
         self.worker.close()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
@@ -153,7 +153,7 @@ class Page:
         self.worker.submit("click", CLICK, work)
 
     def _bake_proxy(self, check) -> None:
-        """Bake the light of the stand-in, and send it to all browsers."""
+        """Bake the proxy mesh and send it to all browsers."""
         model, scene, time = self.model, self.model.scene, self.model.time
         if model.exposure is None:
             return
@@ -175,7 +175,7 @@ def checked_port(host: str, port: int) -> int:
         If the port is busy or not allowed, or the host is not an address of this machine.
     """
     if not host:
-        raise InputError("the host is empty; give 127.0.0.1 for this machine alone, or 0.0.0.0 for all that reach it")
+        raise InputError("the host is empty; use 127.0.0.1 for this machine alone, or 0.0.0.0 to expose the page")
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as server:
@@ -185,20 +185,22 @@ def checked_port(host: str, port: int) -> int:
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None)
         if number == errno.EADDRINUSE:
-            raise InputError(f"port {port} is busy; give another one by --port or port=, 0 for any free port") from None
+            raise InputError(f"port {port} is busy; choose another with --port or port=, 0 for any free port") from None
         if number == errno.EACCES:
-            raise InputError(f"port {port} is reserved; give one from 1024 to 65535, or 0 for any free port") from None
-        raise InputError(f"cannot listen at {host}, port {port} ({error}); 127.0.0.1 is this machine") from None
+            raise InputError(
+                f"port {port} is reserved; choose one from 1024 to 65535, or 0 for any free port"
+            ) from None
+        raise InputError(f"cannot listen on {host}, port {port} ({error}); 127.0.0.1 is this machine") from None
 
 
-# --- `antumbra.view`: opens a scene in the browser --------------------------------------------------------------------
+# --- The public face --------------------------------------------------------------------------------------------------
 
 
 HOST, PORT = "127.0.0.1", 8080
 
 
 class Viewer:
-    """An open page. `antumbra.view` makes it; as a context manager it closes the page at the end.
+    """An open page, returned by `antumbra.view`. As a context manager, it closes the page at the end.
 
     Attributes
     ----------
@@ -208,13 +210,13 @@ class Viewer:
     time : float
         Seconds. Setting it moves the animation.
     lights : list of lights
-        The lights that shine, where the user moved them.
+        The lights that are on, as moved by the user.
     camera : Camera
-        That of the browser that moved last.
+        The camera of the browser that moved last.
 
     Notes
     -----
-    What the user left outlives the page: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
+    The state remains after the page is closed: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
     """
 
     def __init__(self, page: Page):
@@ -226,7 +228,7 @@ class Viewer:
 
     @property
     def time(self) -> float:
-        """The time that the page shows, in seconds. Setting it moves the animation."""
+        """The time shown by the page, in seconds. Setting it moves the animation."""
         return self._model.time
 
     @time.setter
@@ -237,21 +239,21 @@ class Viewer:
 
     @property
     def lights(self) -> list[Light]:
-        """The lights that shine, where the user moved them."""
+        """The lights that are on, as moved by the user."""
         return [lamp.light for lamp in self._model.shining]
 
     @property
     def camera(self) -> Camera:
-        """The camera of the browser that moved last; before the first one, that of the first view."""
+        """The camera of the browser that moved last; before any, the initial camera."""
         return self._model.last_camera or self._model.first_camera(1024, 1024)
 
     def wait(self) -> None:
-        """Wait until the page is closed, or for Ctrl-C."""
+        """Wait until the page is closed or Ctrl-C is pressed."""
         while self._page is not None:
             sleep(0.2)
 
     def close(self) -> None:
-        """End the server. A closed page can be closed again."""
+        """Stop the server. Closing again has no effect."""
         page, self._page = self._page, None
         if page is not None:
             page.close()
@@ -266,7 +268,7 @@ class Viewer:
         return f"Viewer({self.scene.name!r}, {self.url if self._page is not None else 'closed'})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the page."""
+        """The page, embedded in a notebook."""
         if self._page is None:
             return f"<p>{escape(repr(self))}</p>"
         return f'<iframe src="{self.url}" width="100%" height="600" style="border: 0"></iframe>'
@@ -278,10 +280,10 @@ def view(
     place: Place | None = None, port: int = PORT, host: str = HOST, allow_host: Sequence[str] | str = (),
     browser: bool | None = None,
 ) -> Viewer:  # fmt: skip
-    """Show a scene in the browser: pictures by the tracer, lights that can be moved, and what a clicked point sees.
+    """Show a scene in the browser, with traced pictures, movable lights, and the visibility at clicked points.
 
-    While the camera moves, the browser shows a stand-in: triangles with baked light. As soon as it rests, traced
-    pictures appear, from coarse to fine. It needs ``antumbra[view]``.
+    While the camera moves, the browser shows a proxy mesh with baked light; when it stops, traced pictures appear, from
+    coarse to fine. Requires ``antumbra[view]``.
 
     Parameters
     ----------
@@ -289,33 +291,33 @@ def view(
     lights : list of lights, one light, or None
         None: ``scene.default_lights(time)``.
     camera : Camera or None
-        The first view. None: the scene's first camera, or ``scene.default_camera()``.
+        The initial view. None: the scene's first camera, or ``scene.default_camera()``.
     time : float
         Seconds into the animation.
     plan, threads, max_memory
         As in `antumbra.render`.
     place : Place or None
-        Where on Earth the scene lies (`antumbra.place_of`). The sun then follows a day and an hour.
+        Location of the scene on Earth (`antumbra.place_of`), which lets the sun follow a date and time.
     port : int
-        Port of the server; 0: any free one.
+        Port of the server; 0: any free port.
     host : str
-        Address at which the server listens. The default serves this machine alone. ``0.0.0.0`` serves all who can
-        reach it and know the token in `Viewer.url`.
+        Address on which the server listens. The default serves this machine alone. ``0.0.0.0`` exposes the page to
+        the network, protected by the token in `Viewer.url`.
     allow_host : str or list of str
-        Further names or addresses under which browsers may reach the page, such as that of a proxy. Requests for any
-        other name are refused, as are those that pages of other sites send.
+        Additional names or addresses of the page, such as that of a proxy. Requests for any other name are refused, as
+        are requests from pages of other sites.
     browser : bool or None
-        Whether to open a browser. None: not in a notebook, which shows the page itself.
+        Whether to open a browser. None: except in a notebook, which embeds the page.
 
     Returns
     -------
     Viewer
-        It has `url` and `close()`.
+        With the attribute `url` and the method `close()`.
 
     Raises
     ------
     InputError
-        If viser is missing, the port is busy, or an argument is wrong.
+        If viser is missing, the port is busy, or an argument is invalid.
     """
     port = whole_number(port, "port", 0, 65535)
     text(host, "host")
@@ -331,7 +333,7 @@ def view(
 
 
 def prepare(model: Model) -> None:
-    """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
+    """Compile the kernels, and build the tree with a coarse picture, so that the page responds when it opens."""
     precompile(rays_job)
     precompile_quality()
     precompile(points_job)
