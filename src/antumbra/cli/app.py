@@ -52,7 +52,7 @@ class Grouped(TyperCommand):
     def format_options(self, ctx: Any, formatter: Any) -> None:
         params = self.get_params(ctx)
         grouped = sum(param.param_type_name == "option" for param in params) >= _LEAST
-        sections: dict[str, list] = {title: [] for title in ("Arguments", *PANELS, "Options")}
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Arguments", *PANELS, "Options")}
         for param in params:
             record = param.get_help_record(ctx)
             if record is not None:

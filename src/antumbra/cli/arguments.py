@@ -6,19 +6,27 @@ All arguments are checked before a scene is loaded.
 import math
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import parse_qsl
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..extras import import_extra
 from ..scene.materials import srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
+
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..scene.camera import Camera
+    from ..scene.lights import AmbientOcclusion, Light
+    from ..techniques.srdh.representative_rays import SrdhRays
+
 
 # --- Parsing of arguments ---------------------------------------------------------------------------------------------
 
@@ -74,8 +82,8 @@ class SceneSpec(NamedTuple):
 class CameraSpec(NamedTuple):
     """A camera given as position:target[:vfov], or as a kind with or without a position."""
 
-    position: np.ndarray | None  # (3,) float64; None: the default camera of its kind
-    target: np.ndarray | None  # (3,) float64
+    position: NDArray[np.float64] | None  # (3,); None: the default camera of its kind
+    target: NDArray[np.float64] | None  # (3,)
     vfov: float = 60.0
     kind: str = "perspective"  # one of `scene.default_picture.KINDS`
     extent: float | None = None  # height of the view of an orthographic camera with a position
@@ -163,7 +171,7 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
     return FrameSequence(range(first, last + 1, step), fps)
 
 
-def parse_srdh_rays(text: str):
+def parse_srdh_rays(text: str) -> "SrdhRays":
     """Parse `SrdhRays` from comma-separated words.
 
     The words are a number of pixels along each side of the picture, or ``all``; ``bounce``; ``last-frame``.
@@ -213,7 +221,9 @@ def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     return CameraSpec(position, target, kind=kind, extent=extent)
 
 
-def make_camera(spec: int | CameraSpec | None, scene, time: float, size: tuple[int, int], moving: bool = False):
+def make_camera(
+    spec: int | CameraSpec | None, scene: "AnyScene", time: float, size: tuple[int, int], moving: bool = False
+) -> "Camera":
     """The camera for a result of `parse_camera`.
 
     None stands for the scene's first camera or, without one, for a camera that shows the scene.
@@ -244,7 +254,7 @@ def make_camera(spec: int | CameraSpec | None, scene, time: float, size: tuple[i
     return Camera(spec.position, spec.target, up, spec.vfov, *size, projection=spec.kind, extent=spec.extent)
 
 
-def parse_point(text: str, option: str) -> np.ndarray:
+def parse_point(text: str, option: str) -> NDArray[np.float64]:
     """Parse a point ``X,Y,Z``."""
     return _vector(text, option)
 
@@ -258,7 +268,7 @@ def parse_interval(text: str, option: str) -> tuple[float, float]:
         return _number(first, "the first number"), _number(last, "the second number")
 
 
-def parse_light(text: str):
+def parse_light(text: str) -> "int | Light":
     """Parse a light ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
     if _INDEX.fullmatch(text):
         return int(text.strip())  # int() keeps some of the blanks that a pattern skips
@@ -273,7 +283,7 @@ def parse_light(text: str):
         return _light(kind, fields, {"intensity": _number(strength, "intensity")} if at else {})
 
 
-def parse_ambient(text: str):
+def parse_ambient(text: str) -> "AmbientOcclusion":
     """Parse ambient occlusion: ``RADIUS[@INTENSITY]``. The radius inf means no limit."""
     from ..scene.lights import AmbientOcclusion
 
@@ -285,7 +295,7 @@ def parse_ambient(text: str):
         )
 
 
-def make_lights(specs: list, scene, time: float) -> list:
+def make_lights(specs: "Sequence[int | Light]", scene: "AnyScene", time: float) -> "list[Light]":
     """The lights for results of `parse_light`.
 
     An empty list stands for the scene's default lights: its own, or daylight, or a lamp in a closed room.
@@ -295,7 +305,7 @@ def make_lights(specs: list, scene, time: float) -> list:
     return scene.default_lights(time)
 
 
-def parse_sky(text: str) -> "str | Path | np.ndarray":
+def parse_sky(text: str) -> "str | Path | NDArray[np.float64]":
     """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
     from ..scene.sky import ENVIRONMENT_SUFFIXES
 
@@ -307,7 +317,7 @@ def parse_sky(text: str) -> "str | Path | np.ndarray":
         return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, or none"))
 
 
-def parse_background(text: str) -> "str | np.ndarray":
+def parse_background(text: str) -> "str | NDArray[np.float64]":
     """Parse a background: "transparent", or a colour as (3,) sRGB in [0, 1]."""
     if text.strip().lower() == "transparent":
         return "transparent"
@@ -315,7 +325,7 @@ def parse_background(text: str) -> "str | np.ndarray":
         return parse_colour(text, "transparent")
 
 
-def parse_colour(text: str, instead: str) -> np.ndarray:
+def parse_colour(text: str, instead: str) -> NDArray[np.float64]:
     """(3,) float64 sRGB in [0, 1] of a CSS colour; `instead`: alternatives for the error message."""
     from PIL import ImageColor
 
@@ -325,7 +335,9 @@ def parse_colour(text: str, instead: str) -> np.ndarray:
         raise InputError(f"write a colour such as white, #fa0 or #ffaa00, or {instead}") from None
 
 
-def make_picture_lights(specs: list, sky: "str | Path | np.ndarray | None", scene, time: float) -> list:
+def make_picture_lights(
+    specs: "Sequence[int | Light]", sky: "str | Path | NDArray[np.float64] | None", scene: "AnyScene", time: float
+) -> "list[Light]":
     """The lights of a picture, from results of `parse_light` and `parse_sky`.
 
     Without either, they are the scene's default lights.
@@ -341,7 +353,7 @@ def make_picture_lights(specs: list, sky: "str | Path | np.ndarray | None", scen
     return [*(others if specs or scene.lights else []), Sky(sky, up=scene.up)]
 
 
-def _light(kind: str, fields: list[str], more: dict):
+def _light(kind: str, fields: list[str], more: dict[str, Any]) -> "Light":
     from ..scene import lights
 
     if kind == "point":
@@ -359,7 +371,7 @@ def _light(kind: str, fields: list[str], more: dict):
 
 
 @contextmanager
-def _named(what: str):
+def _named(what: str) -> Iterator[None]:
     """Prefix the message of an InputError with `what`."""
     try:
         yield
@@ -367,7 +379,7 @@ def _named(what: str):
         raise InputError(f"{what}: {error}") from None
 
 
-def _vector(text: str, name: str) -> np.ndarray:
+def _vector(text: str, name: str) -> NDArray[np.float64]:
     return np.array(_numbers(text, 3, name, "three finite numbers separated by commas"))
 
 
@@ -387,9 +399,6 @@ def _numbers(text: str, n: int, name: str, requirement: str) -> list[float]:
 
 # --- Opening of scenes ------------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
 
 _MOST_NOTES = 5
 

@@ -70,7 +70,7 @@ class Results:
         return self._folder if self._draws else None
 
     @contextmanager
-    def told(self, answer: dict) -> Iterator[None]:
+    def told(self, answer: dict[str, Any]) -> Iterator[None]:
         """Print the JSON object, or the tables printed by the block; write both to the folder."""
         record = Record(None if self._json or self._quiet else sys.stdout)
         with redirect_stdout(record):
@@ -80,7 +80,7 @@ class Results:
         if self._json:
             console.print_json(answer)
 
-    def _write(self, folder: Path, record: Record, answer: dict) -> None:
+    def _write(self, folder: Path, record: Record, answer: dict[str, Any]) -> None:
         from .installation_commands import about
 
         header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}

@@ -39,6 +39,13 @@ from .options import (
 )
 from .picture_spec import PictureSpec, RenderArguments, Shot
 
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..picture.heat_maps import ColourBar, Panel
+    from ..picture.plan_comparison import Comparison, PlanMeasurement
+    from .picture_spec import PictureSpec, Shot
+
+
 # --- Arguments and their conversion to options ------------------------------------------------------------------------
 
 
@@ -131,12 +138,6 @@ def _words(option: str, value: Any) -> list[str]:
 
 # --- Results as text, JSON and panels of a picture --------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
-    from ..picture.heat_maps import ColourBar
-    from ..picture.plan_comparison import Comparison, PlanMeasurement
-    from .picture_spec import PictureSpec, Shot
 
 _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "box and triangle tests per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
@@ -302,7 +303,7 @@ def print_tables(report: ComparisonReport) -> None:
     console.print_table(head, [(name, *row) for name, row in counters(comparison)], range(1, len(head)), _WIDTH)
 
 
-def answer(report: ComparisonReport) -> dict:
+def answer(report: ComparisonReport) -> dict[str, Any]:
     """All fields of ``--json``."""
     comparison, settings = report.comparison, report.spec.record(report.shot.options)
     del settings["plan"]
@@ -324,7 +325,7 @@ def answer(report: ComparisonReport) -> dict:
     }
 
 
-def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict:
+def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict[str, Any]:
     rays = one.rays_per_second
     return {
         "plan": str(one.plan),
@@ -344,9 +345,6 @@ def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict:
 
 # --- HTML page --------------------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..picture.heat_maps import Panel
 
 _NARROWEST = 300  # minimum width of a panel, in pixels
 

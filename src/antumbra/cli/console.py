@@ -22,6 +22,15 @@ import typer
 from ..errors import InputError, one_line
 from ..progress import LOG, progress_listener, split_progress
 
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+    from rich.table import Table
+
+    from ..scene.camera import Camera
+    from ..scene.lights import Light
+    from ..techniques.srdh.representative_rays import SrdhRays
+
+
 # --- Output as Markdown -----------------------------------------------------------------------------------------------
 
 
@@ -87,7 +96,7 @@ def escaped(text: str) -> str:
 # --- Answers on standard output: tables for people, one JSON object for programs --------------------------------------
 
 
-def print_json(answer: dict) -> None:
+def print_json(answer: dict[str, Any]) -> None:
     """Print one JSON object on one line, and flush it. Infinity and NaN become null."""
     sys.stdout.write(json.dumps(plain(answer), allow_nan=False) + "\n")
     sys.stdout.flush()
@@ -134,12 +143,12 @@ def size_in_memory(n: int) -> str:
     return f"{n / 1e6:,.1f} MB"
 
 
-def vector(values) -> str:
+def vector(values: Iterable[float]) -> str:
     """Three numbers as text."""
     return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
 
 
-def light_fields(light) -> dict:
+def light_fields(light: "Light") -> dict[str, Any]:
     """A light as names and values: a list of lights by its length, a sky by a digest of its map."""
     from ..scene.sky import Sky
 
@@ -153,18 +162,18 @@ def light_fields(light) -> dict:
     return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
 
 
-def camera_fields(camera) -> dict:
+def camera_fields(camera: "Camera") -> dict[str, Any]:
     """A camera as names and values."""
     other = ("projection", "extent") if camera.listed else ()
     return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height", *other)}
 
 
-def srdh_rays_fields(rays) -> dict:
+def srdh_rays_fields(rays: "SrdhRays") -> dict[str, Any]:
     """`SrdhRays` as names and values."""
     return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
 
 
-def _print_rows(table, rows, width: int | None = None) -> None:
+def _print_rows(table: "Table", rows: Iterable[Sequence[str]], width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -181,7 +190,7 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
 
 
-def plain(value):
+def plain(value: Any) -> Any:
     """A value as JSON types: arrays and tuples become lists, infinity and NaN become None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
@@ -196,9 +205,6 @@ def plain(value):
 
 # --- Progress of operations that take longer than a second ------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
 
 DELAY = 1.0
 
@@ -226,7 +232,7 @@ class ProgressDisplay:
             self._timer.start()
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._timer is not None:
             self._timer.cancel()
         if self._heard is not None:
@@ -384,9 +390,9 @@ _WORDS = (
 )
 
 
-def _usage(error) -> str:
+def _usage(error: Any) -> str:
     """Typer's error about a value, worded like other errors: ``--spp is 'x'; it must be a whole number``."""
-    message = error.format_message().rstrip(".")
+    message: str = error.format_message().rstrip(".")
     option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
     for pattern, words in _WORDS:
         match = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
@@ -395,7 +401,7 @@ def _usage(error) -> str:
     return message
 
 
-def _given(error) -> str:
+def _given(error: Any) -> str:
     """`` is 'x'`` for the value that pydantic rejected; empty if unknown."""
     try:
         return f" is {error.__cause__.errors()[0]['input']!r}"

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -174,7 +174,7 @@ def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
     return f"{one.box_tests / first:.3f}" if first else "-"
 
 
-def _answer(explanation: "Explanation") -> dict:
+def _answer(explanation: "Explanation") -> dict[str, Any]:
     """The steps for ``--json``. Values are null if there are no rays, or if the classes are unknown."""
     from ..trace.rays.single_rays import CLASSES
 

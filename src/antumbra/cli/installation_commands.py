@@ -138,7 +138,7 @@ def _memory() -> dict[str, str]:
     return {"free memory": f"{free / 2**30:.1f} GiB", **room}
 
 
-def _nodes(address: str) -> list[dict]:
+def _nodes(address: str) -> list[dict[str, Any]]:
     """The resources of each node of a cluster; see `cluster.ray_workers.survey`."""
     from ..cluster.ray_executor import connected
     from ..cluster.ray_workers import survey
@@ -147,7 +147,7 @@ def _nodes(address: str) -> list[dict]:
         return survey(cluster)
 
 
-def _node_text(node: dict) -> str:
+def _node_text(node: dict[str, Any]) -> str:
     if "error" in node:
         return f"{node['host']}: {node['error']}"
     memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
@@ -156,7 +156,7 @@ def _node_text(node: dict) -> str:
     return f"{node['host']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
 
 
-def _kernels() -> dict:
+def _kernels() -> dict[str, Any]:
     """Where compiled kernels are cached, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.toolchain import kernel_manifest as needs
@@ -188,7 +188,7 @@ def _extras() -> dict[str, dict[str, str | None]]:
     return extras
 
 
-def _check() -> dict:
+def _check() -> dict[str, Any]:
     """Query which of two lamps points on both sides of a wall see, with the default plan; and render a picture."""
     import numpy as np
 
@@ -207,7 +207,7 @@ def _check() -> dict:
     return {"right": right, "mrays_per_second": speed, "plan": frame.plan, "seconds": perf_counter() - start}
 
 
-def _lines(results: dict) -> Iterator[tuple[str, str]]:
+def _lines(results: dict[str, Any]) -> Iterator[tuple[str, str]]:
     kernels, check = results["kernels"], results["check"]
     for name, value in results.items():
         if name not in ("kernels", "extras", "check", "nodes"):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -18,6 +18,10 @@ from ..errors import InputError
 from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_of
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_point
+
+if TYPE_CHECKING:
+    from ..jobs.sensors import Sensors
+
 
 # --- Options that name output files or folders ------------------------------------------------------------------------
 #
@@ -28,10 +32,13 @@ from .arguments import parse_point
 TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
 """Suffixes of table files, as in `jobs.result_table.WRITERS`, which is slow to import."""
 
+Callback = Callable[[typer.Context, Any], Any]
+"""Callback of an option: it checks the value and returns it."""
+
 _OUTPUTS = "antumbra.outputs"  # key in the context of the command: the output paths so far
 
 
-def writes(*suffixes: str | Callable[[], Any]) -> Callable:
+def writes(*suffixes: str | Callable[[], Any]) -> Callback:
     """The callback of an option that names one or several output files.
 
     suffixes : in lower case; or a function that returns suffixes, which may import slow modules
@@ -59,7 +66,7 @@ def tables(about: str, *names: str, suffixes: Sequence[str] = TABLES, **more: An
     return typer.Option(*names, help=help, show_default=False, callback=writes(*suffixes), **more)
 
 
-def writes_folder() -> Callable:
+def writes_folder() -> Callback:
     """The callback of an option that names an output folder, which is created if missing."""
 
     def check(path: Path) -> None:
@@ -84,7 +91,7 @@ def films() -> list[str]:
     return list(FILM_SUFFIXES)
 
 
-def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callable:
+def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callback:
     def run(context: typer.Context, value: Any) -> Any:
         if value is not None and not context.resilient_parsing:
             for path in value if isinstance(value, (list, tuple)) else [value]:
@@ -112,7 +119,7 @@ class DerivedOption(NamedTuple):
     """A command-line option that sets a field."""
 
     name: str  # of the parameter
-    field: Field  # the field it sets
+    field: Field[Any]  # the field it sets
     words: CommandOption
 
     @property
@@ -158,7 +165,10 @@ def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> An
 
     starts : defaults that differ from those of the fields
     """
-    start = lambda each: starts.get(each.name, each.start)
+
+    def start(each: DerivedOption) -> Any:
+        return starts.get(each.name, each.start)
+
     options = [each for each in derived_options(kind) if command in each.words.commands]
     members = [
         (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
@@ -231,22 +241,22 @@ SCENE_HELP = (
 )
 
 
-def fields_of(arguments: type) -> list[Field]:
+def fields_of(arguments: type) -> list[Field[Any]]:
     """The fields of an arguments dataclass in the order of the help: its own before those of base classes."""
     return sorted(fields(arguments), key=lambda field: field.name not in vars(arguments).get("__annotations__", {}))
 
 
-def takes(arguments: type) -> Callable:
+def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
     """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
     Fields without a default are required. In the help, fields of base classes come last.
     """
 
-    def default(field):
+    def default(field: Field[Any]) -> Any:
         return inspect.Parameter.empty if field.default is MISSING else field.default
 
-    def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
-        def run(**values) -> int:
+    def wrap(command: Callable[[Any], int]) -> Any:
+        def run(**values: Any) -> int:
             return command(arguments(**values))
 
         wrapper: Any = run
@@ -366,7 +376,7 @@ TimezoneOption = Annotated[
 ]
 
 
-def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str):
+def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str) -> "Sensors | None":
     """The sensors of a repeated option X,Y,Z or of a file; None without either."""
     if texts and file is not None:
         raise InputError(f"{one} and {many} exclude each other; give one of them")

@@ -7,9 +7,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import console
+
+if TYPE_CHECKING:
+    from ..engine.auto.strategies import StrategyChoice
+    from ..engine.plan import Plan
+    from ..engine.scene import AnyScene
+    from ..picture.frame import Frame
+    from .picture_spec import PictureSpec, Shot
+
 
 # --- HTML pages with embedded pictures --------------------------------------------------------------------------------
 
@@ -73,13 +81,6 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
 # --- Pictures of ``antumbra render``, and their summaries as text and JSON --------------------------------------------
 
 
-if TYPE_CHECKING:
-    from ..engine.plan import Plan
-    from ..engine.scene import AnyScene
-    from ..picture.frame import Frame
-    from .picture_spec import PictureSpec, Shot
-
-
 class SavedPicture(NamedTuple):
     """A picture on disk."""
 
@@ -103,12 +104,14 @@ def save_picture(
     return SavedPicture(path, exposure, perf_counter() - start)
 
 
-def picture_answer(spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture) -> dict:
+def picture_answer(
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
+) -> dict[str, Any]:
     """The fields of ``--json`` for a single picture."""
     return {"scene": scene_answer(spec, scene), **spec.record(shot.options), "load": load, **shot_answer(shot, saved)}
 
 
-def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict:
+def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict[str, Any]:
     """The fields of ``--json`` for the scene."""
     return {
         "source": spec.source,
@@ -120,7 +123,7 @@ def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict:
     }
 
 
-def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
+def shot_answer(shot: "Shot", saved: SavedPicture) -> dict[str, Any]:
     """The fields of ``--json`` for a single picture, or for one frame of an animation."""
     frame = shot.frame
     mask = frame.mask
@@ -245,10 +248,6 @@ def _uncertain(frame) -> float | None:
 # --- Choices of the plan `auto`, their reasons and predictions --------------------------------------------------------
 
 
-if TYPE_CHECKING:
-    from ..engine.auto.strategies import StrategyChoice
-    from .picture_spec import Shot
-
 _WIDTH = 110  # characters of a line
 _REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query"}
 
@@ -288,11 +287,6 @@ def _reason(choice: "StrategyChoice") -> str:
 
 
 # --- The page of ``antumbra render --html`` ---------------------------------------------------------------------------
-
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
-    from .picture_spec import PictureSpec, Shot
 
 
 def save_render_page(

@@ -41,12 +41,21 @@ from .options import (
 )
 from .shards import MergeOption, RayOption, ShardOption
 
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..engine.plan import Plan
+    from ..engine.scene import AnyScene
+    from ..jobs.executors import Executor
+    from ..picture.frame import Frame
+    from ..picture.renderer import Renderer
+    from ..scene.camera import Camera
+    from ..scene.lights import Light
+    from ..techniques.srdh.representative_rays import SrdhRays
+
+
 # --- Shadow-catcher plane: whether there is one, and its height -------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
-    from ..scene.camera import Camera
 
 WORDS = "auto", "on", "off"
 _FARTHEST = 1e30
@@ -98,19 +107,6 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 
 
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
-
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..engine.plan import Plan
-    from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
-    from ..picture.frame import Frame
-    from ..picture.renderer import Renderer
-    from ..scene.camera import Camera
-    from ..scene.lights import Light
-    from ..techniques.srdh.representative_rays import SrdhRays
 
 
 class PictureSpec(NamedTuple):
@@ -229,13 +225,13 @@ class PictureSpec(NamedTuple):
     def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
         return self.view(scene, time), self.all_lights(scene, time), self.options(scene, time, layers)
 
-    def record(self, options: RenderOptions) -> dict:
+    def record(self, options: RenderOptions) -> dict[str, Any]:
         """Names and values of the picture and engine options, for ``--json``."""
         rays = self.srdh_rays
         rays_fields = {"srdh_rays": None if rays is None else console.srdh_rays_fields(rays)}
         return {**field_values(options), **field_values(self.engine), **rays_fields}
 
-    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
+    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict[str, Any]:
         """The settings that determine the picture at a time, as JSON types.
 
         The exposure is omitted, and so are exact plans, their training rays, the G-buffer method and the threads, which

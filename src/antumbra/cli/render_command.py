@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from ..files import checked_folder
@@ -24,13 +24,14 @@ from .picture_report import print_choices
 from .picture_spec import PictureSpec, RenderArguments, Shot, scene_digest
 from .shards import engine_for, report_shard
 
-# --- Animations -------------------------------------------------------------------------------------------------------
-
-
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.executors import Executor
     from .picture_spec import Shot
+
+
+# --- Animations -------------------------------------------------------------------------------------------------------
+
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
@@ -166,7 +167,7 @@ class Animation:
     def clear(self) -> None:
         """No-op: all files are results."""
 
-    def _settings(self, path: Path, time: float) -> dict:
+    def _settings(self, path: Path, time: float) -> dict[str, Any]:
         """The settings that determine the picture at a time."""
         linear = path.suffix.lower() == ".exr"
         settings = self.job.spec.settings(self.job.scene, self._digest, time)
@@ -203,7 +204,7 @@ class Animation:
         self._again.discard(number)
         self._tell(k, outcome)
 
-    def _tell(self, k: int, outcome: dict) -> None:
+    def _tell(self, k: int, outcome: dict[str, Any]) -> None:
         """Count the outcome of a frame, and print its fields for ``--json``."""
         number = self.sequence.numbers[k]
         self.numbers[outcome["state"]].append(number)
@@ -234,7 +235,7 @@ class Animation:
     def _shot(self, number: int, progress) -> "Shot":
         return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
 
-    def _picture(self, number: int, progress) -> dict:
+    def _picture(self, number: int, progress) -> dict[str, Any]:
         from ..picture.image_files import frame_exposure
 
         path = self._path(number)
@@ -251,7 +252,7 @@ class Animation:
             self.timings[name] = self.timings.get(name, 0.0) + seconds
         return {"state": "rendered", **picture_report.shot_answer(shot, saved)}
 
-    def _is_finished(self, path: Path, settings: dict, replaces: bool) -> bool:
+    def _is_finished(self, path: Path, settings: dict[str, Any], replaces: bool) -> bool:
         """Whether the file exists with these settings and the exposure of the other frames.
 
         If no exposure is fixed yet, the file's exposure becomes that of all frames. `replaces`: a picture that does not
@@ -303,7 +304,7 @@ class Animation:
             raise self.unforeseen
         return BAD_INPUT if self.numbers["failed"] else 0
 
-    def _answer(self) -> dict:
+    def _answer(self) -> dict[str, Any]:
         spec, numbers, n = self.job.spec, self.sequence.numbers, max(1, len(self.seconds))
         first = spec.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
         return {
@@ -343,7 +344,7 @@ class Animation:
         yield "all", console.duration(self.job.load + perf_counter() - self.start)
 
 
-def _noted(path: Path) -> dict:
+def _noted(path: Path) -> dict[str, Any]:
     """The settings stored in a picture; {} without any."""
     from ..picture.image_files import note_of
 

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,11 +14,13 @@ from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
+if TYPE_CHECKING:
+    from ..store.store_build import BuildReport
+    from ..store.store_file import Store
+
+
 # --- ``antumbra info`` ------------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..store.store_file import Store
 
 TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
 _MOST_MESHES = 20
@@ -77,7 +79,7 @@ def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None
         store.check(k, memory)
 
 
-def _store_answer(store: "Store", checked: bool) -> dict:
+def _store_answer(store: "Store", checked: bool) -> dict[str, Any]:
     chunks = {name: getattr(store.chunks, name).tolist() for name in ("offset", "bytes", "triangles", "nodes")}
     return {"bytes": store.path.stat().st_size, "chunks": chunks, "built": store.meta.built, "checked": checked}
 
@@ -92,7 +94,7 @@ def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
         yield "checksums", "all correct"
 
 
-def _answer(source: str, scene, seconds: float) -> dict:
+def _answer(source: str, scene, seconds: float) -> dict[str, Any]:
     return {
         "source": source,
         "name": scene.name,
@@ -112,7 +114,7 @@ def _answer(source: str, scene, seconds: float) -> dict:
     }
 
 
-def _city_answer(city) -> dict:
+def _city_answer(city) -> dict[str, Any]:
     surfaces = Counter(surface.type or "none" for surface in city.surfaces)
     return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
 
@@ -231,7 +233,7 @@ def _list(json: bool) -> None:
     console.print_table(("name", "triangles", "description"), cells, right=(1,))
 
 
-def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
+def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict[str, Any]:
     from ..generate.procedural_scenes import generate
 
     generated = generate(name, triangles, seed)
@@ -252,10 +254,6 @@ def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> d
 
 
 # --- ``antumbra build`` -----------------------------------------------------------------------------------------------
-
-
-if TYPE_CHECKING:
-    from ..store.store_build import BuildReport
 
 
 def build(

@@ -6,6 +6,7 @@ colours, so it is not used here.
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def _coloured_vertices(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return vertices[used // n], palette[used % n], indices.reshape(key.shape).astype("<u4")
 
 
-def _camera_node(camera: dict) -> dict:
+def _camera_node(camera: dict[str, Any]) -> dict[str, Any]:
     """The node of a camera. A glTF camera looks along its node's -Z, with +Y up."""
     position, target, up = (np.asarray(camera.get(k, (0, 1, 0)), float) for k in ("position", "target", "up"))
     back = (position - target) / np.linalg.norm(position - target)
@@ -98,17 +99,17 @@ def _camera_node(camera: dict) -> dict:
     return {"name": "camera", "camera": 0, "matrix": columns.ravel().tolist()}
 
 
-def _lens(camera: dict) -> dict:
+def _lens(camera: dict[str, Any]) -> dict[str, Any]:
     return {"type": "perspective", "perspective": {"yfov": math.radians(camera.get("vfov", 60.0)), "znear": 0.01}}
 
 
-def _light_node(light: dict) -> dict:
+def _light_node(light: dict[str, Any]) -> dict[str, Any]:
     corner, u, v = (np.asarray(light[k], float) for k in ("corner", "u", "v"))
     middle = corner + (u + v) / 2.0
     return {"name": "light", "translation": middle.tolist(), "extensions": {_LIGHTS: {"light": 0}}}
 
 
-def _point_light(light: dict) -> dict:
+def _point_light(light: dict[str, Any]) -> dict[str, Any]:
     colour = [float(c) for c in light.get("colour", (1.0, 1.0, 1.0))]
     return {"type": "point", "color": colour, "intensity": float(light.get("intensity", 1.0))}
 

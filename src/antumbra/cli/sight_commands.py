@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -31,12 +31,14 @@ from .options import (
 )
 from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
 
-# --- ``antumbra los`` -------------------------------------------------------------------------------------------------
-
-
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.line_of_sight.sightlines import PairList, Sightlines
+    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
+
+
+# --- ``antumbra los`` -------------------------------------------------------------------------------------------------
+
 
 _MOST_LINES = 20  # most pairs that are printed
 _MODEL = ".glb"
@@ -144,7 +146,7 @@ def los(
         console.print_fields(fields + [("written", str(path)) for path in outputs])
 
 
-def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict]:
+def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict[str, Any]]:
     """A dictionary per pair."""
     lines = []
     for k, visible in enumerate(sightlines.visible.tolist()):
@@ -293,7 +295,7 @@ def viewshed(args: ViewshedArguments) -> int:
     return 0
 
 
-def _answer(table, observers: int, seconds: float) -> dict:
+def _answer(table, observers: int, seconds: float) -> dict[str, Any]:
     """The fields of ``--json``."""
     counted = table.sensors.covered
     visible, sensors = table["seen"][counted] > 0, int(counted.sum())
@@ -304,7 +306,7 @@ def _answer(table, observers: int, seconds: float) -> dict:
     return answer
 
 
-def _fields(answer: dict) -> list[tuple[str, str]]:
+def _fields(answer: dict[str, Any]) -> list[tuple[str, str]]:
     n, visible = answer["sensors"], answer["seen"]
     fields = [("sensors", f"{n:,}"), ("observers", f"{answer['observers']:,}")]
     fields.append(("seen by any", f"{visible:,} ({100.0 * visible / max(n, 1):.1f} %)"))
@@ -315,9 +317,6 @@ def _fields(answer: dict) -> list[tuple[str, str]]:
 
 # --- ``antumbra matrix`` ----------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
 
 _BITS, _SPARSE = ".npy", ".npz"
 

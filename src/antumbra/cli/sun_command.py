@@ -5,7 +5,7 @@ from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -267,14 +267,14 @@ def _tell(args: SunArguments, table, seconds: float, written: list[str]) -> None
             console.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
 
 
-def _areas(records: list[dict]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _areas(records: list[dict[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The columns and rows of a table of areas."""
     judged = "share" in records[0]
     names = "area", "cells", "inside buildings", "mean hours", *(("at least 2 h", "passes") if judged else ())
     return names, [_area(each)[: len(names)] for each in records[:_MOST_AREAS]]
 
 
-def _area(record: dict) -> tuple[str, ...]:
+def _area(record: dict[str, Any]) -> tuple[str, ...]:
     """The row of an area."""
     hours, share = record["sun_hours"], record.get("share")
     row = record["name"], f"{record['cells']:,}", f"{record['left_out']:,}", "" if hours is None else f"{hours:.1f}"
