@@ -28,7 +28,9 @@ from .options import (
 from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
 
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
     from ..jobs.bake import Baked
+    from ..scene.lights import Light
 
 
 class BakedQuantity(StrEnum):
@@ -182,7 +184,7 @@ def bake(args: BakeArguments) -> int:
     return 0
 
 
-def _lights(args: BakeArguments, specs: list, scene) -> list | None:
+def _lights(args: BakeArguments, specs: "list[int | Light]", scene: "AnyScene") -> "list[Light] | None":
     """The lights of the arguments; None: the bake chooses."""
     from ..scene.lights import AmbientOcclusion
     from ..scene.sky import Sky

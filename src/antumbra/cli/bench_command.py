@@ -101,8 +101,8 @@ def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., Non
     quick : option -> its value with --quick, unless the user sets it
     """
 
-    def wrap(command: Callable[..., None]) -> Callable[..., None]:
-        def run(context: typer.Context, quick: bool, output: Path | None, **values) -> None:
+    def wrap(command: Callable[..., None]) -> Any:
+        def run(context: typer.Context, quick: bool, output: Path | None, **values: Any) -> None:
             if quick:
                 values |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
             name = context.command.name or ""
@@ -195,10 +195,10 @@ _GROUP = "antumbra.bench"
 class _EntryPointGroup(TyperGroup):
     """A command group that looks its commands up among the entry points when it is used."""
 
-    def list_commands(self, ctx) -> list[str]:
+    def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *plugins_of(_GROUP)]
 
-    def get_command(self, ctx, cmd_name: str):
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
 
 

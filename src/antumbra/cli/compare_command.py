@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..picture.render_options import GBufferBy
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..picture.heat_maps import ColourBar, Panel
     from ..picture.plan_comparison import Comparison, PlanMeasurement
-    from .picture_spec import PictureSpec, Shot
 
 
 # --- Arguments and their conversion to options ------------------------------------------------------------------------
@@ -53,7 +53,7 @@ _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
 
 
 @dataclass(frozen=True)
-class CompareArguments(_Options):
+class CompareArguments(_Options):  # type: ignore[misc]  # a class made at run time
     """The command-line arguments and options, one per field.
 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
@@ -147,11 +147,11 @@ _NO_MAP = {True: "no map: it chooses a plan per query", False: "no map: it trace
 class ComparisonReport(NamedTuple):
     """A comparison and its inputs."""
 
-    arguments: "CompareArguments"
-    spec: "PictureSpec"
+    arguments: CompareArguments
+    spec: PictureSpec
     scene: "AnyScene"
     load: float  # seconds to read the scene
-    shot: "Shot"  # with the frame of the reference
+    shot: Shot  # with the frame of the reference
     comparison: "Comparison"
     machine: dict[str, str | int]
 
@@ -171,7 +171,7 @@ class ComparisonPanels:
         maps = [one.windows for one in comparison.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
-        def heat_map(one: "PlanMeasurement") -> np.ndarray:
+        def heat_map(one: "PlanMeasurement") -> NDArray[np.uint8]:
             if one.windows is None:
                 return blank(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
             return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
@@ -190,7 +190,7 @@ class ComparisonPanels:
         save_png(sheet(self.panels, self.bar), path)
 
 
-def _rendered(report: ComparisonReport) -> np.ndarray:
+def _rendered(report: ComparisonReport) -> NDArray[np.uint8]:
     from ..picture.image_files import frame_exposure, screen_picture
 
     frame, exposure = report.comparison.frame, report.spec.exposure

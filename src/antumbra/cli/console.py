@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from ..scene.camera import Camera
-    from ..scene.lights import Light
     from ..techniques.srdh.representative_rays import SrdhRays
 
 
@@ -148,7 +147,7 @@ def vector(values: Iterable[float]) -> str:
     return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
 
 
-def light_fields(light: "Light") -> dict[str, Any]:
+def light_fields(light: Any) -> dict[str, Any]:
     """A light as names and values: a list of lights by its length, a sky by a digest of its map."""
     from ..scene.sky import Sky
 

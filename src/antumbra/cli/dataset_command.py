@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.dataset.dataset_job import Dataset
     from ..jobs.executors import ShardIndex
+    from ..scene.lights import Light
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,8 @@ class _Parsed(NamedTuple):
     spec: SceneSpec
     size: tuple[int, int]  # width, height
     cameras: list[int | CameraSpec]
-    lights: list  # lights, or indices of the scene's lights
-    ambient: list  # ambient occlusion, or nothing
+    lights: "list[int | Light]"  # lights, or indices of the scene's lights
+    ambient: "list[Light]"  # ambient occlusion, or nothing
     memory: int | None  # bytes
     shard: "ShardIndex | None"
 

@@ -5,7 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from . import arguments, console
@@ -26,11 +28,12 @@ from .options import (
     writes,
 )
 
-# --- ``antumbra explain`` ---------------------------------------------------------------------------------------------
-
-
 if TYPE_CHECKING:
     from ..picture.traversal_steps import Explanation, PlanSteps
+
+
+# --- ``antumbra explain`` ---------------------------------------------------------------------------------------------
+
 
 _PLANS = "bsah+single:random", "srdh+single"
 _STORE_PLANS = ("bsah+chcrt",)
@@ -151,8 +154,8 @@ def explain(
         _print_tables(explanation)
 
 
-def _picture(explanation: "Explanation"):
-    """(H, W, 3) uint8: the panels of all plans."""
+def _picture(explanation: "Explanation") -> NDArray[np.uint8]:
+    """The panels of all plans, (H, W, 3)."""
     from ..picture.heat_maps import heat_map
 
     labels = [(str(one.plan), _label(explanation, one)) for one in explanation.plans]

@@ -9,6 +9,9 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import console
 
 if TYPE_CHECKING:
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
     from ..picture.frame import Frame
+    from ..scene.lights import Light
     from .picture_spec import PictureSpec, Shot
 
 
@@ -55,7 +59,7 @@ def save_page(title: str, parts: Iterable[str], path: Path) -> None:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
-def data_url(rgb) -> str:
+def data_url(rgb: NDArray[np.uint8]) -> str:
     """A picture, (H, W, 3) uint8 sRGB, as a data URL."""
     from ..picture.image_files import png_bytes
 
@@ -90,7 +94,11 @@ class SavedPicture(NamedTuple):
 
 
 def save_picture(
-    frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None
+    frame: "Frame",
+    path: Path,
+    exposure: float | None,
+    note: str | None = None,
+    background: "str | NDArray[np.float64] | None" = None,
 ) -> SavedPicture:
     """Save the picture. Exposure None: automatic."""
     from ..picture.image_files import frame_exposure, save_frame
@@ -213,7 +221,7 @@ def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str,
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
 
-def _light_text(light) -> str:
+def _light_text(light: "Light") -> str:
     """The kind of a light, and its intensity with unit."""
     from ..scene.lights import DirectionalLight
 
@@ -228,17 +236,18 @@ def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
     return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
 
 
-def _speed(frame) -> float | None:
+def _speed(frame: "Frame") -> float | None:
     seconds = frame.timings["trace"]
     return frame.rays / seconds / 1e6 if frame.rays and seconds > 0.0 else None
 
 
-def _refined(frame) -> float:
+def _refined(frame: "Frame") -> float:
     """The share of pixels that were refined."""
+    assert frame.refined is not None
     return float(frame.refined.mean())
 
 
-def _uncertain(frame) -> float | None:
+def _uncertain(frame: "Frame") -> float | None:
     """The share of triangle tests that were uncertain in float32; None without counters."""
     if frame.counters is None:
         return None
@@ -321,7 +330,9 @@ def save_render_page(
     save_page(f"{scene.name}: {width}x{frame.image.shape[0]}", parts, path)
 
 
-def _facts(spec, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> Iterator[tuple[str, str]]:
+def _facts(
+    spec: "PictureSpec", scene: "AnyScene", shot: "Shot", saved: SavedPicture, exposure: float
+) -> Iterator[tuple[str, str]]:
     yield "scene", scene_text(spec, scene)
     yield "file", str(saved.path)
     yield "exposure", f"{exposure:.4g}"

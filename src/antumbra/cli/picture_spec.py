@@ -4,6 +4,7 @@ A `PictureSpec` holds everything that determines a picture except the time.
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -43,6 +44,7 @@ from .shards import MergeOption, RayOption, ShardOption
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from ..engine.plan import Plan
     from ..engine.scene import AnyScene
@@ -109,6 +111,10 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
 # --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
 
 
+Progress = Callable[[str, int], Callable[[int, int], object]]
+"""progress(text, runs): a function of (done, total) for `runs` traced queries."""
+
+
 class PictureSpec(NamedTuple):
     """The picture specified by the arguments of ``antumbra render`` or ``compare``."""
 
@@ -117,10 +123,10 @@ class PictureSpec(NamedTuple):
     up: str | None
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
-    lights: list  # lights, or indices of the scene's lights
-    sky: "str | Path | np.ndarray | None"  # from `parse_sky`
-    behind: "str | np.ndarray | None"  # background from `parse_background`; None: the sky
-    ambient: list  # ambient occlusion, or nothing
+    lights: "list[int | Light]"  # lights, or indices of the scene's lights
+    sky: "str | Path | NDArray[np.float64] | None"  # from `parse_sky`
+    behind: "str | NDArray[np.float64] | None"  # background from `parse_background`; None: the sky
+    ambient: "list[Light]"  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
     ground: str | float  # from `parse_ground`
     picture: RenderOptions  # `options` completes them
@@ -203,7 +209,9 @@ class PictureSpec(NamedTuple):
             layers=layers,
         )
 
-    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress, layers: bool = False) -> "Shot":
+    def shot(
+        self, scene: "AnyScene", renderer: "Renderer", time: float, progress: Progress, layers: bool = False
+    ) -> "Shot":
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
         camera, lights, options = self._asked(scene, time, layers)
         pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
@@ -241,7 +249,7 @@ class PictureSpec(NamedTuple):
         from ..version import VERSION as __version__
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
-        return console.plain(
+        settings: dict[str, Any] = console.plain(
             {
                 "version": __version__,
                 "scene": digest,
@@ -254,6 +262,7 @@ class PictureSpec(NamedTuple):
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )
+        return settings
 
 
 class Shot(NamedTuple):
@@ -308,7 +317,7 @@ _Options: Any = arguments_of("render")
 
 
 @dataclass(frozen=True)
-class RenderArguments(_Options):
+class RenderArguments(_Options):  # type: ignore[misc]  # a class made at run time
     """The command-line arguments and options, one per field.
 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.
@@ -411,7 +420,10 @@ class RenderArguments(_Options):
         InputError
             If a text cannot be parsed, or an option of the picture is out of range.
         """
-        optional = lambda text, parse, *more: None if text is None else parse(text, *more)
+
+        def optional(text: str | None, parse: Callable[..., Any], *more: str) -> Any:
+            return None if text is None else parse(text, *more)
+
         camera, rays = (
             optional(self.camera, arguments.parse_camera),
             optional(self.srdh_rays, arguments.parse_srdh_rays),

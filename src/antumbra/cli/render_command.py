@@ -21,13 +21,12 @@ from .arguments import FrameSequence, open_scene
 from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
 from .picture_report import print_choices
-from .picture_spec import PictureSpec, RenderArguments, Shot, scene_digest
+from .picture_spec import PictureSpec, Progress, RenderArguments, Shot, scene_digest
 from .shards import engine_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.executors import Executor
-    from .picture_spec import Shot
 
 
 # --- Animations -------------------------------------------------------------------------------------------------------
@@ -182,7 +181,8 @@ class Animation:
             path = numbered(self.job.pattern, number)
             note = _noted(path) if path.exists() else {}
             if note.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= note.items():
-                return note["exposed"]
+                exposure: float = note["exposed"]
+                return exposure
         return None
 
     def do(self, k: int) -> None:
@@ -219,7 +219,7 @@ class Animation:
     def _path(self, number: int) -> Path:
         return numbered(self.job.pattern, number)
 
-    def _find_exposure(self, k: int, progress) -> None:
+    def _find_exposure(self, k: int, progress: Progress) -> None:
         """Use the exposure of the first frame before k that renders.
 
         Other processes save these frames. A process that renders all frames has already tried each of them.
@@ -232,10 +232,10 @@ class Animation:
                     self.exposure = frame_exposure(self._shot(number, progress).frame)
                     return
 
-    def _shot(self, number: int, progress) -> "Shot":
+    def _shot(self, number: int, progress: Progress) -> Shot:
         return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
 
-    def _picture(self, number: int, progress) -> dict[str, Any]:
+    def _picture(self, number: int, progress: Progress) -> dict[str, Any]:
         from ..picture.image_files import frame_exposure
 
         path = self._path(number)

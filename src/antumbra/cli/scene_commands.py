@@ -15,6 +15,10 @@ from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..generate.generated_scene import StreamedCity
+    from ..scene.lights import Light
+    from ..scene.scene_data import CityModel
     from ..store.store_build import BuildReport
     from ..store.store_file import Store
 
@@ -94,7 +98,7 @@ def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
         yield "checksums", "all correct"
 
 
-def _answer(source: str, scene, seconds: float) -> dict[str, Any]:
+def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
     return {
         "source": source,
         "name": scene.name,
@@ -114,12 +118,12 @@ def _answer(source: str, scene, seconds: float) -> dict[str, Any]:
     }
 
 
-def _city_answer(city) -> dict[str, Any]:
+def _city_answer(city: "CityModel") -> dict[str, Any]:
     surfaces = Counter(surface.type or "none" for surface in city.surfaces)
     return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
 
 
-def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
+def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]:
     lower, upper = scene.bounds
     yield "scene", f"{scene.name}, read in {console.duration(seconds)}"
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
@@ -149,7 +153,7 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
         yield "note", note
 
 
-def _in_words(light) -> str:
+def _in_words(light: "Light") -> str:
     values = console.light_fields(light)
     kind = values.pop("type")
     if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
@@ -157,7 +161,7 @@ def _in_words(light) -> str:
     return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items() if v is not None)
 
 
-def _short(value) -> str:
+def _short(value: Any) -> str:
     if isinstance(value, (str, bool)):
         return repr(value) if isinstance(value, str) else str(value)
     return console.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
@@ -302,7 +306,9 @@ def build(
         console.print_fields(_build_fields(report, peak))
 
 
-def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
+def _opened(
+    specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool
+) -> "Iterator[AnyScene | StreamedCity]":
     """Yield the scenes one by one. A city is yielded as a stream of blocks, generated later."""
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count

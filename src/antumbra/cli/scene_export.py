@@ -5,14 +5,19 @@ colours, so it is not used here.
 """
 
 import math
+from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files import atomic_output, checked_output
 from ..formats.gltf.gltf_file import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, buffer_views, glb_bytes
 from ..picture.image_files import linear_to_srgb
+
+if TYPE_CHECKING:
+    from ..generate.procedural_scenes import ProceduralScene
 
 SUFFIXES = (".glb", ".obj", ".ply")
 
@@ -20,12 +25,12 @@ _PRIMITIVE = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "materi
 _LIGHTS = "KHR_lights_punctual"
 
 
-def check_output(path) -> Path:
+def check_output(path: str | PathLike[str]) -> Path:
     """`path` if a scene can be written there; otherwise an InputError that says what to do."""
-    path = checked_output(path, SUFFIXES)
-    if path.suffix.lower() == ".obj":
-        checked_output(_library(path), (".mtl",))
-    return path
+    output: Path = checked_output(path, SUFFIXES)
+    if output.suffix.lower() == ".obj":
+        checked_output(_library(output), (".mtl",))
+    return output
 
 
 def _library(path: Path) -> Path:
@@ -33,7 +38,7 @@ def _library(path: Path) -> Path:
     return path.with_suffix(".mtl")
 
 
-def write_scene(scene, name: str, path) -> list[Path]:
+def write_scene(scene: "ProceduralScene", name: str, path: str | PathLike[str]) -> list[Path]:
     """Write a generated scene to a .glb, .obj (and .mtl) or .ply file; return the files written.
 
     Parameters
@@ -57,7 +62,7 @@ def write_scene(scene, name: str, path) -> list[Path]:
     return [path]
 
 
-def _glb(scene, name: str) -> bytes:
+def _glb(scene: "ProceduralScene", name: str) -> bytes:
     """A binary glTF 2.0 file."""
     vertices, _, indices = blocks = _coloured_vertices(scene)
     floats = {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}
@@ -81,7 +86,9 @@ def _glb(scene, name: str) -> bytes:
     return glb_bytes(root, blocks)
 
 
-def _coloured_vertices(scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _coloured_vertices(
+    scene: "ProceduralScene",
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32]]:
     """Positions and linear colours, (v, 3) float32 each, and indices, (f, 3) uint32. Vertices are split by colour."""
     n = len(scene.palette)
     key = np.asarray(scene.faces, np.int64) * n + np.asarray(scene.colour, np.int64)[:, None]
@@ -114,7 +121,7 @@ def _point_light(light: dict[str, Any]) -> dict[str, Any]:
     return {"type": "point", "color": colour, "intensity": float(light.get("intensity", 1.0))}
 
 
-def _ply(scene) -> bytes:
+def _ply(scene: "ProceduralScene") -> bytes:
     rgb = np.round(255.0 * linear_to_srgb(np.asarray(scene.palette, float))).astype(np.uint8)
     vertices = np.ascontiguousarray(scene.vertices, "<f4")
     faces = np.empty(len(scene.faces), [("n", "u1"), ("corners", "<i4", 3), ("rgb", "u1", 3)])
@@ -130,7 +137,7 @@ def _ply(scene) -> bytes:
     return "\n".join(head).encode() + vertices.tobytes() + faces.tobytes()
 
 
-def _write_obj(scene, name: str, path: Path) -> list[Path]:
+def _write_obj(scene: "ProceduralScene", name: str, path: Path) -> list[Path]:
     """Write an OBJ file, and its colours to an .mtl file next to it."""
     library = _library(path)
     lines = [f"mtllib {library.name}", f"o {name}"]

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.line_of_sight.sightlines import PairList, Sightlines
     from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
+    from ..jobs.result_table import Table
 
 
 # --- ``antumbra los`` -------------------------------------------------------------------------------------------------
@@ -295,7 +296,7 @@ def viewshed(args: ViewshedArguments) -> int:
     return 0
 
 
-def _answer(table, observers: int, seconds: float) -> dict[str, Any]:
+def _answer(table: "Table", observers: int, seconds: float) -> dict[str, Any]:
     """The fields of ``--json``."""
     counted = table.sensors.covered
     visible, sensors = table["seen"][counted] > 0, int(counted.sum())

@@ -5,7 +5,7 @@ from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -33,6 +33,9 @@ from .options import (
     writes,
 )
 from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+
+if TYPE_CHECKING:
+    from ..jobs.result_table import Table
 
 # --- Arguments --------------------------------------------------------------------------------------------------------
 
@@ -232,7 +235,7 @@ def _check_city(spec: SceneSpec, path: Path) -> None:
     checked_output(path, (suffix,))
 
 
-def _write_city(table, spec: SceneSpec, path: Path) -> None:
+def _write_city(table: "Table", spec: SceneSpec, path: Path) -> None:
     """Write the numeric columns as attributes to a copy of the CityJSON file."""
     from ..formats.cityjson.attribute_writer import write_attributes
 
@@ -240,7 +243,7 @@ def _write_city(table, spec: SceneSpec, path: Path) -> None:
     write_attributes(spec.path, path, values, lod=spec.lod)
 
 
-def _tell(args: SunArguments, table, seconds: float, written: list[str]) -> None:
+def _tell(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
     rays = len(table) * table.about["suns"] * table.about["samples"]
     covered = table.sensors.covered
     hours = table["sun_hours"][covered]

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from .node_files import files_in, input_of, with_files
 
 
 if TYPE_CHECKING:
-    from .ray_workers import Log
+    from .ray_workers import Log, Prepare
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
 _TIMEOUT = 5.0  # seconds to connect to a head node
@@ -43,7 +44,7 @@ class Cluster:
     """
 
     def __init__(
-        self, folder: Path, address: str, prepare, inputs: dict[str, Path], plan: str | None = None,
+        self, folder: Path, address: str, prepare: "Prepare", inputs: dict[str, Path], plan: str | None = None,
         say: Callable[[str], None] | None = None,
     ):  # fmt: skip
         import_extra("ray", "a cluster", "ray")
@@ -75,7 +76,7 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str) -> Iterator:
+def connected(address: str) -> Iterator[Any]:
     """The module ``ray``, connected to a cluster. An existing connection is reused and kept.
 
     Raises
@@ -91,7 +92,7 @@ def connected(address: str) -> Iterator:
     if ray.is_initialized():
         yield ray
         return
-    options = {}
+    options: dict[str, Any] = {}
     if address == "local":
         options = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -106,7 +107,7 @@ def connected(address: str) -> Iterator:
         ray.shutdown()
 
 
-def _check_address(ray, address: str) -> None:
+def _check_address(ray: Any, address: str) -> None:
     """Raise InputError unless HOST:PORT accepts connections. Ray itself retries for more than half a minute."""
     match = _HOST_PORT.fullmatch(address.strip())
     if match is None or not 0 < int(match[2]) < 65536:
@@ -130,7 +131,9 @@ def _check_address(ray, address: str) -> None:
 _OUTPUTS = "output", "matrix", "folder"
 
 
-def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> Any:
+def run(
+    function: Callable[..., Any], scene: str | PathLike[str], *args: Any, address: str = "local", **kwargs: Any
+) -> Any:
     """Call a function of this package on a Ray cluster (needs ``antumbra[ray]``).
 
     Each node opens the scene by its path, or fetches the file once to its disk, and does part of the work. The result
@@ -169,7 +172,9 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
         return function(_opened(function, scene), *args, keep=engine, **kwargs)
 
 
-def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
+def _named(
+    function: Callable[..., Any], scene: str | PathLike[str], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> dict[str, Any]:
     """The arguments of a call by name."""
     try:
         return dict(inspect.signature(function).bind(scene, *args, **kwargs).arguments)
@@ -177,12 +182,15 @@ def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
         raise InputError(f"{function.__name__}: {error}; see its documentation") from None
 
 
-def _opened(function: Callable, scene):
+def _opened(function: Callable[..., Any], scene: str | PathLike[str]) -> Any:
     """The scene as a function expects it: `bake` takes the path, since it keeps everything else in the file."""
     return scene if function.__name__ == "bake" else load(scene)
 
 
-def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: UnitCollector) -> None:
+def _prepare(
+    home: tuple[str, str], args: tuple[Any, ...], kwargs: dict[str, Any], paths: dict[str, str], threads: int,
+    engine: UnitCollector,
+) -> None:  # fmt: skip
     """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
     named = _named(function, Path(), args, kwargs)

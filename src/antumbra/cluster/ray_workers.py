@@ -64,7 +64,7 @@ class Node:
         )  # that of a killed worker is removed by the next one
         self._units: list[tuple[Units, int]] = []
 
-    def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
+    def begin(self, job: NodeJob, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
         """Open the inputs, compile missing kernels, and prepare the job; return its `signature`.
 
         read : reads a piece of a file on the driver, see `node_files.local_path`
@@ -128,7 +128,7 @@ class Log(NamedTuple):
 class NodeWorker:
     """A worker, running or starting."""
 
-    def __init__(self, node: str, host: str, actor):
+    def __init__(self, node: str, host: str, actor: Any):
         self.node, self.host, self.actor = node, host, actor
         self.ready, self.lost = False, False
         self.pending = 0  # calls without a result yet
@@ -141,7 +141,7 @@ class WorkerPool:
     say : function that prints a line for the user
     """
 
-    def __init__(self, ray, job: Sequence[Units], node_job: NodeJob, say: Callable[[str], None]):
+    def __init__(self, ray: Any, job: Sequence[Units], node_job: NodeJob, say: Callable[[str], None]):
         self._ray, self._job, self._node_job, self._say = ray, job, node_job, say
         self._units = [(units, k) for _, units, k in numbered(job)]
         self._todo = deque[int]()
@@ -201,7 +201,7 @@ class WorkerPool:
                 number = self._todo.popleft()
                 self._call(worker, worker.actor.do.remote(number), number)
 
-    def _call(self, worker: NodeWorker, call, number: int | None) -> None:
+    def _call(self, worker: NodeWorker, call: Any, number: int | None) -> None:
         worker.pending += 1
         self._pending[call] = worker, number
 
@@ -228,7 +228,7 @@ class WorkerPool:
                 done.append(number)
         return done
 
-    def _answer(self, call, worker: NodeWorker):
+    def _answer(self, call: Any, worker: NodeWorker) -> Any:
         """The result of a call. If its worker is lost, requeue its units."""
         errors = self._ray.exceptions
         try:
@@ -255,7 +255,7 @@ class WorkerPool:
         if often:
             raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; the nodes may lack memory")
 
-    def _check(self, worker: NodeWorker, answer) -> None:
+    def _check(self, worker: NodeWorker, answer: list[tuple[int, list[str]]]) -> None:
         if answer != signature(self._job):
             raise InputError(
                 f"{worker.host} would do different work than this machine; install the same version of antumbra there"
@@ -291,7 +291,7 @@ class WorkerPool:
                 self._ray.kill(actor)
 
 
-def on_node(ray, node: str):
+def on_node(ray: Any, node: str) -> Any:
     """The strategy that places an actor on a node."""
     return ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(node, soft=False)
 
@@ -306,13 +306,14 @@ class _Reader:
 class _RemoteReader:
     """A function that calls a `_Reader` in another process."""
 
-    def __init__(self, reader):
+    def __init__(self, reader: Any):
         self._reader = reader
 
     def __call__(self, path: str, offset: int) -> bytes:
         import ray
 
-        return ray.get(self._reader.piece.remote(path, offset))
+        piece: bytes = ray.get(self._reader.piece.remote(path, offset))
+        return piece
 
 
 # --- Resources of the nodes, for ``antumbra doctor`` ------------------------------------------------------------------
@@ -333,7 +334,7 @@ def _memory() -> float | None:
         return None
 
 
-def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
+def survey(ray: Any, seconds: float = 60.0) -> list[dict[str, Any]]:
     """The resources of each node, sorted by host; "error" for nodes that do not answer."""
     ask = ray.remote(about_node)
     calls = {}

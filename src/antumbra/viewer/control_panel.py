@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from datetime import date
+from functools import partial
 from html import escape
 from typing import Any
 
 from ..scene.lights import DirectionalLight
-from .gizmos import Face, Probe
+from .gizmos import Face, Probe, Sight
 from .progressive_pictures import TracedPicture
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
 
@@ -83,12 +84,12 @@ class Controls:
         self._bind(plan, lambda value: self._set_display(plan=value))
         self._bind(stops, lambda value: self._set_display(stops=value))
 
-        @reset.on_click
-        @self._page.listener
-        async def _(event: Any) -> None:
+        async def reset_exposure(event: Any) -> None:
             model.reset_exposure()
             stops.value = 0.0
             self._page.changed()
+
+        reset.on_click(self._page.listener(reset_exposure))
 
     def _add_time(self) -> None:
         model = self._model
@@ -120,12 +121,12 @@ class Controls:
             handles = self._gui.add_checkbox("handles", True)
             boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.lamps}
         for name, box in boxes.items():
-            self._bind(box, lambda value, name=name: model.switch(name, value))
+            self._bind(box, partial(model.switch, name))
 
-        @handles.on_update
-        @self._page.listener
-        async def _(event: Any) -> None:
+        async def show_handles(event: Any) -> None:
             self._page.gizmos.show_handles(handles.value)
+
+        handles.on_update(self._page.listener(show_handles))
 
     def _set_display(self, **changes: Any) -> None:
         self._model.display = self._model.display._replace(**changes)
@@ -133,12 +134,12 @@ class Controls:
     def _bind(self, control: Any, change: Callable[[Any], Any]) -> None:
         """Change the model whenever the user, rather than this program, moves a control."""
 
-        @control.on_update
-        @self._page.listener
-        async def _(event: Any) -> None:
+        async def update(event: Any) -> None:
             if event.client is not None:
                 change(control.value)
                 self._page.changed()
+
+        control.on_update(self._page.listener(update))
 
 
 def describe_point(point: Probe | None) -> str:
@@ -156,7 +157,7 @@ def describe_point(point: Probe | None) -> str:
     return f"<div style='{_STYLE}'>{_face(point.face)}<br>at {place}{table}</div>"
 
 
-def _blocked(sight) -> str:
+def _blocked(sight: Sight) -> str:
     if sight.end is None:
         return "has none"
     return "seen" if sight.blocker is None else f"behind {_face(sight.blocker)}"

@@ -1,15 +1,16 @@
 """Gizmos over the pictures: light handles, and sightlines from a clicked point to the lights and their blockers."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.point_visibility import visibility
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..query.receivers import point_receivers
-from ..scene.lights import DirectionalLight
+from ..scene.lights import DirectionalLight, Light
 from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
 # --- Visibility of each light from a surface point --------------------------------------------------------------------
@@ -21,9 +22,9 @@ _SPP = 256  # rays per light
 class Face(NamedTuple):
     """A triangle of the scene."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     object: str  # its name
-    corners: np.ndarray  # (3, 3) float64, world
+    corners: NDArray[np.float64]  # (3, 3), world
 
 
 class Sight(NamedTuple):
@@ -32,21 +33,21 @@ class Sight(NamedTuple):
     name: str
     share: float  # visible share of the samples, in [0, 1]
     samples: int
-    end: np.ndarray | None  # (3,) float64, world: the centre of the light; None: no centre
+    end: NDArray[np.float64] | None  # (3,), world: the centre of the light; None: no centre
     blocker: Face | None  # the first triangle towards the centre
-    at: np.ndarray | None  # (3,) float64, world: the point on the blocker
+    at: NDArray[np.float64] | None  # (3,), world: the point on the blocker
 
 
 class Probe(NamedTuple):
     """Visibility of the lights from a surface point."""
 
-    position: np.ndarray  # (3,) float64, world
-    normal: np.ndarray  # (3,) float64, unit, towards the viewer
+    position: NDArray[np.float64]  # (3,), world
+    normal: NDArray[np.float64]  # (3,), unit, towards the viewer
     face: Face
     sights: list[Sight]  # one for each light that is on
 
 
-def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | None:
+def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float64]) -> Probe | None:
     """Visibility of the lights from the first point on a ray; None if the ray hits nothing.
 
     origin, direction : (3,) float64, world
@@ -71,7 +72,9 @@ def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | No
     return Probe(position, normal, face, sights)
 
 
-def _with_blocker(model: Model, sight: Sight, light, position, normal, face: Face) -> Sight:
+def _with_blocker(
+    model: Model, sight: Sight, light: Light, position: NDArray[np.float64], normal: NDArray[np.float64], face: Face
+) -> Sight:
     """The sight with the light's centre, and the first triangle towards it."""
     local = (position - model.scene.origin)[None]
     world = point_receivers(local, normal[None], position[None], single=False) + model.scene.origin
@@ -172,7 +175,7 @@ class Gizmos:
     def _draw(self, name: str, lines: np.ndarray, colours: Any, pixels: float, visible: bool = True) -> None:
         self._scene.add_line_segments(name, lines, colours, thickness=pixels, thickness_units="screen", visible=visible)
 
-    def _mover(self, name: str) -> Callable:
+    def _mover(self, name: str) -> Callable[[Any], Awaitable[None]]:
         async def moved(event: Any) -> None:
             self._model.move(name, np.array(event.target.position, np.float64))
             self._page.changed()
@@ -180,9 +183,9 @@ class Gizmos:
         return moved
 
 
-def sight_lines(point: Probe) -> tuple[np.ndarray, np.ndarray]:
+def sight_lines(point: Probe) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Lines from a point to the lights, (k, 2, 3) float64, world, and their colours, (k, 2, 3) uint8."""
-    lines: list[tuple] = []
+    lines: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     colours = []
     for sight in point.sights:
         if sight.end is None:

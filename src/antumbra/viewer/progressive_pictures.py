@@ -4,13 +4,14 @@ A new task replaces a queued one of the same name. Box-test pictures show the wo
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from threading import Timer
 from time import monotonic, perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..picture.frame import Frame
 from ..picture.frame_request import TimeSample
@@ -137,10 +138,10 @@ _WIDTH, _LETTERS = 320, 15  # pixels: width of the legend, height of its letters
 class BoxTestPicture(NamedTuple):
     """The box tests of a plan as a picture."""
 
-    image: np.ndarray  # (h, w, 3) uint8 sRGB; black where there are no rays
+    image: NDArray[np.uint8]  # (h, w, 3) sRGB; black where there are no rays
     rays: int
     each: str  # box tests per ray, as text
-    legend: np.ndarray  # (H, W, 3) uint8 sRGB: the colours and their numbers
+    legend: NDArray[np.uint8]  # (H, W, 3) sRGB: the colours and their numbers
 
 
 def box_test_picture(model: Model, camera: Camera, lights: list[Light], spp: int) -> BoxTestPicture:
@@ -193,12 +194,12 @@ WORK_STEPS = Step(8, 1), Step(4, 1), Step(1, 1)
 class TracedPicture(NamedTuple):
     """A picture of the page."""
 
-    image: np.ndarray  # (h, w, 3) uint8 sRGB
+    image: NDArray[np.uint8]  # (h, w, 3) sRGB
     step: Step
     seconds: float
     rays: int
     note: str = ""  # description of the content unless it is a plain picture
-    legend: np.ndarray | None = None  # (H, W, 3) uint8 sRGB: the colours and their numbers
+    legend: NDArray[np.uint8] | None = None  # (H, W, 3) sRGB: the colours and their numbers
 
 
 def steps_of(model: Model) -> tuple[Step, ...]:
@@ -228,7 +229,9 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     else:
         frame = _frame(model, camera, [with_quality(lamp.light, step.spp) for lamp in model.shining], step, check)
         model.update_from(frame)
-        image, note = to_srgb8(frame.image, model.exposure), ""
+        exposure = model.exposure
+        assert exposure is not None  # set by update_from
+        image, note = to_srgb8(frame.image, exposure), ""
     return TracedPicture(image, step, perf_counter() - start, frame.rays, note)
 
 
@@ -256,7 +259,7 @@ def scaled_camera(camera: Camera, coarse: int) -> Camera:
     return camera.resized(*(max(1, round(n / side)) for n in (camera.width, camera.height)))
 
 
-def _grey(share: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _grey(share: NDArray[np.float32], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """(h, w, 3) uint8: shares from black to white where a surface is visible."""
     grey = np.round(255.0 * share).astype(np.uint8)[..., None]
     return np.where(mask[..., None], grey, _NO_SURFACE)
@@ -370,7 +373,7 @@ def pose_of(camera: Any) -> Pose | None:
 
 def same_pose(a: Pose, b: Pose) -> bool:
     """Whether two poses show the same view. Slow browsers use fewer pixels for it."""
-    views = zip(a[:4], b[:4])
+    views: Iterable[tuple[Any, Any]] = zip(a[:4], b[:4])
     return all(np.allclose(x, y, rtol=0.0, atol=1e-6) for x, y in views) and abs(_aspect(a) - _aspect(b)) < 0.01
 
 

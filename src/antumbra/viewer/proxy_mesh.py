@@ -1,9 +1,10 @@
 """The proxy mesh that the browser shows while the camera moves: simplified triangles with baked light, as GLB."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..formats.gltf.gltf_file import ARRAY_BUFFER, FLOAT, buffer_views, glb_bytes
 from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
@@ -22,10 +23,10 @@ _OUT = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [
 _DARKER = 0.6
 
 
-def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
+def glb_of(corners: NDArray[np.floating[Any]], colours: NDArray[np.float32]) -> bytes:
     """A GLB file of triangles with separate colours of their two sides.
 
-    corners : (n, 3, 3) float32, at least one
+    corners : (n, 3, 3), at least one; stored as float32
     colours : (2, n, 3) float32, linear, in [0, 1]: of the front and of the back
     """
     both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3).astype(np.float32)
@@ -47,7 +48,7 @@ def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
     return glb_bytes(root, [both, rgb])
 
 
-def before_aces(colours: np.ndarray) -> np.ndarray:
+def before_aces(colours: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """(..., 3) float64: the linear colours that three.js maps to `colours`; the inverse of its ACES curve."""
     y = np.clip(np.asarray(colours, np.float64) @ np.linalg.inv(_OUT).T, 0.0, 0.99)
     # y = (x (x + p) - q) / (x (r x + s) + t), solved for x
@@ -57,7 +58,7 @@ def before_aces(colours: np.ndarray) -> np.ndarray:
     return np.maximum(x @ np.linalg.inv(_INTO).T, 0.0) * _DARKER
 
 
-def _accessor(view: int, array: np.ndarray) -> dict:
+def _accessor(view: int, array: NDArray[np.float32]) -> dict[str, Any]:
     return {"bufferView": view, "componentType": FLOAT, "count": len(array), "type": "VEC3"}
 
 
@@ -78,10 +79,10 @@ _MIXED = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], 
 class ProxyMesh(NamedTuple):
     """The triangles of a proxy mesh, and the points where their light is measured."""
 
-    corners: np.ndarray  # (n, 3, 3) float32, recentred frame
-    points: np.ndarray  # (n, 3) float64, world: on the face that the triangle represents
-    normals: np.ndarray  # (n, 3) float64, unit
-    faces: np.ndarray  # (n,) int64: that face
+    corners: NDArray[np.float32]  # (n, 3, 3), recentred frame
+    points: NDArray[np.float64]  # (n, 3), world: on the face that the triangle represents
+    normals: NDArray[np.float64]  # (n, 3), unit
+    faces: NDArray[np.int64]  # (n,): that face
 
 
 def proxy_mesh(triangles: Triangles, most: int = MOST) -> ProxyMesh:
@@ -110,7 +111,7 @@ def _subdivided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.n
     longest = np.linalg.norm(np.roll(corners[..., :3], 1, 1) - corners[..., :3], axis=2).max(1)
     size = float(longest.max())
 
-    def times(edge: float) -> np.ndarray:
+    def times(edge: float) -> Any:
         return np.ceil(np.log2(np.maximum(longest / edge, 1.0)))
 
     while size > _SHORTEST * longest.max() and (4.0 ** times(size / _FINER)).sum() <= most:
@@ -146,7 +147,7 @@ def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.nd
         cells /= max(_FINER, (len(first) / most) ** 0.5)
 
 
-def proxy_light(model: Model, pieces: ProxyMesh, check: Callable = lambda *_: None) -> np.ndarray:
+def proxy_light(model: Model, pieces: ProxyMesh, check: Callable[..., None] = lambda *_: None) -> NDArray[np.float32]:
     """(2, n, 3) float32: the irradiance on the front and back of each triangle.
 
     check : called between batches; it may raise an exception to end the work
@@ -164,7 +165,9 @@ def proxy_light(model: Model, pieces: ProxyMesh, check: Callable = lambda *_: No
     return out
 
 
-def proxy_colours(light: np.ndarray, normals: np.ndarray, base: np.ndarray, model: Model) -> np.ndarray:
+def proxy_colours(
+    light: NDArray[np.float32], normals: NDArray[np.float64], base: NDArray[np.float32], model: Model
+) -> NDArray[np.float32]:
     """(2, n, 3) float32, linear, in [0, 1]: the screen colours of triangles in this light, as in pictures.
 
     light : (2, n, 3) float32, irradiance of fronts and backs

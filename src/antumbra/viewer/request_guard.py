@@ -9,7 +9,7 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
 from ipaddress import ip_address
@@ -98,7 +98,7 @@ def guarding(guard: Guard) -> Iterator[None]:
 
     serve = library.serve
 
-    def guarded(handler: Callable, *args: Any, process_request: Any = None, **options: Any) -> Any:
+    def guarded(handler: Callable[..., Any], *args: Any, process_request: Any = None, **options: Any) -> Any:
         if process_request is None or not handler.__module__.startswith("viser."):
             return serve(handler, *args, process_request=process_request, **options)  # not viser's server
         guard.in_place = True
@@ -107,11 +107,11 @@ def guarding(guard: Guard) -> Iterator[None]:
         return serve(_quiet(handler), *args, process_request=check, logger=_logger(), **options)
 
     with _STARTING:
-        library.serve = guarded  # type: ignore
+        library.serve = guarded  # type: ignore[assignment, misc]
         try:
             yield
         finally:
-            library.serve = serve  # type: ignore
+            library.serve = serve  # type: ignore[misc]
 
 
 def is_loopback(host: str) -> bool:
@@ -126,7 +126,7 @@ def is_loopback(host: str) -> bool:
         addresses = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
         raise InputError(f"cannot listen on {host!r} ({error}); 127.0.0.1 is this machine") from None
-    return all(ip_address(address[0].partition("%")[0]).is_loopback for *_, address in addresses)
+    return all(ip_address(str(address[0]).partition("%")[0]).is_loopback for *_, address in addresses)
 
 
 def name_of(netloc: str) -> str | None:
@@ -179,7 +179,7 @@ def _quoted_list(values: list[str]) -> str:
     return one_line(", ".join(map(repr, values))) or "a request without Host"
 
 
-def _quiet(handler: Callable) -> Callable:
+def _quiet(handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
     """Wrap viser's connection handler so that failures are logged as one line."""
     import viser
 

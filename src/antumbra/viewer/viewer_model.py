@@ -10,8 +10,10 @@ from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import instance, number
+from ..engine.plan import Plan
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
@@ -45,9 +47,9 @@ _PIVOT = 0.25  # pivot of a camera inside the scene, as a share of the distance 
 class Pose(NamedTuple):
     """A camera in page units."""
 
-    position: np.ndarray  # (3,) float64, page
-    target: np.ndarray  # (3,) float64, page; any point on the view axis
-    up: np.ndarray  # (3,) float64
+    position: NDArray[np.float64]  # (3,), page
+    target: NDArray[np.float64]  # (3,), page; any point on the view axis
+    up: NDArray[np.float64]  # (3,)
     vfov: float  # radians
     width: int  # pixels
     height: int
@@ -56,23 +58,25 @@ class Pose(NamedTuple):
 class PageFrame(NamedTuple):
     """The map between world and page units. It does not rotate."""
 
-    centre: np.ndarray  # (3,) float64, world
+    centre: NDArray[np.float64]  # (3,), world
     scale: float  # page units per world unit
-    up: np.ndarray  # (3,) float64
-    half: np.ndarray  # (3,) float64, page: half the size of the scene's bounds
+    up: NDArray[np.float64]  # (3,)
+    half: NDArray[np.float64]  # (3,), page: half the size of the scene's bounds
 
     @classmethod
-    def of(cls, scene) -> "PageFrame":
+    def of(cls, scene: AnyScene) -> "PageFrame":
         """The frame that fits a whole scene."""
         centre, radius = bounding_sphere(scene.bounds)
         scale = RADIUS / radius
         return cls(centre, scale, axes(scene.up)[1], np.ptp(scene.bounds, axis=0) * scale / 2.0)
 
-    def to_page(self, world: np.ndarray) -> np.ndarray:
-        return (np.asarray(world, np.float64) - self.centre) * self.scale
+    def to_page(self, world: ArrayLike) -> NDArray[np.float64]:
+        page: NDArray[np.float64] = (np.asarray(world, np.float64) - self.centre) * self.scale
+        return page
 
-    def to_world(self, page: np.ndarray) -> np.ndarray:
-        return np.asarray(page, np.float64) / self.scale + self.centre
+    def to_world(self, page: ArrayLike) -> NDArray[np.float64]:
+        world: NDArray[np.float64] = np.asarray(page, np.float64) / self.scale + self.centre
+        return world
 
     def camera(self, pose: Pose) -> Camera:
         """The camera in the world."""
@@ -91,7 +95,7 @@ class PageFrame(NamedTuple):
         return pose._replace(target=pose.position + _PIVOT * (pose.target - pose.position)) if inside else pose
 
 
-def rotation_matrix(wxyz: np.ndarray) -> np.ndarray:
+def rotation_matrix(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) float64: the rotation matrix of a unit quaternion. Its columns are a camera's right, down and forward."""
     w, x, y, z = np.asarray(wxyz, np.float64)
     return np.array([
@@ -118,7 +122,7 @@ class EditableLight(NamedTuple):
     on: bool = True
 
 
-def handle_position(light: Light, page_frame: PageFrame) -> np.ndarray | None:
+def handle_position(light: Light, page_frame: PageFrame) -> NDArray[np.float64] | None:
     """(3,) float64, page: the position of the light's handle; None for lights without a centre, such as skies."""
     if not has_centre(light):
         return None
@@ -126,7 +130,7 @@ def handle_position(light: Light, page_frame: PageFrame) -> np.ndarray | None:
     return FAR * direction if np.isinf(end) else page_frame.to_page(page_frame.centre + direction)
 
 
-def move_light(light: Light, page_frame: PageFrame, to: np.ndarray) -> Light:
+def move_light(light: Light, page_frame: PageFrame, to: NDArray[np.float64]) -> Light:
     """The light with its handle at a position ((3,), page). A sun shines from there to the centre of the page."""
     if isinstance(light, DirectionalLight):
         return replace(light, direction=-np.asarray(to, np.float64)).named(light.name) if np.any(to) else light
@@ -140,7 +144,7 @@ def move_light(light: Light, page_frame: PageFrame, to: np.ndarray) -> Light:
     return light
 
 
-def light_outline(light: Light, page_frame: PageFrame) -> np.ndarray:
+def light_outline(light: Light, page_frame: PageFrame) -> NDArray[np.float64]:
     """(k, 2, 3) float64, page: the outline of a light; empty for a point light."""
     if isinstance(light, QuadLight):
         a, b = light.corner + light.u, light.corner + light.v
@@ -171,12 +175,13 @@ def aim_sun_light(light: DirectionalLight, bearing: float, elevation: float, up:
     return replace(light, direction=-towards).named(light.name)
 
 
-def _ring(centre: np.ndarray, radius: float, normal: np.ndarray) -> np.ndarray:
+def _ring(centre: NDArray[np.float64], radius: float, normal: NDArray[np.float64]) -> NDArray[np.float64]:
     u, v = tangents(np.asarray(normal, np.float64))
-    return centre + radius * (np.cos(_ROUND)[:, None] * u + np.sin(_ROUND)[:, None] * v)
+    ring: NDArray[np.float64] = centre + radius * (np.cos(_ROUND)[:, None] * u + np.sin(_ROUND)[:, None] * v)
+    return ring
 
 
-def _lines(points: np.ndarray) -> np.ndarray:
+def _lines(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """(k - 1, 2, 3): the lines between k consecutive points."""
     return np.stack([points[:-1], points[1:]], 1)
 
@@ -218,7 +223,7 @@ class Model:
 
     def __init__(
         self, scene: AnyScene, lights: Sequence[Light] | Light | None = None, camera: Camera | None = None,
-        time: float = 0.0, *, plan=None, threads: int | None = None, max_memory: int | None = None,
+        time: float = 0.0, *, plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
         place: Place | None = None,
     ):  # fmt: skip
         if camera is not None:
@@ -306,7 +311,7 @@ class Model:
         self.lamp(name)
         (self._off.discard if on else self._off.add)(name)
 
-    def move(self, name: str, to: np.ndarray) -> None:
+    def move(self, name: str, to: NDArray[np.float64]) -> None:
         """Move the handle of a light to a position ((3,), page)."""
         self._moved[name] = move_light(self.lamp(name).light, self.page_frame, to)
 

@@ -5,7 +5,7 @@ import io
 import socket
 import sys
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import redirect_stdout
 from html import escape
 from time import sleep
@@ -27,7 +27,7 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
-from .progressive_pictures import CLICK, MESH, ClientView, Step, TaskQueue, TracedPicture, trace_picture
+from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture
 from .proxy_mesh import ProxyMesh, glb_of, proxy_colours, proxy_light, proxy_mesh
 from .request_guard import LOG, Guard, guarding, one_line
 from .viewer_model import Model
@@ -84,7 +84,7 @@ class Page:
         page = f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
         return f"{page}/{self.guard.token}/" if self.guard.token else page
 
-    def listener(self, act: Callable) -> Callable:
+    def listener(self, act: Callable[..., Awaitable[None]]) -> Callable[..., Awaitable[None]]:
         """A viser callback that awaits `act` and shows its errors in the panel."""
 
         async def listener(*event: Any) -> None:
@@ -145,14 +145,14 @@ class Page:
         origin = self.model.page_frame.to_world(np.array(event.ray_origin))
         direction = np.array(event.ray_direction, np.float64)
 
-        def work(check) -> None:
+        def work(check: Check) -> None:
             point = probe(self.model, origin, direction)
             self.gizmos.point_at(point)
             self.controls.describe(point)
 
         self.worker.submit("click", CLICK, work)
 
-    def _bake_proxy(self, check) -> None:
+    def _bake_proxy(self, check: Check) -> None:
         """Bake the proxy mesh and send it to all browsers."""
         model, scene, time = self.model, self.model.scene, self.model.time
         if model.exposure is None:
@@ -181,7 +181,7 @@ def checked_port(host: str, port: int) -> int:
         with socket.socket(family, kind) as server:
             server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             server.bind(address)
-            return server.getsockname()[1]
+            return int(server.getsockname()[1])
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None)
         if number == errno.EADDRINUSE:
@@ -261,7 +261,7 @@ class Viewer:
     def __enter__(self) -> "Viewer":
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
