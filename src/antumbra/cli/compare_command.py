@@ -291,11 +291,14 @@ def print_tables(report: ComparisonReport) -> None:
     least = comparison.fastest.medians["total"]
     rows = [
         (
-            str(one.plan), *(milliseconds(one.medians[name]) for name in names), ratio(one.medians["total"], least),
-            extent(one), speed(one),
+            str(one.plan),
+            *(milliseconds(one.medians[name]) for name in names),
+            ratio(one.medians["total"], least),
+            extent(one),
+            speed(one),
         )
         for one in comparison.plans
-    ]  # fmt: skip
+    ]
     print(f"Milliseconds per frame, median of {report.arguments.rounds}")
     console.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
     print("Counters per frame")

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,6 +26,7 @@ from .options import (
     Threads,
     TimeOption,
     UpOption,
+    takes,
     writes,
 )
 
@@ -41,8 +43,11 @@ _WIDTH = 120  # width of the tables, in characters
 _CAPTION = "box tests of the rays of a pixel; black: no rays"
 
 
-def explain(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class ExplainArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -52,7 +57,7 @@ def explain(
             metavar="FILE",
             callback=writes(".png"),
         ),
-    ] = None,
+    ] = None
     plan: Annotated[
         list[str] | None,
         typer.Option(
@@ -61,11 +66,11 @@ def explain(
             metavar="PLAN",
             show_default=False,
         ),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512",
-    camera: CameraOption = None,
-    light: LightOption = None,
-    time: TimeOption = 0.0,
+    ] = None
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    camera: CameraOption = None
+    light: LightOption = None
+    time: TimeOption = 0.0
     before: Annotated[
         float | None,
         typer.Option(
@@ -73,15 +78,18 @@ def explain(
             metavar="SECONDS",
             show_default=False,
         ),
-    ] = None,
-    up: UpOption = None,
-    spp: SppOption = 16,
-    srdh_rays: SrdhRaysOption = None,
-    max_memory: MaxMemoryOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+    up: UpOption = None
+    spp: SppOption = 16
+    srdh_rays: SrdhRaysOption = None
+    max_memory: MaxMemoryOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(ExplainArguments)
+def explain(args: ExplainArguments) -> int:
     """Show where plans spend the traversal steps of SCENE's shadow rays.
 
     The picture shows a panel per plan, side by side: the boxes tested per pixel, in one common colour scale. The tables
@@ -99,13 +107,13 @@ def explain(
       antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
-    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    camera_spec = None if camera is None else arguments.parse_camera(camera)
-    light_specs = [arguments.parse_light(text) for text in light or []]
-    if before is not None and not 0.0 < before <= 1e9:
-        raise InputError(f"--before is {before:g}; it must be a positive number of seconds, such as 0.04")
-    rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
-    if rays is not None and rays.last_frame and before is None:
+    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
+    if args.before is not None and not 0.0 < args.before <= 1e9:
+        raise InputError(f"--before is {args.before:g}; it must be a positive number of seconds, such as 0.04")
+    rays = None if args.srdh_rays is None else arguments.parse_srdh_rays(args.srdh_rays)
+    if rays is not None and rays.last_frame and args.before is None:
         raise InputError("--srdh-rays last-frame needs an earlier frame; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
@@ -116,13 +124,13 @@ def explain(
     from ..picture.traversal_steps import explain as explained
     from ..picture.traversal_steps import explained_plans
 
-    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
-    plans = explained_plans(plan or [])
+    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if args.output is None else args.output
+    plans = explained_plans(args.plan or [])
     with_sample(plans or explained_plans(_PLANS), rays)
-    memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
-    with ProgressDisplay(quiet) as display:
+    memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if up is None else up.value, quiet)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
         plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
@@ -131,27 +139,42 @@ def explain(
             view = arguments.make_camera(camera_spec, opened, at, width_height)
             return TimeSample(opened.clamped(at), view, arguments.make_lights(light_specs, opened, at))
 
-        moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
+        moments = [moment(at) for at in ([args.time] if args.before is None else [args.time - args.before, args.time])]
         display.say("preparing")
         explanation = explained(
-            opened, moments, plans, spp=spp, threads=threads,
-            say=lambda plan, i: display.say(f"counting the steps of {plan}", i, len(plans)),
-        )  # fmt: skip
+            opened,
+            moments,
+            plans,
+            spp=args.spp,
+            threads=args.threads,
+            say=lambda name, i: display.say(f"counting the steps of {name}", i, len(plans)),
+        )
         display.say("writing the picture")
         save_png(_picture(explanation), path)
-    if json:
+    if args.json:
         settings = {
-            "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
-            "before": before, "camera": console.camera_fields(moments[-1].camera),
-            "lights": [console.light_fields(light) for light in moments[-1].lights], "spp": spp,
-            "srdh_rays": None if rays is None else console.srdh_rays_fields(rays), "threads": threads,
-        }  # fmt: skip
+            "output": str(path),
+            "scene": args.scene,
+            "triangles": opened.n_triangles,
+            "time": moments[-1].time,
+            "before": args.before,
+            "camera": console.camera_fields(moments[-1].camera),
+            "lights": [console.light_fields(each) for each in moments[-1].lights],
+            "spp": args.spp,
+            "srdh_rays": None if rays is None else console.srdh_rays_fields(rays),
+            "threads": args.threads,
+        }
         console.print_json({**settings, **_answer(explanation)})
-    elif not quiet:
+    elif not args.quiet:
         console.print_fields(
-            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(explanation)]
+            [
+                ("picture", str(path)),
+                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                *_fields(explanation),
+            ]
         )
         _print_tables(explanation)
+    return 0
 
 
 def _picture(explanation: "Explanation") -> NDArray[np.uint8]:
@@ -217,11 +240,14 @@ def _print_tables(explanation: "Explanation") -> None:
 
     steps = [
         (
-            str(one.plan), _each(one.box_tests, explanation.rays), _ratio(explanation, one),
-            *_classes(explanation, one), _each(one.triangle_tests, explanation.rays),
+            str(one.plan),
+            _each(one.box_tests, explanation.rays),
+            _ratio(explanation, one),
+            *_classes(explanation, one),
+            _each(one.triangle_tests, explanation.rays),
         )
         for one in explanation.plans
-    ]  # fmt: skip
+    ]
     print("Steps per ray")
     console.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
     depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
@@ -244,8 +270,11 @@ def _depth(value: float) -> str:
 # --- ``antumbra culling`` ---------------------------------------------------------------------------------------------
 
 
-def culling(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class CullingArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -255,18 +284,21 @@ def culling(
             metavar="FILE",
             callback=writes(".png"),
         ),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "768x768",
-    camera: CameraOption = None,
-    light: LightOption = None,
-    time: TimeOption = 0.0,
-    up: UpOption = None,
-    spp: SppOption = 16,
-    culler: Annotated[str, typer.Option(help="Culling method; see antumbra plans.")] = "grid32",
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = None
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "768x768"
+    camera: CameraOption = None
+    light: LightOption = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    spp: SppOption = 16
+    culler: Annotated[str, typer.Option(help="Culling method; see antumbra plans.")] = "grid32"
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(CullingArguments)
+def culling(args: CullingArguments) -> int:
     """Show which triangles of SCENE survive pre-BVH culling.
 
     The picture has three panels: the camera's view, and the transparent scene from above and from the side. Orange
@@ -279,9 +311,9 @@ def culling(
       antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
-    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    camera_spec = None if camera is None else arguments.parse_camera(camera)
-    light_specs = [arguments.parse_light(text) for text in light or []]
+    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
 
     from ..checks import spelling_hint
     from ..engine.method_registry import CULLERS, find_method
@@ -289,24 +321,23 @@ def culling(
     from ..picture.culling_picture import culling_picture
     from ..picture.image_files import save_png, to_srgb8
 
-    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
-    if find_method("cull", culler) is None:
-        raise InputError(
-            f"culler {culler!r} is unknown; {spelling_hint(culler, CULLERS)}choose one of {', '.join(CULLERS)}"
-        )
-    with ProgressDisplay(quiet) as display:
+    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if args.output is None else args.output
+    if find_method("cull", args.culler) is None:
+        hint = spelling_hint(args.culler, CULLERS)
+        raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
-        view = arguments.make_camera(camera_spec, opened, time, width_height)
-        lights = arguments.make_lights(light_specs, opened, time)
+        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet))
+        view = arguments.make_camera(camera_spec, opened, args.time, width_height)
+        lights = arguments.make_lights(light_specs, opened, args.time)
         display.say("preparing")
-        picture = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
+        picture = culling_picture(opened, view, lights, args.culler, spp=args.spp, time=args.time, threads=args.threads)
         display.say("writing the picture")
         save_png(to_srgb8(picture.image, 1.0), path)
     share = picture.kept / max(1, opened.n_triangles)
     answer = {
         "output": str(path),
-        "culler": culler,
+        "culler": args.culler,
         "triangles": opened.n_triangles,
         "kept": picture.kept,
         "share": share,
@@ -316,17 +347,18 @@ def culling(
         "targets": picture.targets,
         "seconds": picture.seconds,
     }
-    if json:
+    if args.json:
         console.print_json(answer)
-    elif not quiet:
+    elif not args.quiet:
         cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
         cells += f"and {picture.targets:,} of lights"
         console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
+                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
                 ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
                 ("cells", cells),
                 ("time", console.duration(picture.seconds)),
             ]
         )
+    return 0

@@ -47,20 +47,23 @@ _SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
 _COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # printed columns
 
 
-def los(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class SightArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     observer: Annotated[
         list[str] | None,
         typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
-    ] = None,
+    ] = None
     target: Annotated[
         list[str] | None,
         typer.Option("--to", help="A target; may be repeated.", metavar="X,Y,Z", show_default=False),
-    ] = None,
+    ] = None
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
-    ] = None,
-    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None,
+    ] = None
+    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
         str,
         typer.Option(
@@ -68,15 +71,18 @@ def los(
             "or, without observers and targets, a file of points with the columns x1,y1,z1,x2,y2,z2.",
             metavar="all|zip|FILE",
         ),
-    ] = "all",
-    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None,
-    time: TimeOption = 0.0,
-    up: UpOption = None,
-    crs: CrsOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+    ] = "all"
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    crs: CrsOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
+
+
+@takes(SightArguments)
+def los(args: SightArguments) -> int:
     """Find which points see each other in SCENE, and what blocks the others.
 
     The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
@@ -90,7 +96,7 @@ def los(
       antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
       antumbra los hall.glb --pairs pairs.csv -o result.csv --json
     """
-    spec = arguments.parse_scene(scene)
+    spec = arguments.parse_scene(args.scene)
 
     from ..files import atomic_output
     from ..jobs.line_of_sight.sightlines import (
@@ -104,26 +110,33 @@ def los(
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs
 
-    check_pairs(pairs)
-    outputs = output or []
+    check_pairs(args.pairs)
+    outputs = args.output or []
     writers = [writer_of(path, "points") for path in outputs]
-    begin = points_or_file(observer, observers, "--from", "--observers")
-    end = points_or_file(target, targets, "--to", "--targets")
+    begin = points_or_file(args.observer, args.observers, "--from", "--observers")
+    end = points_or_file(args.target, args.targets, "--to", "--targets")
     if (begin is None) != (end is None):
         raise InputError("observers need targets: give --from or --observers, and --to or --targets")
-    if begin is None and pairs in ("all", "zip"):
+    if begin is None and args.pairs in ("all", "zip"):
         raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
-    pair_list = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
-    with ProgressDisplay(quiet) as display:
+    pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
-        check_file_crs(opened, observers, targets, Path(pairs))
+        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs))
+        check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
         at, to, normals, target_normals, faces, target_faces = pair_list
         sightlines = line_of_sight(
-            opened, at, to, normals=normals, target_normals=target_normals, faces=faces, target_faces=target_faces,
-            time=time, threads=threads,
-        )  # fmt: skip
+            opened,
+            at,
+            to,
+            normals=normals,
+            target_normals=target_normals,
+            faces=faces,
+            target_faces=target_faces,
+            time=args.time,
+            threads=args.threads,
+        )
         seconds = perf_counter() - start
         display.say("writing the results")
         for path, write in zip(outputs, writers):
@@ -133,18 +146,19 @@ def los(
             else:
                 write(sight_table(opened, pair_list, sightlines), path, "visible")
     visible = int(sightlines.visible.sum())
-    if json:
+    if args.json:
         answer = {"scene": opened.name, "pairs": len(at), "visible": visible, "seconds": seconds}
         answer["outputs"] = [str(path) for path in outputs]
         if len(at) <= _MOST_LINES:
             answer["lines"] = _lines(opened, pair_list, sightlines)
         console.print_json(answer)
-    elif not quiet:
+    elif not args.quiet:
         if len(at) <= _MOST_LINES:
             rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, pair_list, sightlines)]
             console.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
         fields = [("visible", f"{visible:,} of {len(at):,} pairs"), ("time", console.duration(seconds))]
         console.print_fields(fields + [("written", str(path)) for path in outputs])
+    return 0
 
 
 def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict[str, Any]]:
@@ -152,15 +166,17 @@ def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> li
     lines = []
     for k, visible in enumerate(sightlines.visible.tolist()):
         face, blocker = int(sightlines.face[k]), int(sightlines.object[k])
-        lines.append({
-            "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
-            "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
-            "visible": "yes" if visible else "no",
-            "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
-            "face": face if face >= 0 else "",
-            "distance": "" if visible else round(float(sightlines.distance[k]), 4),
-            **_of_city(scene, face, blocker),
-        })  # fmt: skip
+        lines.append(
+            {
+                "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
+                "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
+                "visible": "yes" if visible else "no",
+                "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
+                "face": face if face >= 0 else "",
+                "distance": "" if visible else round(float(sightlines.distance[k]), 4),
+                **_of_city(scene, face, blocker),
+            }
+        )
     return lines
 
 
@@ -273,11 +289,23 @@ def viewshed(args: ViewshedArguments) -> int:
         camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
         result = compute_viewshed(
-            opened, sensors, eyes.points, eye_height=args.eye_height, on_surface=args.on_surface,
-            min_distance=args.min_distance, max_distance=args.max_distance, azimuth=angles[0], elevation=angles[1],
-            curvature=args.curvature, refraction=args.refraction, earth_radius=args.earth_radius,
-            bits=bits is not None, plan=args.plan, time=args.time, threads=args.threads,
-        )  # fmt: skip
+            opened,
+            sensors,
+            eyes.points,
+            eye_height=args.eye_height,
+            on_surface=args.on_surface,
+            min_distance=args.min_distance,
+            max_distance=args.max_distance,
+            azimuth=angles[0],
+            elevation=angles[1],
+            curvature=args.curvature,
+            refraction=args.refraction,
+            earth_radius=args.earth_radius,
+            bits=bits is not None,
+            plan=args.plan,
+            time=args.time,
+            threads=args.threads,
+        )
         seconds = perf_counter() - start
         display.say("writing the results")
         table = result.table

@@ -190,10 +190,20 @@ def sun(args: SunArguments) -> int:
         sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
         display.say("preparing")
         run = partial(
-            sun_hours, scene, days=days, place=place, step=args.step, rule=args.rule, epw=args.epw,
-            energy=args.energy, sky=args.sky, by=[by.value for by in args.by or ()], samples=args.samples,
-            plan=args.plan, threads=args.threads,
-        )  # fmt: skip
+            sun_hours,
+            scene,
+            days=days,
+            place=place,
+            step=args.step,
+            rule=args.rule,
+            epw=args.epw,
+            energy=args.energy,
+            sky=args.sky,
+            by=[by.value for by in args.by or ()],
+            samples=args.samples,
+            plan=args.plan,
+            threads=args.threads,
+        )
         if args.column is not None:
             run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         start = perf_counter()

@@ -109,9 +109,19 @@ def view(args: ViewArguments) -> int:
             lights = arguments.make_picture_lights(light_specs, sky, opened, time)
         display.say("preparing the first picture")
         viewer = open_viewer(
-            opened, lights, camera=camera, time=time, plan=args.plan, threads=args.threads, max_memory=memory,
-            place=place, port=port, host=args.host, allow_host=args.allow_host or (), browser=False,
-        )  # fmt: skip
+            opened,
+            lights,
+            camera=camera,
+            time=time,
+            plan=args.plan,
+            threads=args.threads,
+            max_memory=memory,
+            place=place,
+            port=port,
+            host=args.host,
+            allow_host=args.allow_host or (),
+            browser=False,
+        )
     with viewer:
         if not args.quiet:
             print(f"{opened.name} is at {viewer.url} (press Ctrl-C to stop)", flush=True)

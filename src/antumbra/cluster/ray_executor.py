@@ -44,9 +44,14 @@ class Cluster:
     """
 
     def __init__(
-        self, folder: Path, address: str, prepare: "Prepare", inputs: dict[str, Path], plan: str | None = None,
+        self,
+        folder: Path,
+        address: str,
+        prepare: "Prepare",
+        inputs: dict[str, Path],
+        plan: str | None = None,
         say: Callable[[str], None] | None = None,
-    ):  # fmt: skip
+    ):
         import_extra("ray", "a cluster", "ray")
         self.folder, self.address, self._say = folder, address, say or LOG.info
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
@@ -188,9 +193,13 @@ def _opened(function: Callable[..., Any], scene: str | PathLike[str]) -> Any:
 
 
 def _prepare(
-    home: tuple[str, str], args: tuple[Any, ...], kwargs: dict[str, Any], paths: dict[str, str], threads: int,
+    home: tuple[str, str],
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    paths: dict[str, str],
+    threads: int,
     engine: UnitCollector,
-) -> None:  # fmt: skip
+) -> None:
     """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
     named = _named(function, Path(), args, kwargs)

@@ -59,9 +59,15 @@ def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float
     normal = hit.normal * (-1.0 if hit.normal @ direction > 0.0 else 1.0)
     position, lamps = hit.position, model.shining
     result = visibility(
-        scene, position, [lamp.light for lamp in lamps], normal, spp=_SPP, plan=model.plan, time=time,
+        scene,
+        position,
+        [lamp.light for lamp in lamps],
+        normal,
+        spp=_SPP,
+        plan=model.plan,
+        time=time,
         threads=model.threads,
-    )  # fmt: skip
+    )
     face = _face(model, int(hit.face), hit.corners, int(hit.object))
     sights = []
     for lamp, share, samples in zip(lamps, result.fraction.tolist(), result.samples.tolist()):

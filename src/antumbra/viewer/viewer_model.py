@@ -222,10 +222,17 @@ class Model:
     """
 
     def __init__(
-        self, scene: AnyScene, lights: Sequence[Light] | Light | None = None, camera: Camera | None = None,
-        time: float = 0.0, *, plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
+        self,
+        scene: AnyScene,
+        lights: Sequence[Light] | Light | None = None,
+        camera: Camera | None = None,
+        time: float = 0.0,
+        *,
+        plan: str | Plan | None = None,
+        threads: int | None = None,
+        max_memory: int | None = None,
         place: Place | None = None,
-    ):  # fmt: skip
+    ):
         if camera is not None:
             instance(camera, Camera, "camera")
         if place is not None:

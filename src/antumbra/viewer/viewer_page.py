@@ -275,11 +275,20 @@ class Viewer:
 
 
 def view(
-    scene: SceneLike, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
-    plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
-    place: Place | None = None, port: int = PORT, host: str = HOST, allow_host: Sequence[str] | str = (),
+    scene: SceneLike,
+    lights: Sequence[Light] | Light | None = None,
+    *,
+    camera: Camera | None = None,
+    time: float = 0.0,
+    plan: str | Plan | None = None,
+    threads: int | None = None,
+    max_memory: int | None = None,
+    place: Place | None = None,
+    port: int = PORT,
+    host: str = HOST,
+    allow_host: Sequence[str] | str = (),
     browser: bool | None = None,
-) -> Viewer:  # fmt: skip
+) -> Viewer:
     """Show a scene in the browser, with traced pictures, movable lights, and the visibility at clicked points.
 
     While the camera moves, the browser shows a proxy mesh with baked light; when it stops, traced pictures appear, from
