@@ -8,10 +8,10 @@ from antumbra.viewer.progressive_pictures import (
     MOST_PIXELS,
     PICTURE_STEPS,
     Step,
-    with_quality,
     scaled_camera,
     steps_of,
     trace_picture,
+    with_quality,
 )
 from antumbra.viewer.viewer_model import BOX_TESTS, LIGHT_SHARE, Model
 from pages import CAMERA, SUN, box_on_floor

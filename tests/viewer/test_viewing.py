@@ -88,11 +88,11 @@ def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
     viewing.put_proxy(b"")
     assert viewing.browser.standin.visible is False
     viewing.browser.got.clear()
-    viewings.REST = 1000.0
+    viewings.REST_DELAY = 1000.0
     for x in (1.0, 2.0, 3.0):
         asyncio.run(viewing.look(looking(x)))
     assert viewing.browser.standin.visible is True and viewing.browser.got == [None]
-    viewings.REST = 0.0
+    viewings.REST_DELAY = 0.0
     asyncio.run(viewing.look(looking(4.0)))
     assert viewing.worker.wait(60.0) and len(viewing.browser.got) == 1 + len(PICTURE_STEPS)
     for _ in range(200):

@@ -25,7 +25,7 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -165,18 +165,18 @@ def bake(args: BakeArguments) -> int:
     from ..jobs.bake.bake_input import BakeSource, check_options, is_gltf
     from ..jobs.bake.bake_job import bake as bake_source
 
-    engine = engine_for(args, args.output)
+    executor = executor_for(args, args.output)
     check_options(args.what.value, lights=[a for a in specs if not isinstance(a, int)] or None, **args.options())
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
         lights = _lights(args, specs, scene)
         source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
-        start, keep = perf_counter(), engine or args.output.with_suffix(".parts")
+        start, keep = perf_counter(), executor or args.output.with_suffix(".parts")
         with quietly():
             result = bake_source(source, args.output, args.what.value, lights=lights, keep=keep, **args.options())
         if result is None:
-            return report_shard(engine, args, perf_counter() - start)
+            return report_shard(executor, args, perf_counter() - start)
     if args.json:
         console.print_json(result._asdict())
     elif not args.quiet:

@@ -26,7 +26,7 @@ from .options import (
     writes,
     writes_folder,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -180,7 +180,7 @@ def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", displ
         plan=args.plan,
         threads=args.threads,
         max_memory=parsed.memory,
-        keep=engine_for(args, args.output),
+        keep=executor_for(args, args.output),
         overwrite=args.overwrite,
         progress=display.say,
     )

@@ -308,7 +308,7 @@ def save_render_page(
     frame = shot.frame
     exposure = spec.exposure if spec.exposure is not None else frame_exposure(frame)
     width = frame.image.shape[1]
-    picture = data_url(screen_picture(frame, exposure, spec.behind))
+    picture = data_url(screen_picture(frame, exposure, spec.background))
     parts = [
         f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
         "<h2>Picture</h2>",

@@ -125,7 +125,7 @@ class PictureSpec(NamedTuple):
     camera: int | CameraSpec | None
     lights: "list[int | Light]"  # lights, or indices of the scene's lights
     sky: "str | Path | NDArray[np.float64] | None"  # from `parse_sky`
-    behind: "str | NDArray[np.float64] | None"  # background from `parse_background`; None: the sky
+    background: "str | NDArray[np.float64] | None"  # background from `parse_background`; None: the sky
     ambient: "list[Light]"  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
     ground: str | float  # from `parse_ground`
@@ -205,7 +205,7 @@ class PictureSpec(NamedTuple):
             self.picture,
             time=scene.clamped(time),
             ground=False if ground is None else ground,
-            background=self.behind is None and not self._no_sky,
+            background=self.background is None and not self._no_sky,
             layers=layers,
         )
 
@@ -213,24 +213,24 @@ class PictureSpec(NamedTuple):
         self, scene: "AnyScene", renderer: "Renderer", time: float, progress: Progress, layers: bool = False
     ) -> "Shot":
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
-        camera, lights, options = self._asked(scene, time, layers)
+        camera, lights, options = self._inputs(scene, time, layers)
         pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
         runs = len(lights) * (pictures + (options.bounce or 0)) + renderer.source.looks
         frame = renderer.render(camera, lights, options=options, progress=progress("tracing shadow rays", runs))
         return Shot(camera, lights, options, frame)
 
     def shot_in_bands(
-        self, scene: "AnyScene", time: float, engine: "Executor", digest: str, layers: bool = False
+        self, scene: "AnyScene", time: float, executor: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
         """The same frame, traced by an executor in bands; None if other processes trace some of them."""
         from ..jobs.work_parts import render_bands
 
-        camera, lights, options = self._asked(scene, time, layers)
+        camera, lights, options = self._inputs(scene, time, layers)
         settings = self.settings(scene, digest, time)
-        frame = render_bands(self.renderer(scene), camera, lights, options, engine, digest, settings)
+        frame = render_bands(self.renderer(scene), camera, lights, options, executor, digest, settings)
         return None if frame is None else Shot(camera, lights, options, frame)
 
-    def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
+    def _inputs(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
         return self.view(scene, time), self.all_lights(scene, time), self.options(scene, time, layers)
 
     def record(self, options: RenderOptions) -> dict[str, Any]:
@@ -258,7 +258,7 @@ class PictureSpec(NamedTuple):
                 "lights": [console.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
                 **deciding_fields(self.options(scene, time)),
-                "behind": self.behind,
+                "behind": self.background,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )
@@ -438,7 +438,7 @@ class RenderArguments(_Options):  # type: ignore[misc]  # a class made at run ti
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],
             sky=optional(self.sky, arguments.parse_sky),
-            behind=optional(self.background, arguments.parse_background),
+            background=optional(self.background, arguments.parse_background),
             ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
             vpl=self.vpl,
             ground=parse_ground(self.ground),

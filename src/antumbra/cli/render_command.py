@@ -22,7 +22,7 @@ from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
 from .picture_report import print_choices
 from .picture_spec import PictureSpec, Progress, RenderArguments, Shot, scene_digest
-from .shards import engine_for, report_shard
+from .shards import executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -55,7 +55,7 @@ def film_path(output: Path | None, sequence: FrameSequence | None, spec: Picture
         return None
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
-    if isinstance(spec.behind, str):
+    if isinstance(spec.background, str):
         raise InputError("--background transparent is for .png files; films have no alpha, use a colour")
     film = check_film(output)
     checked_folder(pictures_of(film).parent)
@@ -96,7 +96,7 @@ def numbered(pattern: Path, number: int) -> Path:
 
 
 def render_frames(
-    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Executor"
+    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
 ) -> "Animation":
     """Render all unfinished frames that the executor assigns to this process."""
     job.spec.view(job.scene, 0.0)  # report a missing camera or light once, not per frame
@@ -109,7 +109,7 @@ def render_frames(
         say(f"note: the animation ends after {job.scene.duration:g} s; later frames show its end")
     animation = Animation(job, sequence, display)
     try:
-        animation.complete = engine.finish([animation])
+        animation.complete = executor.finish([animation])
     except KeyboardInterrupt:
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
         say(f"{done} of {len(sequence.numbers)} frames are finished; run the same command again to continue")
@@ -161,7 +161,7 @@ class Animation:
         return self._is_finished(path, self._settings(path, self.sequence.time(number)), root is None)
 
     def found(self, k: int) -> None:
-        self._tell(k, {"state": "finished", "exposure": self.exposure})
+        self._record_outcome(k, {"state": "finished", "exposure": self.exposure})
 
     def clear(self) -> None:
         """No-op: all files are results."""
@@ -179,7 +179,7 @@ class Animation:
         """
         for number in self.sequence.numbers:
             path = numbered(self.job.pattern, number)
-            note = _noted(path) if path.exists() else {}
+            note = _stored_settings(path) if path.exists() else {}
             if note.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= note.items():
                 exposure: float = note["exposed"]
                 return exposure
@@ -202,9 +202,9 @@ class Animation:
                 self.unforeseen = self.unforeseen or error
             outcome = {"state": "failed", "reason": reason}
         self._again.discard(number)
-        self._tell(k, outcome)
+        self._record_outcome(k, outcome)
 
-    def _tell(self, k: int, outcome: dict[str, Any]) -> None:
+    def _record_outcome(self, k: int, outcome: dict[str, Any]) -> None:
         """Count the outcome of a frame, and print its fields for ``--json``."""
         number = self.sequence.numbers[k]
         self.numbers[outcome["state"]].append(number)
@@ -246,7 +246,7 @@ class Animation:
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = picture_report.save_picture(shot.frame, path, self.exposure, note, self.job.spec.behind)
+        saved = picture_report.save_picture(shot.frame, path, self.exposure, note, self.job.spec.background)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
@@ -260,7 +260,7 @@ class Animation:
         """
         if not path.exists():
             return False
-        note = _noted(path)
+        note = _stored_settings(path)
         differ = [name for name, value in settings.items() if note.get(name) != value]
         if not differ and self.exposure is not None and note["exposed"] not in (None, self.exposure):
             differ = ["exposure"]
@@ -294,7 +294,7 @@ class Animation:
         with suppress(OSError):  # it contains other files
             folder.rmdir()
 
-    def tell(self) -> int:
+    def print_summary(self) -> int:
         """Print a summary of all frames and return the exit code."""
         if self.job.spec.json:
             console.print_json(self._answer())
@@ -344,7 +344,7 @@ class Animation:
         yield "all", console.duration(self.job.load + perf_counter() - self.start)
 
 
-def _noted(path: Path) -> dict[str, Any]:
+def _stored_settings(path: Path) -> dict[str, Any]:
     """The settings stored in a picture; {} without any."""
     from ..picture.image_files import note_of
 
@@ -418,7 +418,7 @@ def render(args: RenderArguments) -> int:
     path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
     html = args.html
     spec.check()
-    engine = engine_for(args, path)
+    executor = executor_for(args, path)
     with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
@@ -428,24 +428,24 @@ def render(args: RenderArguments) -> int:
         display.say("preparing")
         if sequence is not None:
             job = AnimationJob(spec, opened, load, path, args.overwrite, film)
-            animation = render_frames(job, sequence, display, engine or LocalExecutor())
+            animation = render_frames(job, sequence, display, executor or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"
-            digest = scene_digest(spec.scene_spec) if linear or engine else ""
+            digest = scene_digest(spec.scene_spec) if linear or executor else ""
             shot: Shot | None
-            if engine is None:
+            if executor is None:
                 shot = spec.shot(opened, spec.renderer(opened), args.time or 0.0, display.parts, linear)
             else:
-                shot = spec.shot_in_bands(opened, args.time or 0.0, engine, digest, linear)
+                shot = spec.shot_in_bands(opened, args.time or 0.0, executor, digest, linear)
             if shot is None:  # a shard
-                return report_shard(engine, args, perf_counter() - start - load)
+                return report_shard(executor, args, perf_counter() - start - load)
             display.say("writing the picture")
             note = json.dumps(spec.settings(opened, digest, shot.time)) if linear else None
-            saved = picture_report.save_picture(shot.frame, path, spec.exposure, note, background=spec.behind)
+            saved = picture_report.save_picture(shot.frame, path, spec.exposure, note, background=spec.background)
             if html is not None:
                 picture_report.save_render_page(spec, opened, load, shot, saved, html)
     if sequence is not None:
-        return animation.tell()
+        return animation.print_summary()
     assert shot is not None
     if spec.json:
         console.print_json(picture_report.picture_answer(spec, opened, load, shot, saved))

@@ -45,7 +45,7 @@ command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
 _NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
-node_engine: ContextVar["UnitCollector | None"] = ContextVar("node_engine", default=None)
+node_executor: ContextVar["UnitCollector | None"] = ContextVar("node_executor", default=None)
 """The executor of a command that starts on a cluster node."""
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
@@ -86,7 +86,7 @@ def command_words() -> list[str]:
     return words
 
 
-def engine_for(args: Any, output: Path) -> "Executor | None":
+def executor_for(args: Any, output: Path) -> "Executor | None":
     """The executor for the options --shard, --ray and --merge; None without them.
 
     args : arguments with the fields `shard`, `ray` and `merge`
@@ -96,7 +96,7 @@ def engine_for(args: Any, output: Path) -> "Executor | None":
     from ..jobs.work_parts import ShardMerge
 
     share, folder = parse_shard(args.shard), shards_folder(output)
-    if (collector := node_engine.get()) is not None:
+    if (collector := node_executor.get()) is not None:
         return collector
     if args.merge:
         return ShardMerge(folder, args.merge)
@@ -113,7 +113,7 @@ def engine_for(args: Any, output: Path) -> "Executor | None":
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
+def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, executor: "UnitCollector") -> None:
     """Start a command on a cluster node and pass its units to the executor. Results go to the current folder.
 
     home : module and name of the command
@@ -127,12 +127,12 @@ def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int,
         if value is not None:
             changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
     changed |= with_files(vars(args), paths)
-    token = node_engine.set(engine)
+    token = node_executor.set(executor)
     try:
         command = getattr(import_module(home[0]), home[1]).command
         command(replace(args, threads=args.threads or threads, **changed))
     finally:
-        node_engine.reset(token)
+        node_executor.reset(token)
 
 
 def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:

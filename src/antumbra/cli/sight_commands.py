@@ -29,7 +29,7 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
@@ -415,7 +415,7 @@ def matrix(args: MatrixArguments) -> int:
         check_sensors(args.targets, "--targets")
     bits, pairs, counts = _checked_outputs(args)
     outputs = [path for path in (bits, pairs, *counts) if path is not None]
-    engine = engine_for(args, outputs[0])
+    executor = executor_for(args, outputs[0])
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
@@ -424,18 +424,18 @@ def matrix(args: MatrixArguments) -> int:
         others = None if args.targets is None else sensors_of(args.targets, opened, args.threads)
         start = perf_counter()
         result = visibility_matrix(
-            opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=engine
+            opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=executor
         )
         seconds = perf_counter() - start
         if result is None:
-            return report_shard(engine, args, seconds)
+            return report_shard(executor, args, seconds)
         display.say("writing the results")
         if pairs is not None:
             result.save(pairs)
         column = Column(result.counts, "", f"visible targets, of {result.columns}")
         for path in counts:
             Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save(path)
-    _tell(args, opened.name, result, seconds, [str(path) for path in outputs])
+    _print_summary(args, opened.name, result, seconds, [str(path) for path in outputs])
     return 0
 
 
@@ -452,7 +452,9 @@ def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, l
     return args.output, args.sparse, counts
 
 
-def _tell(args: MatrixArguments, name: str, result: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
+def _print_summary(
+    args: MatrixArguments, name: str, result: "VisibilityMatrix", seconds: float, written: list[str]
+) -> None:
     rows, columns = result.shape
     visible = int(result.counts.sum())
     if args.json:

@@ -32,7 +32,7 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..jobs.result_table import Table
@@ -179,7 +179,7 @@ def sun(args: SunArguments) -> int:
     parse_plan(args.plan)
     memory = None if args.max_memory is None else parse_bytes(args.max_memory, "--max-memory")
     outputs = _checked_outputs(args, spec, sensor_form)
-    engine = engine_for(args, outputs[0])
+    executor = executor_for(args, outputs[0])
     if args.city_output is not None:
         _check_city(spec, args.city_output)
     with ProgressDisplay(args.quiet) as display:
@@ -207,11 +207,11 @@ def sun(args: SunArguments) -> int:
         if args.column is not None:
             run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         start = perf_counter()
-        keep = engine or outputs[0].with_suffix(".parts")
+        keep = executor or outputs[0].with_suffix(".parts")
         table = run(sensors=sensors, matrix=args.matrix, keep=keep)
         seconds = perf_counter() - start
         if table is None:
-            return report_shard(engine, args, seconds)
+            return report_shard(executor, args, seconds)
         table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
         display.say("writing")
         for path in outputs:
@@ -219,7 +219,7 @@ def sun(args: SunArguments) -> int:
         if args.city_output is not None:
             _write_city(table, spec, args.city_output)
     written = [str(path) for path in (*outputs, args.city_output, args.matrix) if path is not None]
-    _tell(args, table, seconds, written)
+    _print_summary(args, table, seconds, written)
     return 0
 
 
@@ -253,7 +253,7 @@ def _write_city(table: "Table", spec: SceneSpec, path: Path) -> None:
     write_attributes(spec.path, path, values, lod=spec.lod)
 
 
-def _tell(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
+def _print_summary(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
     rays = len(table) * table.about["suns"] * table.about["samples"]
     covered = table.sensors.covered
     hours = table["sun_hours"][covered]

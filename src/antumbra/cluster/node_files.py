@@ -67,7 +67,7 @@ def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | 
             f"{path}: is not on node {platform.node()}, and names other files; share it, or use a single file, "
             "such as .glb or .tif"
         )
-    folder = (folder or own_temporary() / "inputs") / source.sha256
+    folder = (folder or user_temporary_folder() / "inputs") / source.sha256
     make_folder(folder)
     target = folder / path.name
     with file_lock(folder / "fetching.lock"):  # another worker of this machine may be fetching it
@@ -76,7 +76,7 @@ def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | 
     return str(target)
 
 
-def own_temporary() -> Path:
+def user_temporary_folder() -> Path:
     """The user's folder for temporary files, shared by all of the user's jobs.
 
     Anyone may have created a folder of this name. If it belongs to another user, use a folder of this process alone.

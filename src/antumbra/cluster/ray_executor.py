@@ -173,8 +173,8 @@ def run(
     with temporary_folder() as folder:
         prepare = partial(_prepare, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        engine = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
-        return function(_opened(function, scene), *args, keep=engine, **kwargs)
+        executor = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
+        return function(_opened(function, scene), *args, keep=executor, **kwargs)
 
 
 def _named(
@@ -198,7 +198,7 @@ def _prepare(
     kwargs: dict[str, Any],
     paths: dict[str, str],
     threads: int,
-    engine: UnitCollector,
+    executor: UnitCollector,
 ) -> None:
     """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
@@ -208,4 +208,4 @@ def _prepare(
     for name in _OUTPUTS:
         if named.get(name) is not None:
             named[name] = Path(named[name]).name
-    function(**named, threads=threads, keep=engine)
+    function(**named, threads=threads, keep=executor)

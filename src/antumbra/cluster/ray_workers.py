@@ -24,7 +24,7 @@ from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..progress import ignore_progress, progress_listener, report_progress
 from ..version import VERSION
-from .node_files import Input, local_path, own_temporary, piece_of
+from .node_files import Input, local_path, piece_of, user_temporary_folder
 
 # --- The worker of a node: one process with all its cores, which opens the scene once and does units of a job ---------
 
@@ -103,7 +103,7 @@ def precompile_plan_kernels(plan: str | None) -> None:
     """Compile the missing kernels of a plan on this machine. Its other workers wait for them."""
     kernels = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
     if missing_of(kernels):
-        with file_lock(own_temporary() / "warm.lock"):
+        with file_lock(user_temporary_folder() / "warm.lock"):
             if missing := missing_of(kernels):
                 compile_missing(missing)
 

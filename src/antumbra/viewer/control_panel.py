@@ -72,7 +72,7 @@ class Controls:
 
     def _add_picture(self) -> None:
         model, gui = self._model, self._gui
-        kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.lamps), BOX_TESTS]
+        kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.editable_lights), BOX_TESTS]
         with gui.add_folder("Picture"):
             show = gui.add_dropdown("show", kinds, initial_value=model.display.show)
             plan = gui.add_text("plan", model.display.plan, hint="plan whose box tests are shown")
@@ -119,7 +119,7 @@ class Controls:
         model = self._model
         with self._gui.add_folder("Lights"):
             handles = self._gui.add_checkbox("handles", True)
-            boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.lamps}
+            boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.editable_lights}
         for name, box in boxes.items():
             self._bind(box, partial(model.switch, name))
 

@@ -57,7 +57,7 @@ def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float
     if not hit.mask:
         return None
     normal = hit.normal * (-1.0 if hit.normal @ direction > 0.0 else 1.0)
-    position, lamps = hit.position, model.shining
+    position, lamps = hit.position, model.active_lights
     result = visibility(
         scene,
         position,
@@ -137,7 +137,7 @@ class Gizmos:
     def refresh(self) -> None:
         """Move the handles to the lights."""
         with self._lock:
-            for lamp in self._model.lamps:
+            for lamp in self._model.editable_lights:
                 place = handle_position(lamp.light, self._model.page_frame)
                 if place is not None:
                     self._put(lamp, place)

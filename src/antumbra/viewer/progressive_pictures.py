@@ -220,14 +220,16 @@ def trace_picture(model: Model, camera: Camera, step: Step, check: Check = lambd
     """
     start, camera = perf_counter(), scaled_camera(camera, step.coarse)
     if model.display.show == BOX_TESTS:
-        work = box_test_picture(model, camera, [with_quality(lamp.light, step.spp) for lamp in model.shining], step.spp)
+        work = box_test_picture(
+            model, camera, [with_quality(lamp.light, step.spp) for lamp in model.active_lights], step.spp
+        )
         return TracedPicture(work.image, step, perf_counter() - start, work.rays, work.each, work.legend)
     if model.display.show.startswith(LIGHT_SHARE):
         name = model.display.show.removeprefix(LIGHT_SHARE)
-        frame = _frame(model, camera, [with_all_samples(model.lamp(name).light, step.spp)], step, check)
+        frame = _frame(model, camera, [with_all_samples(model.editable_light(name).light, step.spp)], step, check)
         image, note = _grey(frame.visibility[0], frame.mask), f"white: {name} is fully visible"
     else:
-        frame = _frame(model, camera, [with_quality(lamp.light, step.spp) for lamp in model.shining], step, check)
+        frame = _frame(model, camera, [with_quality(lamp.light, step.spp) for lamp in model.active_lights], step, check)
         model.update_from(frame)
         exposure = model.exposure
         assert exposure is not None  # set by update_from
@@ -322,7 +324,7 @@ class ClientView:
 
     def put_proxy(self, data: bytes) -> None:
         """Send the proxy mesh, a GLB file, to the browser."""
-        self._proxy = self._client.scene.add_glb("/stand-in", data, visible=self._navigating)
+        self._proxy = self._client.scene.add_glb("/proxy", data, visible=self._navigating)
 
     def _draw_quick(self, check: Callable[..., None]) -> None:
         self._draw(check, _QUICK_SPP)

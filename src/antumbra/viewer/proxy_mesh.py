@@ -152,7 +152,7 @@ def proxy_light(model: Model, pieces: ProxyMesh, check: Callable[..., None] = la
 
     check : called between batches; it may raise an exception to end the work
     """
-    lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
+    lights, n = [lamp.light for lamp in model.active_lights], len(pieces.points)
     settings = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
     meter = Meter(model.scene, settings, 2 * n)
     out = np.zeros((2, n, 3), np.float32)

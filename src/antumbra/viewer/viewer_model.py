@@ -250,7 +250,7 @@ class Model:
         self.ambient = np.zeros(3, np.float32)  # irradiance of the latest frame
 
     @property
-    def lamps(self) -> list[EditableLight]:
+    def editable_lights(self) -> list[EditableLight]:
         """All lights at the current time, as moved by the user."""
         if self._default_lights is None or self._default_lights[0] != self.time:
             lights = self.scene.default_lights(self.time) if self._initial_lights is None else self._initial_lights
@@ -260,24 +260,26 @@ class Model:
             for name, light in self._default_lights[1].items()
         ]
 
-    def lamp(self, name: str) -> EditableLight:
+    def editable_light(self, name: str) -> EditableLight:
         """The light of this name."""
-        for lamp in self.lamps:
+        for lamp in self.editable_lights:
             if lamp.name == name:
                 return lamp
-        raise InputError(f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.lamps)}")
+        raise InputError(
+            f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.editable_lights)}"
+        )
 
     @property
-    def shining(self) -> list[EditableLight]:
+    def active_lights(self) -> list[EditableLight]:
         """The lights that are on. If all are off: the first light, with intensity 0."""
-        lamps = self.lamps
+        lamps = self.editable_lights
         on = [lamp for lamp in lamps if lamp.on and not self._has_set(lamp)]
         return on or [lamps[0]._replace(light=replace(lamps[0].light, intensity=0.0), on=False)]
 
     @property
     def sun(self) -> EditableLight | None:
         """The sun: the brightest distant light."""
-        suns = [lamp for lamp in self.lamps if isinstance(lamp.light, DirectionalLight)]
+        suns = [lamp for lamp in self.editable_lights if isinstance(lamp.light, DirectionalLight)]
         return max(suns, key=lambda lamp: lamp.light.intensity, default=None)
 
     @property
@@ -315,12 +317,12 @@ class Model:
 
     def switch(self, name: str, on: bool) -> None:
         """Switch a light on or off."""
-        self.lamp(name)
+        self.editable_light(name)
         (self._off.discard if on else self._off.add)(name)
 
     def move(self, name: str, to: NDArray[np.float64]) -> None:
         """Move the handle of a light to a position ((3,), page)."""
-        self._moved[name] = move_light(self.lamp(name).light, self.page_frame, to)
+        self._moved[name] = move_light(self.editable_light(name).light, self.page_frame, to)
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""

@@ -240,7 +240,7 @@ class Viewer:
     @property
     def lights(self) -> list[Light]:
         """The lights that are on, as moved by the user."""
-        return [lamp.light for lamp in self._model.shining]
+        return [lamp.light for lamp in self._model.active_lights]
 
     @property
     def camera(self) -> Camera:
