@@ -226,7 +226,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 MAKERS = {
     "a context": "from antumbra import files\nmade = files.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
-    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._own",
+    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._folder",
 }
 
 

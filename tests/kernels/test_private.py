@@ -169,10 +169,10 @@ def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoi
 
     monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
     private.private_folder.cache_clear()
-    own = inputs.own_temporary()
+    own = inputs.user_temporary_folder()
     assert own == tmp_path / f"antumbra-{os.getuid()}" and own.stat().st_mode & 0o777 == 0o700
-    assert inputs.own_temporary() == own and not caplog.records
+    assert inputs.user_temporary_folder() == own and not caplog.records
     spoil(own)
-    other = inputs.own_temporary()
-    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.own_temporary() == other
+    other = inputs.user_temporary_folder()
+    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.user_temporary_folder() == other
     assert caplog.messages[0].endswith(": files are fetched for this process alone")
