@@ -147,7 +147,7 @@ def dataset(args: DatasetArguments) -> int:
         except KeyboardInterrupt:
             say("finished frames are kept; run the same command again to continue")
             raise
-        if args.sheet is not None and (parsed.shard is None or parsed.shard.index == 0):
+        if args.sheet is not None and (parsed.shard is None or parsed.shard.number == 0):
             from ..jobs.dataset.dataset_files import contact_sheet
             from ..picture.image_files import save_png
 
