@@ -22,9 +22,9 @@ from antumbra.papers.published_methods import NEEDS as PAPERS
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.job_kernels import jobs
+from antumbra.jobs.job_kernels import all_jobs
 
-jobs(papers=True)[int(sys.argv[1])].work()
+all_jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -32,15 +32,16 @@ import json, sys
 from antumbra.kernels.toolchain.compile_pool import import_numba
 import_numba()
 from time import process_time
-from antumbra.kernels import compiling, machine
-from antumbra.kernels.marshalling import named
+from antumbra.kernels import machine_code
+from antumbra.kernels.marshalling import import_object
+from antumbra.kernels.toolchain import compiling
 from antumbra.kernels.machine_code import level
 
 for name, key in json.load(sys.stdin):
     start = process_time()
-    module, _ = compiling.lowered(named(name), key, "measured")
+    module, _ = compiling.lower_kernel(import_object(name), key, "measured")
     functions, instructions = compiling.size_of(module)
-    machine.emitted(machine.optimised(module, level()), level())
+    machine_code.emit_object(machine_code.optimise(module, level()), level())
     print(json.dumps([name, key, functions, instructions, round(process_time() - start, 1)]), flush=True)
 """
 
@@ -75,14 +76,14 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
-    kernels = sorted({kernel for name in all_jobs for kernel in calls[name]})
+    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     said = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in all_jobs},
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
     }
     file.write_text(json.dumps(said, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(all_jobs)} jobs in {file}")
+    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
 
 
 def kept(only: str) -> tuple[dict, dict]:

@@ -144,7 +144,7 @@ def test_root_of_one_triangle_must_have_an_empty_box():
     vertices = scattered(1)
     bvh = build(vertices)
     bvh.nodes[0, 1] = 0
-    with pytest.raises(ValueError, match="has not the box"):
+    with pytest.raises(ValueError, match="but its box is not"):
         validate(bvh, vertices)
 
 

@@ -67,7 +67,7 @@ def test_samples_as_bools(scene):
 
 
 def test_bad_lights_are_named(scene):
-    with pytest.raises(at.InputError, match="AmbientOcclusion is seen around a normal"):
+    with pytest.raises(at.InputError, match="AmbientOcclusion needs surface normals"):
         at.visibility(scene, POINTS, [LEFT, at.AmbientOcclusion()])
     with pytest.raises(at.InputError, match="not str"):
         at.visibility(scene, POINTS, [LEFT, "sun"])

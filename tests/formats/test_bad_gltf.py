@@ -389,7 +389,7 @@ def test_external_buffers_that_are_missing_or_short(tmp_path):
     path.write_bytes(made.gltf("a.bin"))
     assert "buffers[0].uri 'a.bin': no such file" in message_of(path)
     (tmp_path / "a.bin").mkdir()
-    assert "not an ordinary file" in message_of(path)
+    assert "not a regular file" in message_of(path)
     path.write_bytes(made.gltf("b.bin"))
     (tmp_path / "b.bin").write_bytes(made.data[:-1])
     assert f"buffers[0].byteLength says {len(made.data)} bytes, but there are {len(made.data) - 1}" in message_of(path)

@@ -88,8 +88,8 @@ def test_neither_memory_nor_threads_change_a_byte(tmp_path, monkeypatch, name):
     path = built(tmp_path, SCENES[name], threads=1).path
     once = path.read_bytes()
     assert built(tmp_path, SCENES[name], threads=3).path.read_bytes() == once
-    monkeypatch.setattr(spool_module, "MOST", 7)  # so that large pieces are split ...
-    monkeypatch.setattr(build_module, "MOST", 50)
+    monkeypatch.setattr(spool_module, "MAX_FACES", 7)  # so that large pieces are split ...
+    monkeypatch.setattr(build_module, "MAX_FACES", 50)
     monkeypatch.setattr(build_module, "_BATCH_BYTES", 1 << 40)  # ... and few triangles are distributed at a time
     assert built(tmp_path, SCENES[name]).path.read_bytes() == once
     assert built(tmp_path, SCENES[name], chunk=CHUNK + 1).path.read_bytes() != once

@@ -68,7 +68,7 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
 
 
 def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
-    """The jobs of the given plans, and the jobs common to all plans; arguments as for `jobs.job_kernels.rendering_jobs`."""
+    """The jobs of the given plans, and those common to all plans; arguments as for `rendering_jobs`."""
     return [tally_job(), points_job(), *rendering_jobs(plans, papers)]
 
 

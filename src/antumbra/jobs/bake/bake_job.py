@@ -33,7 +33,6 @@ from .bake_input import (
     check_options,
     check_output,
     exposure_of,
-    is_gltf,
     open_source,
     own_lights,
 )
@@ -234,7 +233,8 @@ def bake_textures(
         shown = _material_image(
             asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
         )
-        texture = asset.texture(png_file(encode_pixels(shown, options.bits, options.asked.what in ("shadow", "sun", "light"))),
+        is_light = options.asked.what in ("shadow", "sun", "light")
+        texture = asset.texture(png_file(encode_pixels(shown, options.bits, is_light)),
                                 options.asked.what)  # fmt: skip
         own = [primitives[k] for k in sheet.members]
         sets = [_uv_set(one, primitive, remapper, asset, options.uv) for one, primitive in zip(sheet.unwrapped, own)]
@@ -356,9 +356,6 @@ def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:
 
 
 # --- `antumbra.bake`: what surfaces receive, written into a glTF file -------------------------------------------------
-
-
-__all__ = ["Baked", "BakeSource", "bake", "check", "check_output", "is_gltf"]
 
 
 @with_progress

@@ -344,7 +344,7 @@ def _smoothed(
         picture(cover.face.astype(np.int32), np.int32(-1)),
         picture(width.astype(np.float32), np.float32(0)),
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
-        np.float32(1.0),  # type: ignore[arg-type]
+        np.float32(1.0),
     )
     smooth = filter_fractions(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
     return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)

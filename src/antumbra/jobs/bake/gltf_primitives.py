@@ -1,4 +1,4 @@
-"""The primitives of a glTF file by node, with world positions and normals, and edits of their attributes and materials."""
+"""The primitives of a glTF file by node: world positions and normals, edits of attributes and materials."""
 
 import copy
 from collections.abc import Callable, Hashable, Sequence
