@@ -46,15 +46,15 @@ _OF = "part of"  # the array in each file that names its folder and its number
 
 def settings_digest(*settings: Any) -> str:
     """A short name of settings: arrays, and all that JSON holds."""
-    made = hashlib.sha256()
+    digest = hashlib.sha256()
     for each in settings:
         if isinstance(each, np.ndarray):
-            made.update(f"{each.dtype.str}{each.shape}".encode())
-            made.update(np.ascontiguousarray(each).data)
+            digest.update(f"{each.dtype.str}{each.shape}".encode())
+            digest.update(np.ascontiguousarray(each).data)
         else:
-            made.update(json.dumps(each, sort_keys=True, default=str).encode())
-        made.update(b";")
-    return made.hexdigest()[:24]
+            digest.update(json.dumps(each, sort_keys=True, default=str).encode())
+        digest.update(b";")
+    return digest.hexdigest()[:24]
 
 
 def about_parts(what: str, scene: str, *settings: Any) -> dict[str, str]:
@@ -64,8 +64,8 @@ def about_parts(what: str, scene: str, *settings: Any) -> dict[str, str]:
 
 def inexact_plan(plan: str | Plan | None) -> str | None:
     """A plan that changes bits, as text, for the settings of parts; None: an exact one, which changes none."""
-    found = None if plan is None else parse_plan(plan)
-    return None if found is None or found.tracer.exact else str(found)
+    parsed = None if plan is None else parse_plan(plan)
+    return None if parsed is None or parsed.tracer.exact else str(parsed)
 
 
 class Parts:
@@ -107,17 +107,17 @@ class Parts:
 
     def do(self, k: int) -> None:
         """Do part k, and keep it."""
-        made = self._work(*self.ranges[k])
+        arrays = self._work(*self.ranges[k])
         if self.folder is None:
-            self._made[k] = made
+            self._made[k] = arrays
             return
         file = self._file(k, None)
         file.parent.mkdir(parents=True, exist_ok=True)
-        if not (told := file.with_name(ABOUT)).exists():
-            with atomic_output(told) as temporary:
+        if not (about_file := file.with_name(ABOUT)).exists():
+            with atomic_output(about_file) as temporary:
                 temporary.write_text(json.dumps(self.about))
         with atomic_output(file) as temporary, open(temporary, "wb") as out:
-            np.savez(out, allow_pickle=False, **made, **{_OF: np.array(f"{self.name} {k}")})
+            np.savez(out, allow_pickle=False, **arrays, **{_OF: np.array(f"{self.name} {k}")})
 
     def joined(self, names: Sequence[str]) -> Arrays:
         """The arrays of these names of all parts, which are done, one after the other. There is at least one part."""
@@ -126,10 +126,10 @@ class Parts:
 
     def __getitem__(self, k: int) -> Arrays:
         """The arrays of part k, which is done."""
-        found = self._kept(k, None)
-        if found is None:
+        arrays = self._kept(k, None)
+        if arrays is None:
             raise InputError(f"{self.folder}: part {k} is missing or damaged; run the command again")
-        return found
+        return arrays
 
     def _file(self, k: int, root: Path | None) -> Path:
         assert self.root is not None
@@ -141,11 +141,11 @@ class Parts:
             return self._made.get(k)
         with (
             suppress(Exception),  # damage makes zipfile, zlib and numpy raise errors of many kinds
-            np.load(self._file(k, root), allow_pickle=False) as kept,
+            np.load(self._file(k, root), allow_pickle=False) as archive,
         ):
-            found = dict(kept)
-            if str(found.pop(_OF)) == f"{self.name} {k}":
-                return found
+            arrays = dict(archive)
+            if str(arrays.pop(_OF)) == f"{self.name} {k}":
+                return arrays
         return None
 
     def clear(self) -> None:
@@ -186,11 +186,11 @@ class ShardMerge:
         self._check_commands()
         for source in self._sources.values():
             _check_folder(source, job)
-        for found in self._places(job):
-            own = found.units.root
-            if own is not None and found.root.resolve() != own.resolve():
-                _copy(found, own)
-            found.units.found(found.k)
+        for unit in self._places(job):
+            target = unit.units.root
+            if target is not None and unit.root.resolve() != target.resolve():
+                _copy(unit, target)
+            unit.units.found(unit.k)
         return True
 
     def end(self, job: Sequence[Units]) -> None:
@@ -202,24 +202,26 @@ class ShardMerge:
     def _check_commands(self) -> None:
         for path, recorded in zip(self._sources.values(), self._recorded):
             if recorded.command != self._recorded[0].command:
-                own = next(iter(self._sources.values()))
-                raise InputError(f"{path}: has shards of another command than {own}: {shlex.join(recorded.command)}")
+                first_source = next(iter(self._sources.values()))
+                raise InputError(
+                    f"{path}: has shards of another command than {first_source}: {shlex.join(recorded.command)}"
+                )
 
     def _places(self, job: Sequence[Units]) -> list[FinishedUnit]:
         """Where each unit is done. Raises InputError if one is missing, or there twice."""
-        found, missing = list[FinishedUnit](), list[tuple[int, str]]()
+        finished, missing = list[FinishedUnit](), list[tuple[int, str]]()
         for number, units, k in numbered(job):
             places = [root for root in self._roots(units) if units.done(k, root)]
             if len(places) > 1:
                 name = units.files(k)[0]
                 raise InputError(f"{name} is there twice, in {places[0]} and {places[1]}; leave one of them out")
             if places:
-                found.append(FinishedUnit(units, k, places[0]))
+                finished.append(FinishedUnit(units, k, places[0]))
             else:
                 missing.append((number, self._fault(units, k)))
         if missing:
-            raise InputError(self._told(missing, len(found) + len(missing)))
-        return found
+            raise InputError(self._told(missing, len(finished) + len(missing)))
+        return finished
 
     def _roots(self, units: Units) -> Iterator[Path]:
         """The roots of all sources, each once."""
@@ -249,17 +251,17 @@ class ShardMerge:
 
 def _check_folder(folder: Path, job: Sequence[Units]) -> None:
     """Refuse parts of other work: they are stale, or of another job."""
-    own = {units.name: units.about for units in job if isinstance(units, Parts)}
+    about_by_name = {units.name: units.about for units in job if isinstance(units, Parts)}
     for path in sorted(folder.iterdir()):
-        if path.is_dir() and path.name not in own:
-            raise InputError(f"{path}: {_difference(path, list(own.values()))}; remove it, and merge again")
+        if path.is_dir() and path.name not in about_by_name:
+            raise InputError(f"{path}: {_difference(path, list(about_by_name.values()))}; remove it, and merge again")
 
 
-def _difference(path: Path, own: list[dict[str, str]]) -> str:
+def _difference(path: Path, expected: list[dict[str, str]]) -> str:
     """In words, how the parts in a folder differ from those of this job."""
     try:
         about = json.loads((path / ABOUT).read_text())
-        same = next(each for each in own if each["what"] == about["what"])
+        same = next(each for each in expected if each["what"] == about["what"])
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         return "has parts of another job"
     if about["version"] != same["version"]:
@@ -269,13 +271,13 @@ def _difference(path: Path, own: list[dict[str, str]]) -> str:
     return "has parts of other settings, or of other input files"
 
 
-def _copy(found: FinishedUnit, root: Path) -> None:
+def _copy(unit: FinishedUnit, root: Path) -> None:
     """Copy the files of a unit to another root; the file that says it is done is the last one."""
-    for file in found.units.files(found.k):
+    for file in unit.units.files(unit.k):
         target = root / file
         target.parent.mkdir(parents=True, exist_ok=True)
         with atomic_output(target) as temporary:
-            shutil.copyfile(found.root / file, temporary)
+            shutil.copyfile(unit.root / file, temporary)
 
 
 # --- A picture whose rays are traced in bands of rows, by any engine --------------------------------------------------

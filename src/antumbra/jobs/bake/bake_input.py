@@ -112,8 +112,8 @@ def check_options(
         raise InputError("multiply is for COLOR_0; leave it or attribute out")
     if exposure is not None:
         exposure = checked_exposure(exposure)
-    asked = MeterSettings(what, lights, spp, sampler, plan, time, threads)
-    return BakeOptions(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
+    settings = MeterSettings(what, lights, spp, sampler, plan, time, threads)
+    return BakeOptions(settings, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
 
 
 def _checked_lights(what: str, lights, radius) -> list[Light]:
@@ -161,8 +161,8 @@ def bake_source(scene, up: str | None = None) -> BakeSource:
     """A scene, or the scene of a path or mesh. Raises InputError if it cannot be read."""
     if isinstance(scene, AnyScene):
         return BakeSource(scene, None)
-    found = load(scene, up=up)
-    return BakeSource(found, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
+    loaded = load(scene, up=up)
+    return BakeSource(loaded, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
 
 
 def is_gltf(path: Path) -> bool:
@@ -197,10 +197,10 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
 def _read_again(asset: Asset, name: str) -> Scene:
     """The scene of an asset, whose faces are those of its primitives."""
     with temporary_folder() as folder:
-        written = folder / f"{name}.glb".replace("/", "-")
-        written.write_bytes(asset.glb())
-        found: Any = load(written, up="y")  # a Scene: no store is a glTF file
-        return found
+        path = folder / f"{name}.glb".replace("/", "-")
+        path.write_bytes(asset.glb())
+        scene: Any = load(path, up="y")  # a Scene: no store is a glTF file
+        return scene
 
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
@@ -245,12 +245,12 @@ def _primitives(asset: Asset, vertices, faces, piece, materials) -> list[dict]:
         colour = asset.accessor(kinds[keys % len(kinds)].astype(np.float32))
         attributes = {"POSITION": position, "COLOR_0": colour}
         return [_primitive(asset, attributes, corners.reshape(-1, 3), np.ones(3, np.float32), materials)]
-    found = []
+    primitives = []
     for k, colour in enumerate(kinds):
         used, corners = np.unique(faces[of_face == k], return_inverse=True)
         attributes = {"POSITION": asset.accessor(vertices[used], bounds=True)}
-        found.append(_primitive(asset, attributes, corners.reshape(-1, 3), colour, materials))
-    return found
+        primitives.append(_primitive(asset, attributes, corners.reshape(-1, 3), colour, materials))
+    return primitives
 
 
 def _primitive(asset: Asset, attributes: dict, faces, colour, materials: dict[bytes, int]) -> dict:

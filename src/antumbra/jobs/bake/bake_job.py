@@ -230,15 +230,18 @@ def bake_textures(
         image = image_of(sheet.cover, values)
         images.append((_exr_path(output, i, len(sheets)), image))
         seams.append(seam_differences(sheet, image))
-        shown = _material_image(
+        texture_image = _material_image(
             asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
         )
         is_light = options.asked.what in ("shadow", "sun", "light")
-        texture = asset.texture(png_file(encode_pixels(shown, options.bits, is_light)),
+        texture = asset.texture(png_file(encode_pixels(texture_image, options.bits, is_light)),
                                 options.asked.what)  # fmt: skip
-        own = [primitives[k] for k in sheet.members]
-        sets = [_uv_set(one, primitive, remapper, asset, options.uv) for one, primitive in zip(sheet.unwrapped, own)]
-        change_materials(asset, own, sets, partial(_set_texture, asset, texture, options))
+        sheet_primitives = [primitives[k] for k in sheet.members]
+        sets = [
+            _uv_set(one, primitive, remapper, asset, options.uv)
+            for one, primitive in zip(sheet.unwrapped, sheet_primitives)
+        ]
+        change_materials(asset, sheet_primitives, sets, partial(_set_texture, asset, texture, options))
     images = images if options.exr else []
     with ExitStack() as files:  # all of them, or none
         for path, image in images:
@@ -332,14 +335,14 @@ def bake_vertices(
     clock.lap("trace")
     exposure = exposure_of(values, options)
     accessors, primitives = accessors_of(asset, scene.name), own_primitives(asset, parts)
-    for part, primitive, own in zip(parts, primitives, _split(values, parts)):
+    for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
         if options.asked.what == "bent-normal":
-            own = to_local(own, part)
+            part_values = to_local(part_values, part)
         if options.attribute == "COLOR_0":
-            shown = 0.5 + 0.5 * own if options.asked.what == "bent-normal" else own * exposure
-            write_colours(asset, accessors, primitive, all_rows(part, shown), options.multiply)
+            colours = 0.5 + 0.5 * part_values if options.asked.what == "bent-normal" else part_values * exposure
+            write_colours(asset, accessors, primitive, all_rows(part, colours), options.multiply)
         else:
-            rows = all_rows(part, own)
+            rows = all_rows(part, part_values)
             primitive["attributes"][options.attribute] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
     if options.attribute == "COLOR_0" and options.asked.what in ("shadow", "sun", "light"):
         change_materials(asset, primitives, [None] * len(primitives), lambda material, _: make_unlit(asset, material))
@@ -441,9 +444,9 @@ def bake(
     clock = PhaseClock()
     source = open_source(scene if isinstance(scene, BakeSource) else bake_source(scene, up), time)
     if not options.asked.lights:
-        own = own_lights(source.scene, what, time)
-        options = options._replace(asked=options.asked._replace(lights=own))
+        default_lights = own_lights(source.scene, what, time)
+        options = options._replace(asked=options.asked._replace(lights=default_lights))
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices
-    made = job(source, options, output, clock, engine)
-    return made  # type: ignore[return-value]  # None: a shard, of a command
+    report = job(source, options, output, clock, engine)
+    return report  # type: ignore[return-value]  # None: a shard, of a command

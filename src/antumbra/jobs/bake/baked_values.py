@@ -140,13 +140,13 @@ def _replace(
         vertex = all_faces.faces[face, corner]
         centre = receivers.positions[all_faces.faces[face]].mean(1)
         points = SurfacePoints((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
-        seen = ~solids.hold(points)
-        if seen.any():
-            found, weight = meter.values(points.at(seen)), all_faces.areas[face[seen]]
-            total = np.bincount(vertex[seen], weight, len(values))
+        visible = ~solids.hold(points)
+        if visible.any():
+            measured, weight = meter.values(points.at(visible)), all_faces.areas[face[visible]]
+            total = np.bincount(vertex[visible], weight, len(values))
             done = waiting & (total > 0.0)
             for c in range(values.shape[1]):
-                sums = np.bincount(vertex[seen], weight * found[:, c], len(values))
+                sums = np.bincount(vertex[visible], weight * measured[:, c], len(values))
                 values[done, c] = sums[done] / total[done]
             waiting &= ~done
 
@@ -276,11 +276,11 @@ def seam_differences(sheet: Sheet, image: np.ndarray) -> np.ndarray:
     ).max(1)
     aligned = [(side["normal"][e][one] * side["normal"][e][other]).sum(1) > 0.999 for e in (0, 1)]
     seam = (apart > 1e-3) & aligned[0] & aligned[1]
-    one, other, found = one[seam], other[seam], []
+    one, other, differences = one[seam], other[seam], []
     for t in (0.25, 0.5, 0.75):
         along = ((1.0 - t) * side["uv"][0] + t * side["uv"][1]) / sheet.cover.size
-        found.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
-    return np.concatenate(found)
+        differences.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
+    return np.concatenate(differences)
 
 
 def _corner_normals(one: Unwrapped) -> np.ndarray:
@@ -314,10 +314,10 @@ def _push_out(
         texel, face = cover.texel[hidden], cover.face[hidden]
         places = np.stack([texel % cover.size, texel // cover.size], 1) + 0.5 + offset
         points = texel_receivers(surface, face, closest_weights(places, surface.uv[face]))
-        seen = ~solids.hold(points)
-        values[hidden[seen]] = meter.values(points.at(seen))
-        inside[hidden[seen]] = False
-        hidden = hidden[~seen]
+        visible = ~solids.hold(points)
+        values[hidden[visible]] = meter.values(points.at(visible))
+        inside[hidden[visible]] = False
+        hidden = hidden[~visible]
     values[inside] = np.nan
     return int(inside.sum())
 
@@ -336,9 +336,9 @@ def _smoothed(
     """(n,) float32: the share of a light that is visible, by the discontinuity filter over texels of one chart."""
     cover, spp = sheet.cover, meter.asked.spp
     shape = cover.size, cover.size
-    picture = lambda values, like: _scattered(cover, values, like, shape)
+    picture = lambda values, background: _scattered(cover, values, background, shape)
     width = _texel_width(surface)[cover.face]
-    seen = PictureSurfaces(
+    surfaces = PictureSurfaces(
         picture((receivers.positions - meter.scene.origin).astype(np.float32), np.float32(0)),
         picture(receivers.normals.astype(np.float32), np.float32(0)),
         picture(cover.face.astype(np.int32), np.int32(-1)),
@@ -346,7 +346,7 @@ def _smoothed(
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
         np.float32(1.0),  # type: ignore[arg-type]
     )
-    smooth = filter_fractions(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
+    smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
     return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)
 
 

@@ -44,13 +44,13 @@ Used = dict[str, set[int]]
 
 def used_in(root: dict) -> Used:
     """What is used in a file."""
-    found: Used = {name: set() for name in LISTS}
+    used: Used = {name: set() for name in LISTS}
     for name, holder, key in _references(root):
-        found[name].add(holder[key])
-    return found
+        used[name].add(holder[key])
+    return used
 
 
-def prune(root: dict, binary: bytes, given: dict[str, int], before: Used) -> tuple[dict, bytes]:
+def prune(root: dict, binary: bytes, lengths: dict[str, int], before: Used) -> tuple[dict, bytes]:
     """A copy of a file of one buffer, without what its edit left unused.
 
     given : name of a list -> its length before the edit
@@ -59,12 +59,12 @@ def prune(root: dict, binary: bytes, given: dict[str, int], before: Used) -> tup
     root = json.loads(json.dumps(root))
     if _opaque(root):
         return root, binary
-    whole = _ranges(root)
+    spans = _ranges(root)
     for name in LISTS:
         now = used_in(root)[name]
         unused = {i for i in range(len(root.get(name, []))) if i not in now}
-        _drop(root, name, {i for i in unused if i >= given[name] or i in before[name]})
-    return _without(root, binary, whole)
+        _drop(root, name, {i for i in unused if i >= lengths[name] or i in before[name]})
+    return _without(root, binary, spans)
 
 
 def _references(root: dict) -> Iterator[tuple[str, Any, Any]]:
@@ -153,8 +153,8 @@ def _ranges(root: dict) -> list[tuple[int, int]]:
     views = root.get("bufferViews", [])
     shared = {a["bufferView"] for a in root.get("accessors", []) if "bufferView" in a}
     shared -= {part["bufferView"] for a in root.get("accessors", []) for part in _sparse(a)}
-    whole = [_span(view) for i, view in enumerate(views) if i not in shared]
-    return whole + [_span_of(accessor, views) for accessor in root.get("accessors", []) if "bufferView" in accessor]
+    spans = [_span(view) for i, view in enumerate(views) if i not in shared]
+    return spans + [_span_of(accessor, views) for accessor in root.get("accessors", []) if "bufferView" in accessor]
 
 
 def _span(view: dict) -> tuple[int, int]:
@@ -364,7 +364,7 @@ def _decompress(asset: Asset, document: GltfDocument) -> None:
                 continue
             for index in decompress(fields, accessors):
                 place = {"bounds": primitive["attributes"]["POSITION"], "indices": primitive["indices"]}
-                asset.fill(index, accessors.stored(index), **{name: index == own for name, own in place.items()})
+                asset.fill(index, accessors.stored(index), **{name: index == target for name, target in place.items()})
             del primitive["extensions"][DRACO]
             if not primitive["extensions"]:
                 del primitive["extensions"]

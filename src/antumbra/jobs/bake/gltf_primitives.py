@@ -53,12 +53,16 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
         linear = np.eye(3) if placed.skinned else placed.matrix[:3, :3]
         sign = -1.0 if np.linalg.det(linear) < 0.0 else 1.0
         stored = json["attributes"].get("NORMAL")
-        given = None if stored is None else accessors.floats(stored, "VEC3")[rows].astype(np.float64)
-        if given is None or moved:
-            keys = primitive.mesh.positions if given is None else np.concatenate([primitive.mesh.positions, given], 1)
+        file_normals = None if stored is None else accessors.floats(stored, "VEC3")[rows].astype(np.float64)
+        if file_normals is None or moved:
+            keys = (
+                primitive.mesh.positions
+                if file_normals is None
+                else np.concatenate([primitive.mesh.positions, file_normals], 1)
+            )
             normals = smooth_normals(positions, faces, keys) * sign
         else:
-            normals = given @ np.linalg.inv(linear)
+            normals = file_normals @ np.linalg.inv(linear)
         normals = _unit(normals, positions, faces, sign)
         parts.append(
             NodePrimitive(
@@ -149,12 +153,12 @@ def own_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[dict]:
     nodes, meshes = asset.json["nodes"], asset.json["meshes"]
     baked = list(dict.fromkeys(part.node for part in parts))
     others = {node.get("mesh") for i, node in enumerate(nodes) if i not in set(baked)}
-    kept: set[int] = set()
+    used_meshes: set[int] = set()
     for i in baked:
         mesh = nodes[i]["mesh"]
-        if mesh in kept or mesh in others:
+        if mesh in used_meshes or mesh in others:
             nodes[i]["mesh"] = asset.add("meshes", copy.deepcopy(meshes[mesh]))
-        kept.add(mesh)
+        used_meshes.add(mesh)
     return [meshes[nodes[part.node]["mesh"]]["primitives"][part.index] for part in parts]
 
 
@@ -167,21 +171,21 @@ def change_materials(
     """
     changed, mine = {}, {id(primitive) for primitive in primitives}
     everything = [primitive for mesh in asset.json["meshes"] for primitive in mesh["primitives"]]
-    taken = {primitive.get("material") for primitive in everything if id(primitive) not in mine}
+    used_materials = {primitive.get("material") for primitive in everything if id(primitive) not in mine}
     for primitive, key in zip(primitives, keys):
         index = primitive.get("material")
         if (index, key) not in changed:
             if index is None:
-                own = asset.add("materials", {})
-            elif index in taken:
-                own = asset.add("materials", copy.deepcopy(asset.json["materials"][index]))
+                material_index = asset.add("materials", {})
+            elif index in used_materials:
+                material_index = asset.add("materials", copy.deepcopy(asset.json["materials"][index]))
             else:
-                own = index
-            changed[index, key] = own
-            taken.add(index)
+                material_index = index
+            changed[index, key] = material_index
+            used_materials.add(index)
         primitive["material"] = changed[index, key]
-    for (_, key), own in changed.items():
-        change(asset.json["materials"][own], key)
+    for (_, key), material_index in changed.items():
+        change(asset.json["materials"][material_index], key)
 
 
 def make_unlit(asset: Asset, material: dict) -> None:
@@ -209,8 +213,8 @@ def write_colours(asset: Asset, accessors: Accessors, primitive: dict, colours: 
         before = accessors.floats(earlier, "VEC3", "VEC4")
         rgba[:, 3 if not multiply else 0 : before.shape[1]] = before[:, 3 if not multiply else 0 :]
     rgba[:, :3] *= colours
-    whole = np.round(65535.0 * np.clip(rgba, 0.0, 1.0)).astype("<u2")
-    primitive["attributes"]["COLOR_0"] = asset.accessor(whole, normalized=True)
+    quantized = np.round(65535.0 * np.clip(rgba, 0.0, 1.0)).astype("<u2")
+    primitive["attributes"]["COLOR_0"] = asset.accessor(quantized, normalized=True)
 
 
 class Remapper:
@@ -238,8 +242,8 @@ class Remapper:
         if (index, key) not in self._made:
             normalized = bool(self._asset.json["accessors"][index].get("normalized"))
             values = self._accessors.stored(index)[rows]
-            made = self._asset.accessor(
+            accessor = self._asset.accessor(
                 values[:, 0] if values.shape[1] == 1 else values, normalized=normalized, bounds=bounds
             )
-            self._made[index, key] = made
+            self._made[index, key] = accessor
         return self._made[index, key]

@@ -92,10 +92,10 @@ class Meter:
         About so many receivers come.
     """
 
-    def __init__(self, scene: Scene, asked: MeterSettings, receivers: int):
-        self.scene, self.asked, self._samples, self.rays = scene, asked, asked.samples(), 0
+    def __init__(self, scene: Scene, settings: MeterSettings, receivers: int):
+        self.scene, self.asked, self._samples, self.rays = scene, settings, settings.samples(), 0
         self._later = receivers * sum(samples.shape[1] for samples in self._samples)
-        self._engine = scene.engine.with_options(asked.plan, asked.threads, None)
+        self._engine = scene.engine.with_options(settings.plan, settings.threads, None)
 
     def values(self, receivers: SurfacePoints) -> np.ndarray:
         """(n, c) float32: what each of a few receivers gets, at once."""
@@ -112,11 +112,11 @@ class Meter:
         world, normals = receivers.positions[grid], receivers.normals[grid]
         asking = Receivers.moved_off(world, normals, self.scene.origin)
         asking = asking._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
-        found = self._engine.shadows(
+        results = self._engine.shadows(
             asking, self.asked.lights, self._samples, time=self.asked.time, later=self._later
         )  # fmt: skip
         self.rays += int(there.sum()) * sum(samples.shape[1] for samples in self._samples)
-        return found
+        return results
 
     def worth(self, answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
         """(h, w, c) float32, from the bits of each light."""
@@ -165,9 +165,9 @@ class Measurement:
         asked, about = meter.asked, None
         if folder is not None:
             lights = [light_record(light) for light in asked.lights]
-            settings = asked.what, lights, asked.spp, asked.sampler, inexact_plan(asked.plan), counted
+            facts = asked.what, lights, asked.spp, asked.sampler, inexact_plan(asked.plan), counted
             scene = scene_digest(meter.scene, meter.scene.clamped(asked.time), asked.threads)
-            about = about_parts("bake", scene, *settings, *receivers, blocks)
+            about = about_parts("bake", scene, *facts, *receivers, blocks)
         self.parts = Parts("tracing rays", len(blocks), _PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
@@ -178,8 +178,8 @@ class Measurement:
 
     def result(self) -> np.ndarray:
         """(n, c) float32 values, or (n, lights) int32 counts, when all parts are done; 0 where no block has it."""
-        kind, asked = (np.int32 if self._counted else np.float32), self._meter.asked
-        width = len(asked.lights) if self._counted else asked.channels
+        kind, settings = (np.int32 if self._counted else np.float32), self._meter.asked
+        width = len(settings.lights) if self._counted else settings.channels
         out = np.zeros((len(self.receivers.positions), width), kind)
         for k, (first, last) in enumerate(self.parts.ranges):
             grid = _grid(self.blocks[first:last])

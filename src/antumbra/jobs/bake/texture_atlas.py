@@ -85,11 +85,11 @@ def _pairs(corners: np.ndarray, size: int):
     rows = np.clip(np.floor(high), 0, size - 1).astype(np.int64) - first + 1
     for some in _batches(rows, _PAIRS // 4):
         of, y = _spread(faces[some], first[some], rows[some])
-        left, right = _span(corners[of], y)
-        meets = left <= right
-        of, y, left, right = of[meets], y[meets], left[meets], right[meets]
-        start = np.clip(np.floor(left), 0, size - 1).astype(np.int64)
-        count = np.clip(np.floor(right), 0, size - 1).astype(np.int64) - start + 1
+        x_min, x_max = _span(corners[of], y)
+        meets = x_min <= x_max
+        of, y, x_min, x_max = of[meets], y[meets], x_min[meets], x_max[meets]
+        start = np.clip(np.floor(x_min), 0, size - 1).astype(np.int64)
+        count = np.clip(np.floor(x_max), 0, size - 1).astype(np.int64) - start + 1
         for part in _batches(count, _PAIRS):
             row = np.repeat(y[part], count[part])
             face, x = _spread(of[part], start[part], count[part])
@@ -114,7 +114,7 @@ def _spread(owner: np.ndarray, first: np.ndarray, count: np.ndarray) -> tuple[np
 
 def _span(corners: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The least and greatest x of each triangle within the row y to y + 1; empty if it does not reach the row."""
-    left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
+    x_min, x_max = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for k in range(3):
         a, b = corners[:, k], corners[:, (k + 1) % 3]
         rise = b[:, 1] - a[:, 1]
@@ -125,8 +125,8 @@ def _span(corners: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         high = np.where(rise == 0.0, 1.0, np.minimum(ends.max(0), 1.0))
         for t in (low, high):
             x = np.where(low <= high, a[:, 0] + t * (b[:, 0] - a[:, 0]), np.nan)
-            left, right = np.fmin(left, x), np.fmax(right, x)
-    return left, right
+            x_min, x_max = np.fmin(x_min, x), np.fmax(x_max, x)
+    return x_min, x_max
 
 
 def _distance(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -194,17 +194,17 @@ class Sheet(NamedTuple):
 def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
     """One sheet with all parts; xatlas divides them into charts. Texels have about the same size everywhere."""
     xatlas = import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
-    made, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
+    packing, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
     for part in parts:
-        made.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
+        packing.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
     options = xatlas.PackOptions()
     options.resolution, options.padding, options.bilinear, options.create_image = size, PADDING, True, False
     with report_progress("unwrapping"):
-        made.generate(pack_options=options)
-    scale = np.array([made.width, made.height], np.float64) / max(made.width, made.height, 1)
+        packing.generate(pack_options=options)
+    scale = np.array([packing.width, packing.height], np.float64) / max(packing.width, packing.height, 1)
     unwrapped = []
     for i, part in enumerate(parts):
-        source, faces, uv = made[i]
+        source, faces, uv = packing[i]
         unwrapped.append(
             Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64))
         )

@@ -56,12 +56,12 @@ class DatasetFolder:
 
     def record(self, k: int) -> dict | None:
         """The record of frame k; None if it is not finished with these settings."""
-        found = read_json(self._record(k))
-        if found is None or found.pop("settings", None) != self.digest:
+        record = read_json(self._record(k))
+        if record is None or record.pop("settings", None) != self.digest:
             return None
-        files = found.get("files", {})
-        whole = all(files.get(name, {}).get("bytes") == self._size(path) for name, path in self.pictures(k).items())
-        return found if whole else None
+        files = record.get("files", {})
+        complete = all(files.get(name, {}).get("bytes") == self._size(path) for name, path in self.pictures(k).items())
+        return record if complete else None
 
     def write(self, k: int, channels: dict[str, np.ndarray], masks: list[np.ndarray], about: dict) -> None:
         """Write the pictures of frame k, then its record."""
@@ -84,9 +84,9 @@ class DatasetFolder:
     def drop_others(self) -> None:
         """Remove the frames that were made with other settings."""
         for path in (self.path / "frames").glob("*.json"):
-            found = read_json(path) or {}
-            if found.get("settings", self.digest) != self.digest:
-                for file in found["files"].values():
+            record = read_json(path) or {}
+            if record.get("settings", self.digest) != self.digest:
+                for file in record["files"].values():
                     (self.path / file["path"]).unlink(missing_ok=True)
                 path.unlink()
 
@@ -111,10 +111,10 @@ class DatasetFolder:
 def read_json(path: Path) -> dict | None:
     """The object in a JSON file; None if there is none."""
     try:
-        found = json.loads(path.read_bytes())
+        value = json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    return value if isinstance(value, dict) else None
 
 
 def write_json(value: dict, path: Path) -> None:
@@ -142,20 +142,20 @@ def contact_sheet(folder: Path, frame: int = 0) -> np.ndarray:
     InputError
         If the folder has no such frame.
     """
-    found = read_json(folder / MANIFEST) or {}
+    manifest = read_json(folder / MANIFEST) or {}
     paths = sorted((folder / "frames").glob("*.exr"))
     path = next((p for p in paths if int(p.stem) == frame), None)
-    if not found or path is None:
+    if not manifest or path is None:
         raise InputError(f"{folder}: has no frame {frame} of a data set")
     layers = read_layers(path)
-    lights = [light["layer"] for light in found["settings"]["lights"]][:_LIGHTS]
-    seen = layers[f"{VIEW}.Triangle.X"] >= 0
+    lights = [light["layer"] for light in manifest["settings"]["lights"]][:_LIGHTS]
+    covered = layers[f"{VIEW}.Triangle.X"] >= 0
     image = np.stack([layers[f"{VIEW}.Combined.{c}"] for c in "RGB"], axis=-1)
     normal = np.stack([layers[f"{VIEW}.Normal.{c}"] for c in "XYZ"], axis=-1)
     pictures = {
-        f"{VIEW}.Combined": to_srgb8(image, automatic_exposure(image, seen)),
-        f"{VIEW}.Depth": _grey(_nearness(layers[f"{VIEW}.Depth.Z"], seen)),
-        f"{VIEW}.Normal": np.where(seen[..., None], np.rint(127.5 * (normal + 1.0)), _NOTHING).astype(np.uint8),
+        f"{VIEW}.Combined": to_srgb8(image, automatic_exposure(image, covered)),
+        f"{VIEW}.Depth": _grey(_nearness(layers[f"{VIEW}.Depth.Z"], covered)),
+        f"{VIEW}.Normal": np.where(covered[..., None], np.rint(127.5 * (normal + 1.0)), _NOTHING).astype(np.uint8),
         f"{VIEW}.IndexOB": _coloured(layers[f"{VIEW}.IndexOB.X"]),
     }
     for light in lights:
@@ -180,12 +180,12 @@ def _grey(values: np.ndarray) -> np.ndarray:
     return np.repeat(grey[..., None], 3, axis=-1)
 
 
-def _nearness(depth: np.ndarray, seen: np.ndarray) -> np.ndarray:
+def _nearness(depth: np.ndarray, covered: np.ndarray) -> np.ndarray:
     """1 for the nearest pixel and 0.15 for the farthest, in ratios of depth; 0 in the background."""
-    if not seen.any():
+    if not covered.any():
         return np.zeros(depth.shape)
-    log = np.log(np.where(seen, depth, depth[seen].min()))
-    return np.where(seen, 1.0 - 0.85 * (log - log.min()) / max(float(np.ptp(log[seen])), 1e-6), 0.0)
+    log = np.log(np.where(covered, depth, depth[covered].min()))
+    return np.where(covered, 1.0 - 0.85 * (log - log.min()) / max(float(np.ptp(log[covered])), 1e-6), 0.0)
 
 
 def _coloured(ids: np.ndarray) -> np.ndarray:

@@ -168,18 +168,18 @@ class _FrameUnits:
     def open(self, path: Path, overwrite: bool) -> None:
         """Open the folder, with a manifest of these settings."""
         self.folder = folder = DatasetFolder(path, digest_of(self.settings), self.views.total, len(self.lights))
-        found = (read_json(path / MANIFEST) or {}).get("settings")
-        found = found if isinstance(found, dict) else None
-        if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
+        old_settings = (read_json(path / MANIFEST) or {}).get("settings")
+        old_settings = old_settings if isinstance(old_settings, dict) else None
+        if old_settings is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
-        other = [] if found is None else differences(found, self.settings)
+        other = [] if old_settings is None else differences(old_settings, self.settings)
         if other and not overwrite:
             raise InputError(
                 f"{path}: holds a data set of other settings ({'; '.join(other)}); "
                 "name another folder, or replace it (--overwrite, overwrite=True)"
             )
         folder.prepare()
-        if found is None or overwrite:
+        if old_settings is None or overwrite:
             folder.drop_others()
             write_json(self._manifest([]), path / MANIFEST)
         folder.prepare("frames", "masks")
@@ -189,17 +189,17 @@ class _FrameUnits:
     def _render(self, k: int) -> None:
         """Render and write frame k."""
         scene, time, threads = self.place[:3]
-        made, camera = self.views.camera(self.place, k)
+        origin, camera = self.views.camera(self.place, k)
         frame = self._renderer.render(camera, self.lights, options=self.options)
         self._objects = self._objects or objects_of(scene)
         blocked = light_blockers(scene, frame, self.lights, time, threads)
-        seen = frame.mask
+        covered = frame.mask
         about = {
-            "made": made,
+            "made": origin,
             "camera": camera_record(camera),
             "origin": scene.origin.tolist(),
-            "seen": float(seen.mean()),
-            "lit": [float(v[seen].mean(dtype=float)) if seen.any() else None for v in frame.visibility],
+            "seen": float(covered.mean()),
+            "lit": [float(v[covered].mean(dtype=float)) if covered.any() else None for v in frame.visibility],
         }
         self.folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
 

@@ -41,16 +41,16 @@ def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threa
     position, moved by 2^-21 of its largest coordinate along the normal, both as `GBuffer` gives them.
     """
     out = np.full(gbuffer.face.shape, -1, np.int32)
-    seen = gbuffer.face >= 0
-    if not seen.any():
+    covered = gbuffer.face >= 0
+    if not covered.any():
         return out
-    own, position = gbuffer.face[seen], gbuffer.position[seen].astype(np.float64)
-    normal = gbuffer.normal[seen].astype(np.float64)
+    pixel_face, position = gbuffer.face[covered], gbuffer.position[covered].astype(np.float64)
+    normal = gbuffer.normal[covered].astype(np.float64)
     world = point_receivers(position, normal, position, single=False) + gbuffer.origin
     directions, tmax = towards_centre(light, world)
     x, y, z = (normal * directions).T
-    hit = scene.closest_hit(world, directions, 0.0, tmax, own, time, threads=threads)
-    out[seen] = np.where(x + y + z > 0.0, hit.face, own)
+    hit = scene.closest_hit(world, directions, 0.0, tmax, pixel_face, time, threads=threads)
+    out[covered] = np.where(x + y + z > 0.0, hit.face, pixel_face)
     return out
 
 
@@ -87,12 +87,12 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
     blocked : for each light its `blockers`, or None
     """
     g = frame.gbuffer
-    seen = g.face >= 0
-    thing = np.where(seen, objects.of_face[np.where(seen, g.face, 0)], -1).astype(np.int32)
-    instance = np.where(seen, objects.instance[np.where(seen, thing, 0)], -1).astype(np.int32)
+    covered = g.face >= 0
+    thing = np.where(covered, objects.of_face[np.where(covered, g.face, 0)], -1).astype(np.int32)
+    instance = np.where(covered, objects.instance[np.where(covered, thing, 0)], -1).astype(np.int32)
     passes = {
         **{f"{VIEW}.Combined.{c}": frame.image[..., k] for k, c in enumerate("RGB")},
-        f"{VIEW}.Combined.A": seen.astype(np.float32),
+        f"{VIEW}.Combined.A": covered.astype(np.float32),
         f"{VIEW}.Depth.Z": g.depth,
         **{f"{VIEW}.Position.{c}": g.position[..., k] for k, c in enumerate("XYZ")},
         **{f"{VIEW}.Normal.{c}": g.normal[..., k] for k, c in enumerate("XYZ")},

@@ -177,17 +177,17 @@ def _fault(place: SamplingRegion, camera: Camera, radius: float) -> str | None:
     across = np.arange(_PROBE) + 0.5
     directions = rays.corner + across[:, None] * rays.dx + across[:, None, None] * rays.dy
     hit, back = place.nearest(camera.position, directions)
-    seen = hit.face >= 0
-    if seen.mean() < _LEAST_SEEN or len(np.unique(hit.face[seen])) < min(_LEAST_FACES, place.scene.n_triangles // 8):
+    hits = hit.face >= 0
+    if hits.mean() < _LEAST_SEEN or len(np.unique(hit.face[hits])) < min(_LEAST_FACES, place.scene.n_triangles // 8):
         return SEES_LITTLE
-    if 2 * back.sum() > seen.sum() or place.walled(camera.position, _LEAST_CLEAR * radius):
+    if 2 * back.sum() > hits.sum() or place.walled(camera.position, _LEAST_CLEAR * radius):
         return IN_A_WALL
     return None
 
 
 def _none(place: SamplingRegion, what: str, faults: Counter[str], cure: str) -> InputError:
-    found = ", ".join(f"{n} {fault}" for fault, n in faults.items())
-    return InputError(f"{place.scene.name}: no {what} in {TRIES} tries ({found}); {cure}")
+    counts = ", ".join(f"{n} {fault}" for fault, n in faults.items())
+    return InputError(f"{place.scene.name}: no {what} in {TRIES} tries ({counts}); {cure}")
 
 
 def _sphere(n: int) -> np.ndarray:
@@ -232,8 +232,8 @@ class CameraSet(NamedTuple):
 
     def record(self) -> dict:
         """What decides the cameras, for the settings."""
-        given = [camera_record(camera) for camera in self.given]
-        return {"given": given, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
+        cameras = [camera_record(camera) for camera in self.given]
+        return {"given": cameras, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
 
 
 def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, seed, size, time: float) -> CameraSet:
@@ -244,8 +244,10 @@ def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random,
     width, height = listed(size, "size (width, height)", 2)
     size = whole_number(width, "picture width", 1, MAX_SIZE), whole_number(height, "picture height", 1, MAX_SIZE)
     if cameras is None:
-        own = [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
-        cameras = own if own or orbit or random else [scene.default_camera(*size)]
+        scene_cameras = (
+            [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
+        )
+        cameras = scene_cameras if scene_cameras or orbit or random else [scene.default_camera(*size)]
     cameras = items(cameras, Camera, "a camera")
     views = CameraSet(cameras, orbit, random, seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
@@ -258,8 +260,8 @@ def lights_of(place: SamplingRegion, lights: Sequence[Light] | Light | None, ran
     random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), place.scene
     if lights is None:
         lights = [] if random else scene.default_lights(place.time)
-    given = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
-    found = check_lights(given + [random_light(place, seed, k) for k in range(random)], scene.up)
-    if len(found) > MOST_LIGHTS:
-        raise InputError(f"{len(found)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
-    return found
+    explicit_lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
+    all_lights = check_lights(explicit_lights + [random_light(place, seed, k) for k in range(random)], scene.up)
+    if len(all_lights) > MOST_LIGHTS:
+        raise InputError(f"{len(all_lights)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
+    return all_lights

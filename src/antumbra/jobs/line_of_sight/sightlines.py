@@ -106,14 +106,14 @@ def line_of_sight(
     work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
     parts = Parts(f"{n} lines of sight", n, _PART, work)
     LocalExecutor().finish([parts])
-    found = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
+    blocks = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
     away = pairs.end.astype(np.float64) - pairs.begin
-    length, t, face = np.linalg.norm(away, axis=1), found["t"], found["face"]
+    length, t, face = np.linalg.norm(away, axis=1), blocks["t"], blocks["face"]
     point = pairs.begin + t[:, None] * away + scene.origin
     objects = np.where(face >= 0, scene.object_of_face[face], -1).astype(np.int32)
     visible = np.isnan(t)
-    given = visible, face, objects, point, t * length, length
-    return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in given))
+    fields = visible, face, objects, point, t * length, length
+    return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in fields))
 
 
 def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[int, ...]]:
@@ -130,16 +130,16 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
             f"shapes do not broadcast: observers {at[0].shape}, targets {at[1].shape}, "
             f"faces {faces[0].shape}, target_faces {faces[1].shape}"
         ) from None
-    ends, units, own = [], [], []
+    ends, units, face_lists = [], [], []
     for points, (_, normals, _), face in zip(at, (begin, end), faces):
         wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
         if normals is not None:
             normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
-        made = Receivers.of(wide, normals, scene.origin)
-        ends.append(made.origins[0])
-        units.append(None if normals is None else made.normals[0])
-        own.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
-    return _Pairs(*ends, *units, *own), shape
+        receivers = Receivers.of(wide, normals, scene.origin)
+        ends.append(receivers.origins[0])
+        units.append(None if normals is None else receivers.normals[0])
+        face_lists.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
+    return _Pairs(*ends, *units, *face_lists), shape
 
 
 def _as_normals(normals, shape) -> np.ndarray:
@@ -167,9 +167,9 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
     t = _parameters(pairs, ray, ready.triangles.vertices[prim])
     order = np.lexsort((prim, t, ray))
     blocked, nearest = np.unique(ray[order], return_index=True)
-    found, face = np.full(n, np.nan), np.full(n, -1, np.int32)
-    found[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
-    for unit, own, place, sign in (
+    first_t, face = np.full(n, np.nan), np.full(n, -1, np.int32)
+    first_t[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
+    for unit, surface_face, place, sign in (
         (pairs.end_unit, pairs.end_face, 1.0, -1.0),
         (pairs.begin_unit, pairs.begin_face, 0.0, 1.0),
     ):
@@ -177,20 +177,20 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
             continue
         away = sign * (pairs.end.astype(np.float64) - pairs.begin)
         hidden = ~((away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]) + away[:, 2] * unit[:, 2] > 0.0)
-        hidden &= np.isnan(found) if place else True
-        found[hidden], face[hidden] = place, own[hidden]
-    return {"t": found, "face": face}
+        hidden &= np.isnan(first_t) if place else True
+        first_t[hidden], face[hidden] = place, surface_face[hidden]
+    return {"t": first_t, "face": face}
 
 
 def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
     """All pairs of a segment and a triangle that stops it, but for the faces of the segments' beginnings."""
     assert ready.bvh is not None
-    asked = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
-    met = intersections(ready.bvh, *asked)
+    segments = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
+    met = intersections(ready.bvh, *segments)
     ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(met.first)), met.prims
     if ready.cutouts is None:
         return ray, prim
-    more = all_stops(ready.cutouts, *asked)
+    more = all_stops(ready.cutouts, *segments)
     return np.concatenate([ray, more[0]]), np.concatenate([prim, more[1]])
 
 
@@ -303,47 +303,47 @@ def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.n
 _GREEN, _RED, _GREY = (0.05, 0.6, 0.1), (0.7, 0.03, 0.03), (0.35, 0.35, 0.35)  # linear
 
 
-def sight_table(scene: AnyScene, pairs: PairList, found: Sightlines) -> Table:
+def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Table:
     """A row for each pair; its sensor is the observer."""
     names = np.array([each.name for each in scene.objects] + [""])
     columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in
                zip(("x2", "y2", "z2"), pairs.targets.T)}  # fmt: skip
     columns |= {
-        "visible": Column(found.visible, "", "the two points see each other"),
-        "length": Column(found.length, "m", "distance from the observer to the target"),
-        "face": Column(found.face, "", "the blocking face nearest to the observer"),
-        "object": Column(found.object, "", "the object of this face"),
-        "name": Column(names[found.object], "", "the object's name"),
-        **_city_columns(scene, found),
-        "distance": Column(found.distance, "m", "distance from the observer to the block"),
+        "visible": Column(sightlines.visible, "", "the two points see each other"),
+        "length": Column(sightlines.length, "m", "distance from the observer to the target"),
+        "face": Column(sightlines.face, "", "the blocking face nearest to the observer"),
+        "object": Column(sightlines.object, "", "the object of this face"),
+        "name": Column(names[sightlines.object], "", "the object's name"),
+        **_city_columns(scene, sightlines),
+        "distance": Column(sightlines.distance, "m", "distance from the observer to the block"),
     }
-    for name, values in zip(("px", "py", "pz"), found.point.T):
+    for name, values in zip(("px", "py", "pz"), sightlines.point.T):
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
     return Table(point_sensors(pairs.observers), columns, {"job": "los"}, scene)
 
 
-def _city_columns(scene: AnyScene, found: Sightlines) -> dict[str, Column]:
+def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:
     """What a city model knows of the blocking face."""
     if scene.city is None:
         return {}
     types, parents = (np.array([*names, ""]) for names in (scene.city.types, scene.city.parents))
     return {
-        "type": Column(types[found.object], "", "the object's type"),
-        "parent": Column(parents[found.object], "", "the object that it is a part of"),
-        "surface": Column(scene.city.surface_types(found.face), "", "type of the face's semantic surface"),
+        "type": Column(types[sightlines.object], "", "the object's type"),
+        "parent": Column(parents[sightlines.object], "", "the object that it is a part of"),
+        "surface": Column(scene.city.surface_types(sightlines.face), "", "type of the face's semantic surface"),
     }
 
 
-def sight_model(scene: AnyScene, pairs: PairList, found: Sightlines) -> bytes:
+def sight_model(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> bytes:
     """A GLB file of the scene and the lines."""
     corners = (corners_of(scene) - scene.origin).reshape(-1, 3)
     soup = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     parts = [ColouredMesh(scene.name, corners, np.broadcast_to(_GREY, corners.shape), soup)]
-    hidden = ~found.visible
-    stop = np.where(hidden[:, None], found.point, pairs.targets)
+    hidden = ~sightlines.visible
+    stop = np.where(hidden[:, None], sightlines.point, pairs.targets)
     for name, colour, begin, end in (
         ("seen", _GREEN, pairs.observers, stop),
-        ("hidden", _RED, found.point[hidden], pairs.targets[hidden]),
+        ("hidden", _RED, sightlines.point[hidden], pairs.targets[hidden]),
     ):
         if len(begin):
             ends = np.stack([begin, end], 1).reshape(-1, 3) - scene.origin

@@ -56,19 +56,19 @@ class Limits(NamedTuple):
 
     def inside(self, away: np.ndarray, distance: np.ndarray, up: str) -> np.ndarray:
         """(...) bool: are points within the limits? away: (..., 3) from the observer to them."""
-        found = self.near(distance)
+        within = self.near(distance)
         if self.all_around:
-            return found
+            return within
         z = away[..., "xyz".index(up)]
         north = away[..., 1] if up == "z" else -away[..., 2]
         level = np.hypot(away[..., 0], north)
         elevation = np.degrees(np.arctan2(z, level))
-        found &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
+        within &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
         wide = self.azimuth[1] - self.azimuth[0]
         if abs(wide) < 360.0:
             turned = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
-            found &= (turned % 360.0 <= wide % 360.0) | (level == 0.0)
-        return found
+            within &= (turned % 360.0 <= wide % 360.0) | (level == 0.0)
+        return within
 
 
 def checked_limits(min_distance, max_distance, azimuth, elevation) -> Limits:
@@ -280,28 +280,28 @@ def viewshed(
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     earth, curvature = earth_of(scene, refraction, earth_radius), flag(curvature, "curvature")
     named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
-    asked = sensors_from(scene, named, None, "sensors")
+    targets = sensors_from(scene, named, None, "sensors")
     limits = checked_limits(min_distance, max_distance, azimuth, elevation)
     eyes = _eyes(scene, observers, eye_height, on_surface, time, threads)
-    n, k = len(asked), len(eyes)
+    n, k = len(targets), len(eyes)
     if bits and 8 * n * words_of(k) > _MOST:
         raise InputError(
             f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
         )
-    kept = np.zeros((n, words_of(k)), np.uint64) if bits else None
+    visibility_bits = np.zeros((n, words_of(k)), np.uint64) if bits else None
     none = np.full(n, -1, np.int32)
-    sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), none, np.full(n, np.inf), kept)
-    work = _ViewshedState(asked, eyes, limits, scene.up, sight)
-    with report_progress(f"{n} sensors, {k} observers") as heard:
+    sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), none, np.full(n, np.inf), visibility_bits)
+    work = _ViewshedState(targets, eyes, limits, scene.up, sight)
+    with report_progress(f"{n} sensors, {k} observers") as report:
         if curvature:
-            _curved(work, CurvedScene(scene, earth, time), plan, threads, heard)
+            _curved(work, CurvedScene(scene, earth, time), plan, threads, report)
         else:
-            _straight(work, scene, TileTracer(scene, plan, time, threads, n * k), heard)
+            _straight(work, scene, TileTracer(scene, plan, time, threads, n * k), report)
     about = {"job": "viewshed", "observers": k, "eye_height": eye_height, **limits._asdict()}
     about["max_distance"] = None if limits.max_distance == np.inf else limits.max_distance
     if curvature:
         about |= {"refraction": refraction, "earth_radius": earth_radius}
-    return Viewshed(Table(asked, _columns(sight, k), about, scene, marks=eyes), eyes, kept)
+    return Viewshed(Table(targets, _columns(sight, k), about, scene, marks=eyes), eyes, visibility_bits)
 
 
 def _eyes(scene: AnyScene, observers, height, on_surface: bool, time: float, threads) -> np.ndarray:
@@ -318,26 +318,26 @@ def _eyes(scene: AnyScene, observers, height, on_surface: bool, time: float, thr
 
 
 def _columns(sight: _Sight, observers: int) -> dict[str, Column]:
-    seen = sight.seen > 0
+    visible = sight.seen > 0
     return {
         "seen": Column(sight.seen, "", f"observers that see it, of {observers}"),
-        "first": Column(np.where(seen, sight.first, -1).astype(np.int32), "", "first observer that sees it"),
+        "first": Column(np.where(visible, sight.first, -1).astype(np.int32), "", "first observer that sees it"),
         "nearest": Column(sight.nearest, "", "nearest observer that sees it"),
-        "distance": Column(np.where(seen, sight.distance, np.nan), "m", "distance to the nearest observer"),
+        "distance": Column(np.where(visible, sight.distance, np.nan), "m", "distance to the nearest observer"),
     }
 
 
-def _straight(asked: _ViewshedState, scene: AnyScene, tracing: TileTracer, progress) -> None:
+def _straight(state: _ViewshedState, scene: AnyScene, tracing: TileTracer, progress) -> None:
     """All observers, in lists; sensors beyond the reach of a list are not asked."""
-    ends, eyes = sightline_ends(scene, asked.sensors), sightline_ends(scene, point_sensors(asked.eyes))
+    ends, eyes = sightline_ends(scene, state.sensors), sightline_ends(scene, point_sensors(state.eyes))
     curve, order = (np.argsort(morton_codes(each.origins[0]), kind="stable") for each in (ends, eyes))
     for first in range(0, len(order), MAX_SPP):
         some = order[first : first + MAX_SPP]
-        places = curve[_within(asked.sensors.points[curve], asked.eyes[some], asked.limits.max_distance)]
+        places = curve[_within(state.sensors.points[curve], state.eyes[some], state.limits.max_distance)]
         step = max(1024, _PAIRS // len(some))
         for start in range(0, len(places), step):
             part = places[start : start + step]
-            _add(asked, part, some, tracing.visible(ends.take(part), eyes.take(some)))
+            _add(state, part, some, tracing.visible(ends.take(part), eyes.take(some)))
             progress(first + len(some) * min(start + step, len(places)) // len(places), len(order))
 
 
@@ -347,37 +347,37 @@ def _within(at: np.ndarray, eyes: np.ndarray, distance: float) -> np.ndarray:
     return ((at >= low) & (at <= high)).all(1)
 
 
-def _curved(asked: _ViewshedState, curved: CurvedScene, plan, threads, progress) -> None:
+def _curved(state: _ViewshedState, curved: CurvedScene, plan, threads, progress) -> None:
     """One observer after the other, each in a copy of the scene."""
-    for k, eye in enumerate(asked.eyes):
-        places = np.flatnonzero(_within(asked.sensors.points, eye[None], asked.limits.max_distance))
+    for k, eye in enumerate(state.eyes):
+        places = np.flatnonzero(_within(state.sensors.points, eye[None], state.limits.max_distance))
         if len(places):
-            copy, sensors = curved.seen_from(eye), curved.sensors(asked.sensors, eye)
+            copy, sensors = curved.seen_from(eye), curved.sensors(state.sensors, eye)
             ends = sightline_ends(copy, sensors).take(places)
             tracing = TileTracer(copy, plan, 0.0, threads, len(places))
             one = sightline_ends(copy, point_sensors(eye[None]))
-            _add(asked, places, np.array([k]), tracing.visible(ends, one))
-        progress(k + 1, len(asked.eyes))
+            _add(state, places, np.array([k]), tracing.visible(ends, one))
+        progress(k + 1, len(state.eyes))
 
 
-def _add(asked: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.ndarray) -> None:
+def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.ndarray) -> None:
     """Note what some observers (numbers) see of some sensors (numbers); words: bits of all their pairs."""
-    found, visible = asked.found, unpack_bits(words, len(some))
+    sight, visible = state.found, unpack_bits(words, len(some))
     rows, columns = np.nonzero(visible)
-    away = asked.sensors.points[places[rows]] - asked.eyes[some[columns]]
+    away = state.sensors.points[places[rows]] - state.eyes[some[columns]]
     distance = np.sqrt((away * away).sum(1))
-    kept = asked.limits.inside(away, distance, asked.up)
-    rows, columns, distance = rows[kept], columns[kept], distance[kept]
+    inside = state.limits.inside(away, distance, state.up)
+    rows, columns, distance = rows[inside], columns[inside], distance[inside]
     at, who = places[rows], some[columns]
-    np.add.at(found.seen, at, 1)
-    np.minimum.at(found.first, at, who.astype(np.int32))
+    np.add.at(sight.seen, at, 1)
+    np.minimum.at(sight.first, at, who.astype(np.int32))
     order = np.lexsort((who, distance, at))
     at, begin = np.unique(at[order], return_index=True)
     nearest, distance = who[order][begin], distance[order][begin]
-    nearer = (distance < found.distance[at]) | ((distance == found.distance[at]) & (nearest < found.nearest[at]))
-    found.distance[at[nearer]], found.nearest[at[nearer]] = distance[nearer], nearest[nearer]
-    if found.bits is not None:
-        _set_bits(found.bits, places[rows], who)
+    nearer = (distance < sight.distance[at]) | ((distance == sight.distance[at]) & (nearest < sight.nearest[at]))
+    sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], nearest[nearer]
+    if sight.bits is not None:
+        _set_bits(sight.bits, places[rows], who)
 
 
 def _set_bits(bits: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> None:

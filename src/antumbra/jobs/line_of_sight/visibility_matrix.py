@@ -77,11 +77,11 @@ class TileTracer:
 
     def _below(self, ends: Receivers, others: Receivers) -> np.ndarray:
         """(n, words of m) uint64: bit j of row i is set where the surface of end i hides point j."""
-        found = []
+        blocks = []
         for _, light in self._lists(others):
             (query,) = self._engine.queries(ends, [light], [_samples(light)], time=self._time)
-            found.append(below_horizon(query, self._engine.threads)[0])
-        return np.hstack(found)
+            blocks.append(below_horizon(query, self._engine.threads)[0])
+        return np.hstack(blocks)
 
     def _lists(self, ends: Receivers):
         """Yield (first word, lights) of lists of at most MAX_SPP of the ends."""
@@ -224,18 +224,18 @@ def visibility_matrix(
     time, keep = scene.clamped(time), checked_keep(keep)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     path = None if output is None else checked_output(output, (".npy",))
-    own = sensors_from(scene, _named(sensors, scene, threads), normals, "sensors")
+    sources = sensors_from(scene, _named(sensors, scene, threads), normals, "sensors")
     others = None
     if targets is not None:
         others = sensors_from(scene, _named(targets, scene, threads), target_normals, "targets")
     if others is None and target_normals is not None:
         raise InputError("target_normals need targets; give the points' own normals as normals")
-    n, m = len(own), len(own if others is None else others)
+    n, m = len(sources), len(sources if others is None else others)
     if path is None and 8 * n * words_of(m) > _MOST:
         raise InputError(f"a matrix of {n} x {m} bits takes {n * m / 8e9:.1f} GB; give an output to stream it to")
     if path is not None:
         check_disk_space(path, row_file_size((n, words_of(m))))
-    rows = sightline_ends(scene, own)
+    rows = sightline_ends(scene, sources)
     grid = _grid(rows, rows if others is None else sightline_ends(scene, others), others is None)
     if keep is None and path is not None:
         keep = path.with_name(path.name + ".parts")
@@ -259,9 +259,9 @@ def visibility_matrix(
     return VisibilityMatrix(bits, m, counts)
 
 
-def _named(given, scene: AnyScene, threads: int):
+def _named(sensors, scene: AnyScene, threads: int):
     """The sensors that a text names; anything else as it is."""
-    return sensors_of(given, scene, threads) if isinstance(given, str) else given
+    return sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
 
 
 def _grid(rows: Receivers, columns: Receivers, square: bool) -> _Grid:
@@ -284,8 +284,8 @@ def _tile(tracing: TileTracer, grid: _Grid, k: int) -> np.ndarray:
     rows, columns = grid.rows.take(_strip(i)), grid.columns.take(_strip(j))
     bits = tracing.visible(rows, columns)
     if grid.square and i == j:
-        own = np.arange(rows.n)
-        bits[own, own // 64] &= ~(np.uint64(1) << (own % 64).astype(np.uint64))
+        diagonal = np.arange(rows.n)
+        bits[diagonal, diagonal // 64] &= ~(np.uint64(1) << (diagonal % 64).astype(np.uint64))
     return bits
 
 

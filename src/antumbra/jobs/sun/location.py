@@ -108,7 +108,7 @@ def place_of(
         If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
         `place_of_crs` refuses the CRS.
     """
-    given = given_position(
+    position = given_position(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
     )  # fmt: skip
     if crs is not None:
@@ -116,11 +116,11 @@ def place_of(
     scene = scene_of(scene)
     crs = crs or getattr(scene, "crs", None)
     if latitude is not None:
-        return Place(**given)
-    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**given))
+        return Place(**position)
+    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**position))
 
 
-def given_position(**given) -> dict[str, Any]:
+def given_position(**fields) -> dict[str, Any]:
     """Those fields of a `Place` that are not None. It needs no scene, so that mistakes are found before one is read.
 
     Raises
@@ -128,11 +128,11 @@ def given_position(**given) -> dict[str, Any]:
     InputError
         If only one of latitude and longitude is given, or a value is wrong.
     """
-    found = {name: value for name, value in given.items() if value is not None}
-    if ("latitude" in found) != ("longitude" in found):
+    values = {name: value for name, value in fields.items() if value is not None}
+    if ("latitude" in values) != ("longitude" in values):
         raise InputError("a position needs a latitude and a longitude; give both")
-    Place(**({"latitude": 0.0, "longitude": 0.0} | found))
-    return found
+    Place(**({"latitude": 0.0, "longitude": 0.0} | values))
+    return values
 
 
 def checked_place(place: Place) -> Place:
@@ -178,11 +178,11 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
     projected, metres = _projected(pyproj, crs)
     x, y, height = _middle(bounds, up)
     project = pyproj.Proj(projected)
-    own = project(x, y, inverse=True)  # in the CRS's own datum
+    geodetic = project(x, y, inverse=True)  # in the CRS's own datum
     to_wgs84 = pyproj.Transformer.from_crs(projected.geodetic_crs, "EPSG:4326", always_xy=True)
-    longitude, latitude = to_wgs84.transform(*own)
+    longitude, latitude = to_wgs84.transform(*geodetic)
     _check_area(projected, crs, (x, y), (longitude, latitude))
-    convergence = project.get_factors(*own).meridian_convergence
+    convergence = project.get_factors(*geodetic).meridian_convergence
     return checked_place(Place(latitude, longitude, height * metres, -convergence, timezone))
 
 
@@ -210,9 +210,9 @@ def _middle(bounds, up: str) -> tuple[float, float, float]:
     return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
 
 
-def _check_area(projected, text: str, middle: tuple[float, float], found: tuple[float, float]) -> None:
+def _check_area(projected, text: str, middle: tuple[float, float], position: tuple[float, float]) -> None:
     """Raise InputError if a position (longitude, latitude) is outside the area in which the CRS is used."""
-    longitude, latitude = found
+    longitude, latitude = position
     area = projected.area_of_use
     inside = abs(latitude) <= _DEGENERATE
     if inside and area is not None:

@@ -55,12 +55,14 @@ def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
     try:
         table, head = read(path)
         table = table[["year", "month", "day", "hour", "dni", "dhi"]].astype(np.float64)
-        own = Place(head["latitude"], head["longitude"], head["altitude"], 0.0, _offset_text(float(head["TZ"])))
+        file_place = Place(head["latitude"], head["longitude"], head["altitude"], 0.0, _offset_text(float(head["TZ"])))
     except Exception as error:  # pvlib checks nothing: each kind of damage raises another exception
         reason = " ".join(str(error).split())[:100] or type(error).__name__
         raise InputError(f"{path.name}: not an EPW file ({reason}); download it again") from None
     _check(table, path.name)
-    place = checked_place(own if place is None else place._replace(timezone=place.timezone or own.timezone))
+    place = checked_place(
+        file_place if place is None else place._replace(timezone=place.timezone or file_place.timezone)
+    )
     starts = _starts(table, float(head["TZ"]), path.name)
     times = intervals(starts, starts + _HOUR, zone_of(place))
     return Weather(times, table["dni"].to_numpy(), table["dhi"].to_numpy()), place
@@ -76,11 +78,11 @@ def on_days(weather: Weather, days) -> Weather:
     InputError
         If the weather has none of the days.
     """
-    wanted = [100 * day.month + day.day for day in days]
-    found = np.isin(month_days(weather.times.local), wanted)
-    if not found.any():
+    day_numbers = [100 * day.month + day.day for day in days]
+    selected = np.isin(month_days(weather.times.local), day_numbers)
+    if not selected.any():
         raise InputError("the weather file has none of these days; choose others")
-    return Weather(Times(*(column[found] for column in weather.times)), weather.dni[found], weather.dhi[found])
+    return Weather(Times(*(column[selected] for column in weather.times)), weather.dni[selected], weather.dhi[selected])
 
 
 def clear_sky(place: Place, times: Times) -> Weather:

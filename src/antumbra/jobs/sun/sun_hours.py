@@ -212,14 +212,14 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
-    asked = sun_query(
+    query = sun_query(
         scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
         energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
     )  # fmt: skip
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     engine = executor_of(keep)
-    sums = [SunSums(asked, "suns", engine.folder, matrix=target is not None)]
+    sums = [SunSums(query, "suns", engine.folder, matrix=target is not None)]
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if count:
@@ -244,12 +244,12 @@ def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> 
     """Everything but the scene's answer: the place, the suns, and what to count."""
     by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
     energy = flag(energy, "energy")
-    found = None if rule is None else rule_named(rule)
+    daylight_rule = None if rule is None else rule_named(rule)
     days = None if days is None else days_of(days)
-    if found is not None:
-        check_rule(found.name, days, areas)
+    if daylight_rule is not None:
+        check_rule(daylight_rule.name, days, areas)
     if step is None:
-        step = 60.0 if found is None else found.step
+        step = 60.0 if daylight_rule is None else daylight_rule.step
     step = checked_step(step)
     place = place_of(scene) if place is None else checked_place(instance(place, Place, "place"))
     weather = None
@@ -257,8 +257,8 @@ def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> 
         weather, place = read_epw(epw, place)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
-    if days is None and found is not None:
-        days = found.days(TYPICAL_YEAR)
+    if days is None and daylight_rule is not None:
+        days = daylight_rule.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
         suns = suns_of(place, weather.times, scene.up, weather.dni)
@@ -272,7 +272,7 @@ def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> 
         diffuse = None if clear is None else clear.dhi * times.hours
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, found, diffuse, by, step)
+    return Study(place, suns, daylight_rule, diffuse, by, step)
 
 
 class _Bins:
@@ -316,7 +316,7 @@ def _hour(suns: Suns) -> np.ndarray:
 
 def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
     suns, total = study.suns, study.suns.hours.sum()
-    found = {
+    columns = {
         "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
         "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
         "longest": Column(tally.longest, "h", "longest stretch of sun without a break"),
@@ -324,20 +324,20 @@ def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
         "last": Column(_time_of(suns, tally.last), "", "last sun, wall clock"),
     }
     if suns.dni is not None:
-        found["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
+        columns["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
     hours = bins.hours(tally)
     criteria = dict(bins.criteria)
     for name, values in hours.items():
         if name not in criteria:
-            found[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
+            columns[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
     if study.rule is not None:
         scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)
         for k, criterion in enumerate(study.rule.criteria):
             unit = "" if criterion.share else "h"
-            found[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
+            columns[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
         what = "meets" if study.rule.area is None else "gets the hours of"
-        found["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
-    return found
+        columns["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
+    return columns
 
 
 def _time_of(suns: Suns, which: np.ndarray) -> np.ndarray:
@@ -357,11 +357,11 @@ def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: 
     assert sensors.zone is not None
     records = []
     for k, zone in enumerate(sensors.zones):
-        own = sensors.zone == k
-        record: dict[str, Any] = {"name": zone.name, "cells": int(own.sum()), "left_out": zone.left_out}
-        record["sun_hours"] = float(hours[own].mean()) if own.any() else None
+        inside = sensors.zone == k
+        record: dict[str, Any] = {"name": zone.name, "cells": int(inside.sum()), "left_out": zone.left_out}
+        record["sun_hours"] = float(hours[inside].mean()) if inside.any() else None
         if rule is not None and rule.area is not None:
-            share = float(table["passes"][own].mean()) if own.any() else None
+            share = float(table["passes"][inside].mean()) if inside.any() else None
             record |= {"share": share, "passes": None if share is None else share >= rule.area}
         records.append(record)
     return records
@@ -370,9 +370,9 @@ def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: 
 def _about(study: Study, samples: int) -> dict[str, Any]:
     """Facts of the study, as JSON can hold them."""
     suns, place, rule = study.suns, study.place, study.rule
-    found: dict[str, Any] = {"job": "sun", **place._asdict()}
-    found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
-    found |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
+    about: dict[str, Any] = {"job": "sun", **place._asdict()}
+    about |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
+    about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
     if rule is not None:
-        found |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
-    return found
+        about |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
+    return about

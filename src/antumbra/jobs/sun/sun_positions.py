@@ -78,15 +78,15 @@ def days_of(days) -> list[date]:
 
 def checked_days(days, instead: str = "") -> list[date]:
     """The days of an iterable; InputError unless all are dates. `instead`: what else its message proposes."""
-    found = parts_of(days)
-    if found is None:
+    dates = parts_of(days)
+    if dates is None:
         raise InputError(f"days are {quoted(days)}; give {instead}a list of datetime.date")
-    for day in found:
+    for day in dates:
         if not isinstance(day, date) or isinstance(day, datetime):
             raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
         if not YEARS[0] <= day.year <= YEARS[1]:
             raise InputError(f"a day is {day}; choose a year from {YEARS[0]} to {YEARS[1]}")
-    return found
+    return dates
 
 
 def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
@@ -159,7 +159,7 @@ def _days(first: date, last: date, step: int) -> list[date]:
     return [first + timedelta(days=step * k) for k in range(count)]
 
 
-def _day(text: str, whole: str) -> date:
+def _day(text: str, full_text: str) -> date:
     reason = "write " + FORMS
     if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
         try:
@@ -169,7 +169,7 @@ def _day(text: str, whole: str) -> date:
             reason = f"choose a year from {YEARS[0]} to {YEARS[1]}"
         except ValueError as error:
             reason = f"{error}; choose a day that exists"
-    raise InputError(f"days {whole[:60]!r}: {text[:30]!r} is no day; {reason}")
+    raise InputError(f"days {full_text[:60]!r}: {text[:30]!r} is no day; {reason}")
 
 
 # --- Positions of the sun, as directions in a scene -------------------------------------------------------------------
@@ -219,13 +219,13 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
         if dni.shape != times.middle.shape:
             raise InputError(f"dni has shape {dni.shape} for {len(times.middle)} intervals; give one value for each")
     altitude, azimuth = solar_angles(place, times.middle)
-    kept = np.flatnonzero(altitude > lowest)
-    altitude, azimuth = altitude[kept], azimuth[kept]
+    above = np.flatnonzero(altitude > lowest)
+    altitude, azimuth = altitude[above], azimuth[above]
     directions = directions_of(altitude, azimuth + place.north, up)
-    radiation = None if dni is None else np.asarray(dni, np.float64)[kept]
-    middle, local, hours = (column[kept] for column in times)
-    dropped = len(times.middle) - len(kept)
-    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, kept)
+    radiation = None if dni is None else np.asarray(dni, np.float64)[above]
+    middle, local, hours = (column[above] for column in times)
+    dropped = len(times.middle) - len(above)
+    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, above)
 
 
 def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -237,8 +237,8 @@ def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.nda
     angles = np.empty((2, len(instants)))
     for first in range(0, len(instants), _AT_A_TIME):
         index = pandas.DatetimeIndex(instants[first : first + _AT_A_TIME]).tz_localize("UTC")
-        found = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
-        angles[:, first : first + _AT_A_TIME] = found["elevation"], found["azimuth"]
+        positions = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
+        angles[:, first : first + _AT_A_TIME] = positions["elevation"], positions["azimuth"]
     return angles[0], angles[1]
 
 

@@ -89,11 +89,11 @@ class Tally(NamedTuple):
 @inlined
 def _seen(row, places, k):
     """The share of the samples of sun k that a sensor sees."""
-    samples, seen = places.shape[1], np.int64(0)
+    samples, visible = places.shape[1], np.int64(0)
     for s in range(samples):
         at = places[k, s]
-        seen += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
-    return np.float64(seen) / samples
+        visible += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
+    return np.float64(visible) / samples
 
 
 @inlined
@@ -178,8 +178,8 @@ def disk_directions(directions: np.ndarray, samples: int) -> np.ndarray:
     angle = i * np.pi * (3.0 - np.sqrt(5.0))  # Vogel's spiral: equal areas
     u, v = (np.array(axes) for axes in zip(*(tangents(d) for d in directions))) if len(directions) else directions
     across = radius[:, None] * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
-    found = directions[:, None] + across
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+    towards = directions[:, None] + across
+    return towards / np.linalg.norm(towards, axis=-1, keepdims=True)
 
 
 def sun_query(
@@ -224,25 +224,25 @@ class SunSums:
     matrix : whether the parts hold the bits of each sensor and sun too
     """
 
-    def __init__(self, asked: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
+    def __init__(self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
         precompile(tally_job)
-        self._asked, self._matrix, sensors = asked, matrix, asked.sensors
+        self._asked, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
         self._order = sensor_order(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
         about = None
         if folder is not None:
-            shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
-            of = scene_digest(asked.scene, 0.0, asked.threads)
-            about = about_parts(what, of, inexact_plan(asked.plan), asked.columns, matrix, *shown)
-        title = f"{what}: {n:,} sensors x {len(asked.calendar.hours):,} directions"
+            arrays = [a for a in (sensors.points, sensors.normals, *query.calendar) if a is not None]
+            of = scene_digest(query.scene, 0.0, query.threads)
+            about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
+        title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
         self.parts = Parts(title, n, _PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
-        asked, some = self._asked, self._order[first:last]
-        bits = _bits_of(asked, some)
-        normals = None if asked.sensors.normals is None else asked.sensors.normals[some]
-        found = tally_of(bits, normals, asked.calendar, asked.columns, asked.threads)._asdict()
-        return {**found, "matrix": hidden_sun_rows(bits, asked.calendar.places)} if self._matrix else found
+        query, some = self._asked, self._order[first:last]
+        bits = _bits_of(query, some)
+        normals = None if query.sensors.normals is None else query.sensors.normals[some]
+        sums = tally_of(bits, normals, query.calendar, query.columns, query.threads)._asdict()
+        return {**sums, "matrix": hidden_sun_rows(bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
         """The sums of each sensor, in the sensors' own order, when all parts are done."""
@@ -263,34 +263,34 @@ class SunSums:
                 file.put(self._order[first:last], self.parts[k]["matrix"])
 
 
-def sum_suns(asked: SunQuery, kept: Path | None = None, what: str = "suns") -> Tally:
+def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
     """Ask all sensors: the sums of each, in the sensors' own order.
 
     what : name of the work, for users
     kept : folder in which finished parts wait for the next run of an interrupted job; None: they are not kept
     """
-    engine, sums = LocalExecutor(kept), SunSums(asked, what, kept)
+    engine, sums = LocalExecutor(folder), SunSums(query, what, folder)
     engine.finish([sums.parts])
     tally = sums.tally()
     engine.end([sums.parts])
     return tally
 
 
-def _bits_of(asked: SunQuery, which: np.ndarray) -> np.ndarray:
+def _bits_of(query: SunQuery, which: np.ndarray) -> np.ndarray:
     """(n, w) uint64: the bits of some sensors, in the order of bundles. Suns behind all of them are not traced."""
-    sensors, m = asked.sensors, len(asked.towards)
-    receivers, engine = asked.receivers.take(which), asked.scene.engine.with_options(asked.plan, asked.threads, None)
+    sensors, m = query.sensors, len(query.towards)
+    receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
-    bundles = _in_front(asked.towards, normals)
+    bundles = _in_front(query.towards, normals)
     for some in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
         places = (some[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
         if not len(places):
             continue
-        lights = DirectionalLights(-asked.towards[places])
-        found = engine.visibility(receivers, [lights]).bits[:, 0]
-        bits.view(np.uint16)[:, some] = found.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
+        lights = DirectionalLights(-query.towards[places])
+        occluded = engine.visibility(receivers, [lights]).bits[:, 0]
+        bits.view(np.uint16)[:, some] = occluded.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
     return bits
 
 
