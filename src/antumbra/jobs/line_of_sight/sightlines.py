@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import as_array
 from ...engine.accelerator import Accelerated
@@ -23,22 +23,30 @@ from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
 from ..work_parts import Parts
 
-# --- Lines of sight between pairs of points, and what blocks them -----------------------------------------------------
+# --- Sightlines -------------------------------------------------------------------------------------------------------
 
 
-_PLAN = "bsah+wide"  # its tree is also that of ray queries
-_PART = 1 << 16  # pairs that are traced at a time
+_PLAN = "bsah+wide"  # ray queries use the same tree
+_PART = 1 << 16  # pairs traced at a time
 
 
 class Sightlines(NamedTuple):
-    """Pairs of points, and what stands between them; the leading shape (...) is that of the pairs."""
+    """Visibility of pairs of points, and what blocks it; the leading shape (...) is that of the pairs."""
 
     visible: np.ndarray  # (...) bool: the two points see each other
     face: np.ndarray  # (...) int32: the blocking face nearest to the observer; -1 if visible, or if none is known
-    object: np.ndarray  # (...) int32: its object, an index in `Scene.objects`; -1 where `face` is
+    object: np.ndarray  # (...) int32: its object, an index into `Scene.objects`; -1 where `face` is
     point: np.ndarray  # (..., 3) float64, world: where it blocks; NaN if visible
     distance: np.ndarray  # (...) float64, world units: from the observer to this point; NaN if visible
     length: np.ndarray  # (...) float64, world units: from the observer to the target
+
+
+class _Ends(NamedTuple):
+    """The observers, or the targets, as `line_of_sight` receives them."""
+
+    points: ArrayLike
+    normals: ArrayLike | None
+    faces: ArrayLike | None
 
 
 class _Pairs(NamedTuple):
@@ -62,28 +70,28 @@ def line_of_sight(
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
     time: float = 0.0, threads: int | None = None, progress: Progress = None,
 ) -> Sightlines:  # fmt: skip
-    """Find whether observers see targets, and the face, the object and the point that block those that do not.
+    """Find whether observers see targets, and the face, object and point that block the others.
 
-    A triangle blocks if it meets the segment between the two points, strictly between its ends. The answer is exact.
+    A triangle blocks if it meets the segment between the two points, strictly between its ends. The result is exact.
 
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
     observers, targets : (..., 3) float
-        World coordinates. They broadcast: ``a[:, None], b[None]`` asks all pairs.
+        World coordinates. They broadcast: ``a[:, None], b[None]`` tests all pairs.
     normals, target_normals : (..., 3) float, optional
         For ends on surfaces, towards the visible side. Such an end is moved off its surface by a few units in the last
-        place, and what lies below its horizon is blocked by its own surface. None: the points are used unchanged.
+        place, and its own surface blocks everything below its horizon. None: the points are used unchanged.
     faces, target_faces : (...) int, optional
-        The faces of the scene on which ends lie, -1: none. They do not block this pair, but for the horizon of
-        normals. An end that lies on a face, such as the middle of a window pane, needs its face or its normal here:
-        float32 can round it to either side of the face.
+        The faces of the scene on which ends lie, -1: none. They do not block this pair, except by the horizon of a
+        normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
+        round it to either side of the face.
     time : float
         Seconds.
     threads : int, optional
         None: all cores.
     progress : function of (text, done, total), or bool, optional
-        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -92,15 +100,16 @@ def line_of_sight(
     Raises
     ------
     InputError
-        If shapes do not broadcast, numbers are NaN or infinite, a normal is zero, or the scene is in a store.
+        If shapes do not broadcast, a number is NaN or infinite, a normal is zero, or the scene is in a store.
 
     Notes
     -----
-    Of faces at the same distance in float64, the lowest index blocks. A pair that is blocked by nothing but a horizon
-    names the face of `faces` or `target_faces`, and the end that lies on it.
+    Among faces at the same distance in float64, the lowest index blocks. For a pair that only a horizon blocks, the
+    result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
     scene, threads = scene_of(scene), thread_count(threads)
-    pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
+    begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
+    pairs, shape = _checked(scene, begin, end)
     ready = scene.engine.with_options(_PLAN, threads, None).accelerated(time)
     n = len(pairs.begin)
     work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
@@ -116,13 +125,13 @@ def line_of_sight(
     return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in fields))
 
 
-def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[int, ...]]:
-    """The pairs, and their leading shape; begin, end: (points, normals, faces)."""
-    at, named = [as_array(begin[0], "observers"), as_array(end[0], "targets")], ("observers", "targets")
-    for points, what in zip(at, named):
+def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[int, ...]]:
+    """The pairs and their leading shape."""
+    at = [as_array(begin.points, "observers"), as_array(end.points, "targets")]
+    for points, what in zip(at, ("observers", "targets")):
         if points.ndim < 1 or points.shape[-1] != 3:
             raise InputError(f"{what} must have shape (..., 3), not {points.shape}")
-    faces = [as_array(-1 if each[2] is None else each[2], "faces") for each in (begin, end)]
+    faces = [as_array(-1 if each.faces is None else each.faces, "faces") for each in (begin, end)]
     try:
         shape = np.broadcast_shapes(at[0].shape[:-1], at[1].shape[:-1], faces[0].shape, faces[1].shape)
     except ValueError:
@@ -130,11 +139,11 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
             f"shapes do not broadcast: observers {at[0].shape}, targets {at[1].shape}, "
             f"faces {faces[0].shape}, target_faces {faces[1].shape}"
         ) from None
-    ends, units, face_lists = [], [], []
-    for points, (_, normals, _), face in zip(at, (begin, end), faces):
-        wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
-        if normals is not None:
-            normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
+    ends, units, face_lists = list[np.ndarray](), list[np.ndarray | None](), list[np.ndarray]()
+    for points, each, face in zip(at, (begin, end), faces):
+        wide, normals = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3), None
+        if each.normals is not None:
+            normals = np.broadcast_to(_as_normals(each.normals, shape), (*shape, 3)).reshape(-1, 3)
         receivers = Receivers.of(wide, normals, scene.origin)
         ends.append(receivers.origins[0])
         units.append(None if normals is None else receivers.normals[0])
@@ -142,7 +151,7 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
     return _Pairs(*ends, *units, *face_lists), shape
 
 
-def _as_normals(normals, shape) -> np.ndarray:
+def _as_normals(normals: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     array = as_array(normals, "normals")
     if array.ndim < 1 or array.shape[-1] != 3:
         raise InputError(f"normals must have shape (..., 3), not {array.shape}")
@@ -159,7 +168,7 @@ def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
 
 
 def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str, np.ndarray]:
-    """Where each pair is blocked: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
+    """The block of each pair: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
     n = len(pairs.begin)
     ray, prim = _first_hits(pairs, ready, threads)
     other = prim != pairs.end_face[ray]
@@ -183,7 +192,7 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
 
 
 def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of a segment and a triangle that stops it, but for the faces of the segments' beginnings."""
+    """All pairs of a segment and a triangle that stops it, except the face on which the segment begins."""
     assert ready.bvh is not None
     segments = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
     met = intersections(ready.bvh, *segments)
@@ -194,17 +203,17 @@ def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple
     return np.concatenate([ray, more[0]]), np.concatenate([prim, more[1]])
 
 
-def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> NDArray[np.float64]:
     """(n,) float64 from 0 to 1: where segments meet the planes of triangles."""
     begin, v = pairs.begin[ray].astype(np.float64), corners.astype(np.float64)
     normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
     height = ((v[:, 0] - begin) * normal).sum(1)
     with np.errstate(invalid="ignore", divide="ignore"):
         t = height / ((pairs.end[ray] - begin) * normal).sum(1)
-    return np.clip(np.nan_to_num(t), 0.0, 1.0)
+    return np.asarray(np.clip(np.nan_to_num(t), 0.0, 1.0))
 
 
-# --- Pairs of points from files ---------------------------------------------------------------------------------------
+# --- Pairs from files -------------------------------------------------------------------------------------------------
 
 
 _ENDS = "x1", "y1", "z1", "x2", "y2", "z2"
@@ -214,7 +223,7 @@ _INDICES = "from", "to"
 
 
 class PairList(NamedTuple):
-    """Pairs of points, as `line_of_sight` takes them."""
+    """Pairs of points: arguments of `line_of_sight`."""
 
     observers: np.ndarray  # (n, 3) float64
     targets: np.ndarray  # (n, 3) float64
@@ -225,14 +234,14 @@ class PairList(NamedTuple):
 
 
 def check_pairs(text: str) -> None:
-    """Raise an InputError, before a scene is read, unless `--pairs` is "all", "zip" or a file that can be read."""
+    """Raise an InputError, before a scene is read, unless `--pairs` is "all", "zip" or a readable file."""
     if text in ("all", "zip"):
         return
     check_point_file(text, "--pairs", f"all, zip, or a {', '.join(SUFFIXES)} file")
 
 
 def read_pairs(path: Path) -> PairList:
-    """Pairs from a file that has both points of each.
+    """Read pairs from a file with both points of each pair.
 
     - CSV with a header, Parquet, NPZ: columns x1, y1, z1, x2, y2, z2, and optionally nx1 to nz1, nx2 to nz2 (normals of
       ends on surfaces) and face1, face2 (the faces on which ends lie, -1: none)
@@ -263,9 +272,9 @@ def read_pairs(path: Path) -> PairList:
 
 
 def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
-    """Pairs of two lists of points: "all", "zip" (one by one), or a file of their indices.
+    """Pairs of two lists of points: "all", "zip" (element-wise), or a file of their indices.
 
-    The file has the columns ``from`` and ``to``, or is a .npy file of (n, 2) whole numbers; the first point is 0.
+    The file has the columns ``from`` and ``to``, or is a .npy file of (n, 2) integers; indices start at 0.
     """
     if text == "all":
         first, second = (index.ravel() for index in np.indices((len(observers), len(targets))))
@@ -275,10 +284,10 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
         first = second = np.arange(len(observers))
     else:
         first, second = _indices(Path(text), len(observers), len(targets))
-    cut = lambda array, places: None if array is None else array[places]
+    rows = lambda array, indices: None if array is None else array[indices]
     return PairList(
-        observers.points[first], targets.points[second], cut(observers.normals, first), cut(targets.normals, second),
-        cut(observers.faces, first), cut(targets.faces, second),
+        observers.points[first], targets.points[second], rows(observers.normals, first), rows(targets.normals, second),
+        rows(observers.faces, first), rows(targets.faces, second),
     )  # fmt: skip
 
 
@@ -297,17 +306,17 @@ def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.n
     return columns["from"].astype(np.int64), columns["to"].astype(np.int64)
 
 
-# --- Lines of sight as a table, and as a model: green as far as they see, red beyond what blocks them -----------------
+# --- Tables, and models with lines that are green up to the block and red beyond it -----------------------------------
 
 
 _GREEN, _RED, _GREY = (0.05, 0.6, 0.1), (0.7, 0.03, 0.03), (0.35, 0.35, 0.35)  # linear
 
 
 def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Table:
-    """A row for each pair; its sensor is the observer."""
+    """A table with one row per pair; the sensor of a row is the observer."""
     names = np.array([each.name for each in scene.objects] + [""])
-    columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in
-               zip(("x2", "y2", "z2"), pairs.targets.T)}  # fmt: skip
+    targets = zip(("x2", "y2", "z2"), pairs.targets.T)
+    columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in targets}
     columns |= {
         "visible": Column(sightlines.visible, "", "the two points see each other"),
         "length": Column(sightlines.length, "m", "distance from the observer to the target"),
@@ -323,7 +332,7 @@ def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Tab
 
 
 def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:
-    """What a city model knows of the blocking face."""
+    """Attributes of the blocking face from a city model."""
     if scene.city is None:
         return {}
     types, parents = (np.array([*names, ""]) for names in (scene.city.types, scene.city.parents))
