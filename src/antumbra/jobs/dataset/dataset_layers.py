@@ -1,12 +1,13 @@
 """The image layers of a data set: names and values, and blocker ids, the first face on the way to a light's centre.
 
 Names are LAYER.PASS.CHANNEL, as Blender writes them to multi-layer EXR; OpenEXR groups channels by the names before the
-last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has its own layer.
+last dot. The layer ``ViewLayer`` contains the surfaces that the camera sees, and each light has its own layer.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
 from ...picture.frame import Frame
@@ -15,16 +16,16 @@ from ...query.gbuffer import GBuffer
 from ...query.receivers import point_receivers
 from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 
-# --- Blocker ids: for each pixel the first face on the way to the centre of a light -----------------------------------
+# --- Blocker ids ------------------------------------------------------------------------------------------------------
 
 
 def has_centre(light: Light) -> bool:
-    """Whether rays can be sent to the light's centre. Ambient light and lists of lights have none."""
+    """Whether a light has a centre, to which rays can be traced. Ambient lights and light lists have none."""
     return isinstance(light, PointLight | QuadLight | DiskLight | SphereLight | DirectionalLight)
 
 
-def towards_centre(light: Light, world: np.ndarray) -> tuple[np.ndarray, float]:
-    """(directions, tmax) of rays from (m, 3) points to the light's centre; a distant light's rays have no end."""
+def towards_centre(light: Light, world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """(directions, tmax) of rays from (m, 3) points to the light's centre; rays to a distant light are unbounded."""
     if isinstance(light, DirectionalLight):
         return np.broadcast_to(-light.direction, world.shape), np.inf
     if isinstance(light, QuadLight):
@@ -33,12 +34,12 @@ def towards_centre(light: Light, world: np.ndarray) -> tuple[np.ndarray, float]:
     return centre - world, 1.0
 
 
-def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threads: int | None) -> np.ndarray:
-    """(H, W) int32: the face that keeps the centre of a light from each pixel; -1 where none does.
+def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threads: int | None) -> NDArray[np.int32]:
+    """(H, W) int32: the face that hides a light's centre from each pixel; -1 where none does.
 
-    It is the pixel's own face where the surface faces away from the centre. Elsewhere it is the face of the nearest
-    hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face. It starts at the pixel's
-    position, moved by 2^-21 of its largest coordinate along the normal, both as `GBuffer` gives them.
+    Where the surface faces away from the centre, this is the pixel's own face. Elsewhere it is the face of the nearest
+    hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face and starts at the pixel's
+    position, moved along the normal by 2^-21 of its largest coordinate; position and normal are those of the `GBuffer`.
     """
     out = np.full(gbuffer.face.shape, -1, np.int32)
     covered = gbuffer.face >= 0
@@ -54,11 +55,7 @@ def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threa
     return out
 
 
-# --- The layers of a picture of a data set: their names, and their values ---------------------------------------------
-#
-# Names are LAYER.PASS.CHANNEL, as Blender writes them to a multi-layer EXR. OpenEXR groups channels by the names
-# before the last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has a layer of its
-# own.
+# --- Layers -----------------------------------------------------------------------------------------------------------
 
 
 VIEW = "ViewLayer"
@@ -84,7 +81,7 @@ def light_layer(k: int) -> str:
 def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -> dict[str, np.ndarray]:
     """All channels of a picture: name -> (H, W) float32, or uint32 with the bits of an int32 id.
 
-    blocked : for each light its `blockers`, or None
+    blocked : the `blockers` of each light, or None
     """
     g = frame.gbuffer
     covered = g.face >= 0
@@ -107,11 +104,13 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
     return {name: stored(values) for name, values in passes.items()}
 
 
-def light_blockers(scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads) -> list[np.ndarray | None]:
-    """For each light its `blockers`; None if it has no centre."""
+def light_blockers(
+    scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads: int | None
+) -> list[NDArray[np.int32] | None]:
+    """The `blockers` of each light; None for lights without a centre."""
     return [blockers(scene, frame.gbuffer, s, time, threads) if has_centre(s) else None for s in lights]
 
 
-def masks(frame: Frame) -> list[np.ndarray]:
-    """For each light (H, W) uint8: the share of it that is hidden, 255 for all of it; 0 in the background."""
+def masks(frame: Frame) -> list[NDArray[np.uint8]]:
+    """For each light, (H, W) uint8: its hidden share, 255 for all of it; 0 in the background."""
     return [np.rint(255.0 * (1.0 - v.astype(np.float64))).astype(np.uint8) for v in frame.visibility]
