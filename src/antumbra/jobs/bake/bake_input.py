@@ -66,7 +66,7 @@ def exposure_of(values: np.ndarray, options: BakeOptions) -> float:
     """The factor on light, from the values that were measured ((n, c), NaN where nothing is seen)."""
     if options.exposure is not None:
         return options.exposure
-    if options.asked.what != "light":
+    if options.settings.what != "light":
         return 1.0
     return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
 

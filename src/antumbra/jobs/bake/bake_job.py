@@ -211,14 +211,14 @@ def bake_textures(
     assert size is not None
     sheets = atlas(parts, size) if options.uv is None else uv_set_sheets(parts, accessors, options.uv, size)
     clock.lap("unwrap")
-    meter = Meter(scene, options.asked, sum(len(sheet.cover.texel) for sheet in sheets))
+    meter = Meter(scene, options.settings, sum(len(sheet.cover.texel) for sheet in sheets))
     texels = [Texels(sheet, meter, options.denoise, engine.folder) for sheet in sheets]
     job = [each.parts for each in texels]
     if not engine.finish(job):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.asked.time, options.asked.threads)
+    solids = None if options.keep_hidden else Solids(scene, options.settings.time, options.settings.threads)
     measured = [each.values(solids) for each in texels]
-    if options.asked.what == "bent-normal":
+    if options.settings.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
     everything = np.concatenate([values for values, _ in measured])
@@ -233,9 +233,9 @@ def bake_textures(
         texture_image = _material_image(
             asset, accessors, sheet, values * exposure, [originals[k] for k in sheet.members], options
         )
-        is_light = options.asked.what in ("shadow", "sun", "light")
+        is_light = options.settings.what in ("shadow", "sun", "light")
         texture = asset.texture(png_file(encode_pixels(texture_image, options.bits, is_light)),
-                                options.asked.what)  # fmt: skip
+                                options.settings.what)  # fmt: skip
         sheet_primitives = [primitives[k] for k in sheet.members]
         sets = [
             _uv_set(one, primitive, remapper, asset, options.uv)
@@ -253,7 +253,7 @@ def bake_textures(
     return Baked(
         output,
         [path for path, _ in images],
-        options.asked.what,
+        options.settings.what,
         None,
         len(parts),
         len(everything),
@@ -280,7 +280,7 @@ def _material_image(
     asset: Asset, accessors, sheet: Sheet, values: np.ndarray, originals: list[dict], options: BakeOptions
 ):
     """The image that the material shows, (size, size, c) float32: ambient occlusion, or light times the base colour."""
-    what = options.asked.what
+    what = options.settings.what
     if what == "ao":
         return image_of(sheet.cover, values)
     if what == "bent-normal":
@@ -294,9 +294,9 @@ def _material_image(
 def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: dict, uv_set: int) -> None:
     """Put a baked texture into a material."""
     used = {"index": texture, "texCoord": uv_set}
-    if options.asked.what == "ao":
+    if options.settings.what == "ao":
         material["occlusionTexture"] = used
-    elif options.asked.what == "bent-normal":
+    elif options.settings.what == "bent-normal":
         material.setdefault("extras", {})["bentNormalTexture"] = used
     else:
         material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = used
@@ -324,33 +324,33 @@ def bake_vertices(
 ) -> Baked | None:
     """Measure the vertices of all parts, and write the file; None if the engine leaves vertices to others."""
     scene, asset, parts = source
-    meter = Meter(scene, options.asked, sum(len(p.positions) for p in parts))
+    meter = Meter(scene, options.settings, sum(len(p.positions) for p in parts))
     receivers = vertex_receivers(parts)
     measured = Measurement(meter, receivers, curve_blocks(receivers.positions), False, engine.folder)
     if not engine.finish([measured.parts]):
         return None
-    solids = None if options.keep_hidden else Solids(scene, options.asked.time, options.asked.threads)
+    solids = None if options.keep_hidden else Solids(scene, options.settings.time, options.settings.threads)
     values = measured.result()
     hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
     exposure = exposure_of(values, options)
     accessors, primitives = accessors_of(asset, scene.name), own_primitives(asset, parts)
     for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
-        if options.asked.what == "bent-normal":
+        if options.settings.what == "bent-normal":
             part_values = to_local(part_values, part)
         if options.attribute == "COLOR_0":
-            colours = 0.5 + 0.5 * part_values if options.asked.what == "bent-normal" else part_values * exposure
+            colours = 0.5 + 0.5 * part_values if options.settings.what == "bent-normal" else part_values * exposure
             write_colours(asset, accessors, primitive, all_rows(part, colours), options.multiply)
         else:
             rows = all_rows(part, part_values)
             primitive["attributes"][options.attribute] = asset.accessor(rows[:, 0] if rows.shape[1] == 1 else rows)
-    if options.attribute == "COLOR_0" and options.asked.what in ("shadow", "sun", "light"):
+    if options.attribute == "COLOR_0" and options.settings.what in ("shadow", "sun", "light"):
         change_materials(asset, primitives, [None] * len(primitives), lambda material, _: make_unlit(asset, material))
     with atomic_output(output) as file:
         file.write_bytes(asset.glb())
     engine.end([measured.parts])
     clock.lap("write")
-    return Baked(output, [], options.asked.what, options.attribute, len(parts), len(values), hidden, meter.rays,
+    return Baked(output, [], options.settings.what, options.attribute, len(parts), len(values), hidden, meter.rays,
                  float(values.mean()), exposure, None, clock.seconds)  # fmt: skip
 
 
@@ -443,9 +443,9 @@ def bake(
     )  # fmt: skip
     clock = PhaseClock()
     source = open_source(scene if isinstance(scene, BakeSource) else bake_source(scene, up), time)
-    if not options.asked.lights:
+    if not options.settings.lights:
         default_lights = own_lights(source.scene, what, time)
-        options = options._replace(asked=options.asked._replace(lights=default_lights))
+        options = options._replace(settings=options.settings._replace(lights=default_lights))
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices
     report = job(source, options, output, clock, engine)

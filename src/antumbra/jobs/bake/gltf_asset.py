@@ -222,7 +222,7 @@ class Asset:
 
     def __init__(self, json: dict, binary: bytearray):
         self.json, self.binary = json, binary
-        self._given, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
+        self._lengths, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
 
     def objects(self, key: str) -> list[dict]:
         """A list at the top of the JSON, which is made if it is missing."""
@@ -299,7 +299,7 @@ class Asset:
 
     def glb(self) -> bytes:
         """The file as binary glTF, without what edits left unused."""
-        root, binary = prune(self.json, bytes(self.binary), self._given, self._used)
+        root, binary = prune(self.json, bytes(self.binary), self._lengths, self._used)
         root["buffers"] = [{**(root.get("buffers") or [{}])[0], "byteLength": len(binary)}]
         text = json.dumps(root, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
         return assemble_glb(text, binary)

@@ -222,7 +222,7 @@ class Remapper:
 
     def __init__(self, asset: Asset, accessors: Accessors):
         self._asset, self._accessors = asset, accessors
-        self._made: dict[tuple[int, bytes], int] = {}
+        self._remapped_accessors: dict[tuple[int, bytes], int] = {}
         self._indices: dict[bytes, int] = {}
 
     def remap(self, primitive: dict, rows: np.ndarray, faces: np.ndarray) -> None:
@@ -230,7 +230,7 @@ class Remapper:
         key = rows.astype(np.int64).tobytes()
         for attributes in (primitive["attributes"], *primitive.get("targets", [])):
             for name, index in attributes.items():
-                attributes[name] = self._taken(index, rows, key, name == "POSITION")
+                attributes[name] = self._remapped(index, rows, key, name == "POSITION")
         kind = "<u2" if len(rows) < 65535 else "<u4"
         indices = faces.reshape(-1).astype(kind)
         if indices.tobytes() not in self._indices:
@@ -238,12 +238,12 @@ class Remapper:
         primitive["indices"] = self._indices[indices.tobytes()]
         primitive.pop("mode", None)
 
-    def _taken(self, index: int, rows: np.ndarray, key: bytes, bounds: bool) -> int:
-        if (index, key) not in self._made:
+    def _remapped(self, index: int, rows: np.ndarray, key: bytes, bounds: bool) -> int:
+        if (index, key) not in self._remapped_accessors:
             normalized = bool(self._asset.json["accessors"][index].get("normalized"))
             values = self._accessors.stored(index)[rows]
             accessor = self._asset.accessor(
                 values[:, 0] if values.shape[1] == 1 else values, normalized=normalized, bounds=bounds
             )
-            self._made[index, key] = accessor
-        return self._made[index, key]
+            self._remapped_accessors[index, key] = accessor
+        return self._remapped_accessors[index, key]
