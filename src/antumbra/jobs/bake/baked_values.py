@@ -178,7 +178,7 @@ def surface_of(sheet: Sheet) -> SheetSurface:
 def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> SurfacePoints:
     """Points on faces. On smooth surfaces they lie on the curve described by the normals, not on the facets.
 
-    This keeps facets from shadowing their neighbours at the terminator [Hanika 2021].
+    Bulging facets therefore do not shadow their neighbours [Hanika 2021].
     """
     corners, normals = surface.positions[face], surface.normals[face]
     points = np.einsum("nk,nki->ni", weights, corners)
