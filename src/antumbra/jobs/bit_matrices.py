@@ -54,7 +54,7 @@ def pack_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 def full_row(columns: int) -> NDArray[np.uint64]:
     """(words,) uint64: a row with all columns set, and 0 beyond them."""
-    return pack_bits(np.ones((1, columns), bool))[0]
+    return np.asarray(pack_bits(np.ones((1, columns), bool))[0])
 
 
 def transpose_bits(words: NDArray[np.uint64], columns: int) -> NDArray[np.uint64]:

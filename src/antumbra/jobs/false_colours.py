@@ -40,7 +40,7 @@ def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.fl
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.stack([away @ right, away @ down], 1) / depth[:, None]
     flat[depth <= 0.0] = np.nan
-    return flat * scale + (camera.width / 2.0, camera.height / 2.0)
+    return np.asarray(flat * scale + (camera.width / 2.0, camera.height / 2.0))
 
 
 # --- False-colour pictures --------------------------------------------------------------------------------------------
@@ -158,14 +158,14 @@ def _values_at(
         assert sensors.faces is not None
         of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
         of_face[sensors.faces] = values
-        return of_face[faces]
+        return np.asarray(of_face[faces])
     from scipy.spatial import cKDTree
 
     if sensors.normals is None:
-        return values[cKDTree(sensors.points).query(at, workers=-1)[1]]
+        return np.asarray(values[cKDTree(sensors.points).query(at, workers=-1)[1]])
     away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
     tree = cKDTree(np.hstack([sensors.points, sensors.normals * away]))
-    return values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]]
+    return np.asarray(values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]])
 
 
 # --- False-colour models ----------------------------------------------------------------------------------------------

@@ -166,7 +166,7 @@ def area_sensors(
     areas : str, path-like, dict, or sequence
         A GeoJSON file or object of Polygons and MultiPolygons; an object with ``__geo_interface__``, such as a shapely
         polygon or a GeoDataFrame; a sequence of (k, 2) rings, in easting and northing of the scene; or a dict from
-        names to any of these. GeoJSON is in WGS 84 unless it names a CRS or its numbers are no degrees.
+        names to any of these. GeoJSON is in WGS 84 unless it names a CRS or its numbers cannot be degrees.
     spacing : float, str or path-like
         As in `raster_sensors`.
     height : float

@@ -41,8 +41,8 @@ class Raster(NamedTuple):
 
     def middles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(columns,) and (rows,) float64: eastings and northings of the cells' centres."""
-        east = self.west + (np.arange(self.columns) + 0.5) * self.spacing
-        return east, self.north - (np.arange(self.rows) + 0.5) * self.spacing
+        columns, rows = np.arange(self.columns, dtype=np.float64), np.arange(self.rows, dtype=np.float64)
+        return self.west + (columns + 0.5) * self.spacing, self.north - (rows + 0.5) * self.spacing
 
     def places(self, cells: NDArray[np.integer], up: str) -> NDArray[np.float64]:
         """(n, 3) float64, world: the centres of cells (``row * columns + column``), at height 0."""

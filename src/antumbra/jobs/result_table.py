@@ -79,8 +79,7 @@ def _parquet(table: "Table", path: Path, column: str) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    in_ms = lambda values: values.astype("datetime64[ms]") if values.dtype.kind == "M" else values  # has no minutes
-    columns = {name: pyarrow.array(in_ms(values)) for name, values in table.rows().items()}
+    columns = {name: pyarrow.array(_in_milliseconds(values)) for name, values in table.rows().items()}
     metadata = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
     if table.about.get("crs"):
         columns["geometry"] = pyarrow.array(_well_known(_on_map(table)), pyarrow.binary())
@@ -88,6 +87,11 @@ def _parquet(table: "Table", path: Path, column: str) -> None:
     arrow_table = pyarrow.table(columns).replace_schema_metadata(metadata)
     with atomic_output(path) as temporary:
         pyarrow.parquet.write_table(arrow_table, temporary, compression="zstd")
+
+
+def _in_milliseconds(values: np.ndarray) -> np.ndarray:
+    """Times in milliseconds, since Parquet has no minutes; other values unchanged."""
+    return values.astype("datetime64[ms]") if values.dtype.kind == "M" else values
 
 
 def _on_map(table: "Table") -> NDArray[np.float64]:

@@ -152,24 +152,28 @@ class Sensors:
 
     def __post_init__(self) -> None:
         positions = points(self.points, "points of sensors")
-        n, keep = len(positions), lambda name, value: object.__setattr__(self, name, value)
-        keep("points", positions)
-        keep("zones", tuple(items(self.zones, Zone, "zones of sensors")))
+        n = len(positions)
+        self._set("points", positions)
+        self._set("zones", tuple(items(self.zones, Zone, "zones of sensors")))
         choice(self.kind, "the kind of sensors", KINDS)
         needs = NEEDED.get(self.kind)
         if needs and getattr(self, needs) is None:
             raise InputError(f'sensors of kind "{self.kind}" have no {needs}; give it, or the kind "points"')
         if self.normals is not None:
-            keep("normals", checked_normals(self.normals, n))
+            self._set("normals", checked_normals(self.normals, n))
         if self.areas is not None:
-            keep("areas", checked_areas(self.areas, n))
+            self._set("areas", checked_areas(self.areas, n))
         if self.faces is not None:
-            keep("faces", checked_indices(self.faces, (n,), "faces", -1))
+            self._set("faces", checked_indices(self.faces, (n,), "faces", -1))
         if self.corners is not None:
-            keep("corners", checked_corners(self.corners, n))
+            self._set("corners", checked_corners(self.corners, n))
         if self.zone is not None:
-            keep("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
+            self._set("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
         self._check_cells()
+
+    def _set(self, name: str, value: object) -> None:
+        """Set a field during initialization, since the class is frozen."""
+        object.__setattr__(self, name, value)
 
     def _check_cells(self) -> None:
         if self.raster is None:
@@ -178,7 +182,7 @@ class Sensors:
             return
         count = checked_raster(self.raster).n_cells
         if self.cells is not None:
-            object.__setattr__(self, "cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
+            self._set("cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
         elif len(self) != count:
             raise InputError(f"{len(self)} sensors are not one for each of {count} cells of the raster; give cells")
 
@@ -216,15 +220,15 @@ class Sensors:
     def part(self, first: int, last: int) -> "Sensors":
         """The sensors from `first` to `last`, exclusive, as single points."""
         first, last = (whole_number(each, "a number of sensors", 0, len(self)) for each in (first, last))
-        cut = lambda array: None if array is None else array[first:last]
-        areas, faces, zone = cut(self.areas), cut(self.faces), cut(self.zone)
-        return Sensors(self.points[first:last], cut(self.normals), areas, faces, "points", zone=zone, zones=self.zones)
+        fields = self.normals, self.areas, self.faces, self.zone
+        normals, areas, faces, zone = (None if array is None else array[first:last] for array in fields)
+        return Sensors(self.points[first:last], normals, areas, faces, "points", zone=zone, zones=self.zones)
 
 
 def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:
     """(n, 3, 3) float64: the corners of all faces, world. Raises InputError for a scene in a store."""
     triangles = scene.triangles(time)
-    return triangles.vertices.astype(np.float64) + triangles.origin
+    return np.asarray(triangles.vertices.astype(np.float64) + triangles.origin)
 
 
 def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -275,7 +279,7 @@ def _angles(corners: np.ndarray) -> np.ndarray:
     """(n, 3) float64: the angles at the corners of faces, radians."""
     after, before = np.roll(corners, -1, 1) - corners, np.roll(corners, 1, 1) - corners
     cosines = (after * before).sum(-1) / (np.linalg.norm(after, axis=-1) * np.linalg.norm(before, axis=-1))
-    return np.arccos(np.clip(cosines, -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:
@@ -357,7 +361,7 @@ def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
         side = edge[:, 0] * (at[:, 1] - a[:, 1]) - edge[:, 1] * (at[:, 0] - a[:, 0])
         first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
         sides.append((side > 0.0) | ((side == 0.0) & first))
-    return sides[0] & sides[1] & sides[2]
+    return np.asarray(sides[0] & sides[1] & sides[2])
 
 
 def raster_sensors(

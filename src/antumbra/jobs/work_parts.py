@@ -281,7 +281,7 @@ def _copy(unit: FinishedUnit, root: Path) -> None:
 
 
 def render_bands(
-    renderer: Renderer, camera: Camera, lights: Sequence[Light], options: RenderOptions, engine: Executor, scene: str,
+    renderer: Renderer, camera: Camera, lights: Sequence[Light], options: RenderOptions, executor: Executor, scene: str,
     settings: dict[str, Any],
 ) -> Frame | None:  # fmt: skip
     """The frame of `Renderer.render`, whose row bands an executor traces; None if it leaves bands to other shards.
@@ -297,9 +297,9 @@ def render_bands(
         return rows.band(first, last)
 
     about = about_parts("picture", scene, settings)
-    parts = Parts("bands of the picture", camera.height, BAND, band, engine.folder, about)
-    if not engine.finish([parts]):
+    parts = Parts("bands of the picture", camera.height, BAND, band, executor.folder, about)
+    if not executor.finish([parts]):
         return None
     frame = renderer.from_rows(request, joined_bits(parts.joined(band_array_names(request))))
-    engine.end([parts])  # the bits are in memory
+    executor.end([parts])  # the bits are in memory
     return frame

@@ -207,9 +207,8 @@ def _scene_of_asset(asset: Asset, name: str) -> Scene:
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
     """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
-    return part._replace(
-        positions=part.positions @ frame, normals=part.normals @ frame, linear=frame.T @ part.linear
-    )  # fmt: skip
+    positions, normals = part.positions @ frame, part.normals @ frame
+    return part._replace(positions=positions, normals=normals, linear=frame.T @ part.linear)
 
 
 def scene_to_asset(scene: Scene, time: float) -> Asset:

@@ -101,7 +101,8 @@ def encode_pixels(image: NDArray[np.floating], bits: int, srgb: bool) -> NDArray
     if srgb:
         image[..., :3] = linear_to_srgb(image[..., :3])
     top = (1 << bits) - 1
-    return np.round(top * image).astype(np.uint8 if bits == 8 else np.uint16)
+    pixels = np.round(top * image)
+    return pixels.astype(np.uint8) if bits == 8 else pixels.astype(np.uint16)
 
 
 def png_file(image: NDArray[np.uint8] | NDArray[np.uint16]) -> bytes:
@@ -256,18 +257,18 @@ def bake_textures(
     clock.lap("write")
     seam = np.concatenate(seams)
     return Baked(
-        output,
-        [path for path, _ in images],
-        options.settings.what,
-        None,
-        len(parts),
-        len(everything),
-        sum(hidden for _, hidden in measured),
-        meter.rays,
-        float(np.nanmean(everything)),
-        exposure,
-        float(np.percentile(seam, 99)) if len(seam) else None,
-        clock.seconds,
+        path=output,
+        images=[path for path, _ in images],
+        what=options.settings.what,
+        attribute=None,
+        parts=len(parts),
+        receivers=len(everything),
+        hidden=sum(hidden for _, hidden in measured),
+        rays=meter.rays,
+        mean=float(np.nanmean(everything)),
+        exposure=exposure,
+        seam=float(np.percentile(seam, 99)) if len(seam) else None,
+        seconds=clock.seconds,
     )
 
 
@@ -275,7 +276,7 @@ def _uv_set(one: Unwrapped, primitive: Json, remapper: Remapper, asset: Asset, u
     """The UV set of the texture in a primitive; for an atlas, a new one is added."""
     if uv_set is not None:
         return uv_set
-    number = sum(name.startswith("TEXCOORD_") for name in primitive["attributes"])
+    number = int(sum(name.startswith("TEXCOORD_") for name in primitive["attributes"]))
     remapper.remap(primitive, one.part.rows[one.source], one.faces)
     primitive["attributes"][f"TEXCOORD_{number}"] = asset.accessor(one.uv.astype("<f4"))
     return number
@@ -357,8 +358,20 @@ def bake_vertices(
         file.write_bytes(asset.glb())
     executor.end([measurement.parts])
     clock.lap("write")
-    return Baked(output, [], options.settings.what, options.attribute, len(parts), len(values), hidden, meter.rays,
-                 float(values.mean()), exposure, None, clock.seconds)  # fmt: skip
+    return Baked(
+        path=output,
+        images=[],
+        what=options.settings.what,
+        attribute=options.attribute,
+        parts=len(parts),
+        receivers=len(values),
+        hidden=hidden,
+        rays=meter.rays,
+        mean=float(values.mean()),
+        exposure=exposure,
+        seam=None,
+        seconds=clock.seconds,
+    )
 
 
 def _split(values: np.ndarray, parts: list[NodePrimitive]) -> list[np.ndarray]:

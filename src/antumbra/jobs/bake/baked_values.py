@@ -291,7 +291,7 @@ def seam_differences(sheet: Sheet, image: NDArray[np.float32]) -> NDArray[np.flo
 def _corner_normals(one: Unwrapped) -> np.ndarray:
     part = one.part
     if not part.flat:
-        return part.normals[one.source][one.faces]
+        return np.asarray(part.normals[one.source][one.faces])
     vectors = face_vectors(part.positions, part.faces) * part.sign
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit = np.where(length > 0.0, vectors / np.maximum(length, 1e-300), part.normals[part.faces[:, 0]])

@@ -125,7 +125,7 @@ class Meter:
         """(h, w, c) float32: the quantity, from the occlusion bits of each light."""
         what, threads = self.settings.what, self.settings.threads
         if what in ("ao", "shadow"):
-            return self._shares(shadows).mean(-1, keepdims=True, dtype=np.float32)
+            return np.asarray(self._shares(shadows).mean(-1, keepdims=True, dtype=np.float32))
         if what == "bent-normal":
             ((query, bits),) = shadows
             return _directions(open_directions(query, bits, threads), query.normals)

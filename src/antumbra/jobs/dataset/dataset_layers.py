@@ -4,7 +4,7 @@ Names are LAYER.PASS.CHANNEL, as Blender writes them to multi-layer EXR; OpenEXR
 last dot. The layer ``ViewLayer`` contains the surfaces that the camera sees, and each light has its own layer.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ def towards_centre(light: Light, world: NDArray[np.float64]) -> tuple[NDArray[np
         return np.broadcast_to(-light.direction, world.shape), np.inf
     if isinstance(light, QuadLight):
         return light.corner + 0.5 * (light.u + light.v) - world, 1.0
-    centre = light.position if isinstance(light, PointLight) else light.center  # type: ignore[attr-defined]
+    centre = light.position if isinstance(light, PointLight) else cast(DiskLight | SphereLight, light).center
     return centre - world, 1.0
 
 

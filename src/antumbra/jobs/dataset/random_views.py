@@ -61,11 +61,10 @@ class SamplingRegion(NamedTuple):
 
     def nearest(self, position: np.ndarray, directions: np.ndarray) -> tuple[Hit, np.ndarray]:
         """The nearest face along each direction, and whether it is hit from behind."""
-        trace = lambda side: self.scene.closest_hit(
-            position, directions, time=self.time, cull_faces=side, threads=self.threads
-        )
-        first = trace(None)
-        return first, (first.face >= 0) & (first.face != trace("back").face)
+        scene, time, threads = self[:3]
+        first = scene.closest_hit(position, directions, time=time, threads=threads)
+        front = scene.closest_hit(position, directions, time=time, cull_faces="back", threads=threads)
+        return first, (first.face >= 0) & (first.face != front.face)
 
     def walled(self, position: np.ndarray, clear: float) -> bool:
         """Whether a surface is nearer than `clear`, or most surfaces around are hit from behind."""

@@ -264,11 +264,16 @@ def read_pairs(path: Path) -> PairList:
     missing = [name for name in _ENDS if name not in columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; pairs need the columns {', '.join(_ENDS)}")
-    three = lambda names: np.stack([columns[n] for n in names], 1) if all(n in columns for n in names) else None
     first, second = (columns[n].astype(np.int64) if n in columns else None for n in _FACES)
-    observers, targets = three(_ENDS[:3]), three(_ENDS[3:])
+    observers, targets = _vectors(columns, _ENDS[:3]), _vectors(columns, _ENDS[3:])
     assert observers is not None and targets is not None
-    return PairList(observers, targets, three(_NORMALS[:3]), three(_NORMALS[3:]), first, second)
+    normals, target_normals = _vectors(columns, _NORMALS[:3]), _vectors(columns, _NORMALS[3:])
+    return PairList(observers, targets, normals, target_normals, first, second)
+
+
+def _vectors(columns: dict[str, np.ndarray], names: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """(n, 3) float64: three columns; None if one is missing."""
+    return np.stack([columns[n] for n in names], 1) if all(n in columns for n in names) else None
 
 
 def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
@@ -284,11 +289,9 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
         first = second = np.arange(len(observers))
     else:
         first, second = _indices(Path(text), len(observers), len(targets))
-    rows = lambda array, indices: None if array is None else array[indices]
-    return PairList(
-        observers.points[first], targets.points[second], rows(observers.normals, first), rows(targets.normals, second),
-        rows(observers.faces, first), rows(targets.faces, second),
-    )  # fmt: skip
+    fields = (observers.normals, first), (targets.normals, second), (observers.faces, first), (targets.faces, second)
+    optional = [None if array is None else array[indices] for array, indices in fields]
+    return PairList(observers.points[first], targets.points[second], *optional)
 
 
 def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.ndarray]:

@@ -377,16 +377,16 @@ def _add(state: _ViewshedState, places: np.ndarray, some: np.ndarray, words: np.
     distance = np.sqrt((away * away).sum(1))
     inside = state.limits.inside(away, distance, state.up)
     rows, columns, distance = rows[inside], columns[inside], distance[inside]
-    at, who = places[rows], some[columns]
+    at, observer = places[rows], some[columns]
     np.add.at(sight.observers, at, 1)
-    np.minimum.at(sight.first, at, who.astype(np.int32))
-    order = np.lexsort((who, distance, at))
+    np.minimum.at(sight.first, at, observer.astype(np.int32))
+    order = np.lexsort((observer, distance, at))
     at, begin = np.unique(at[order], return_index=True)
-    nearest, distance = who[order][begin], distance[order][begin]
+    nearest, distance = observer[order][begin], distance[order][begin]
     nearer = (distance < sight.distance[at]) | ((distance == sight.distance[at]) & (nearest < sight.nearest[at]))
     sight.distance[at[nearer]], sight.nearest[at[nearer]] = distance[nearer], nearest[nearer]
     if sight.bits is not None:
-        _set_bits(sight.bits, places[rows], who)
+        _set_bits(sight.bits, places[rows], observer)
 
 
 def _set_bits(bits: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> None:

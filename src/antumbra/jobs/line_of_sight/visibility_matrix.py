@@ -26,7 +26,7 @@ from ...query.query_bounds import morton_codes
 from ...query.receivers import Receivers
 from ...query.shadow_query import below_horizon
 from ...scene.light_lists import PointLights
-from ...scene.lights import MAX_SPP
+from ...scene.lights import MAX_SPP, LightPatch
 from ..bit_matrices import (
     RowFile,
     full_row,
@@ -94,7 +94,7 @@ class TileTracer:
 class _Recentred(PointLights):
     """Point lights whose positions are already in the recentred float32 frame, so they are not moved again."""
 
-    def patch(self, origin, reach):
+    def patch(self, origin: np.ndarray, reach: float) -> LightPatch:
         return super().patch(np.zeros(3), reach)
 
 

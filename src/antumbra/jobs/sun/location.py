@@ -116,7 +116,7 @@ def place_of(
     """
     position = given_position(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
-    )  # fmt: skip
+    )
     if crs is not None:
         checked_crs(text(crs, "crs"))
     scene = scene_of(scene)

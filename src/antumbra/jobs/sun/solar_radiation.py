@@ -131,7 +131,7 @@ def _starts(table: Any, offset: float, file: str) -> NDArray[np.int64]:
     starts = days.astype("datetime64[s]").astype(np.int64) + _HOUR * (hour - 1) - round(_HOUR * offset)
     if (np.diff(starts) <= 0).any():
         raise InputError(f"{file}: its rows are not in the order of time; use an EPW file of one year")
-    return starts
+    return np.asarray(starts)
 
 
 def _offset_text(hours: float) -> str:

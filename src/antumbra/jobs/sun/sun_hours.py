@@ -217,10 +217,10 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
+    direct = None if suns.dni is None else suns.dni * suns.hours
     query = sun_query(
-        scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
-        energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
-    )  # fmt: skip
+        scene, sensors, suns, bins.of_suns, bins.count, samples=samples, energy=direct, plan=plan, threads=threads
+    )
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
     executor = executor_of(keep)
@@ -340,8 +340,8 @@ def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
         "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
         "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
         "longest": Column(tally.longest, "h", "longest stretch of sun without a break"),
-        "first": Column(_time_of(suns, tally.first), "", "first sun, wall clock"),
-        "last": Column(_time_of(suns, tally.last), "", "last sun, wall clock"),
+        "first": Column(_time_of(suns, tally.first), "", "first sun, local time"),
+        "last": Column(_time_of(suns, tally.last), "", "last sun, local time"),
     }
     if suns.dni is not None:
         columns["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")

@@ -133,7 +133,7 @@ def month_days(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
     """(n,) int64: 100 * month + day of (n,) datetime64."""
     months = local.astype("datetime64[M]")
     days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
-    return 100 * (months.astype(np.int64) % 12 + 1) + days
+    return np.asarray(100 * (months.astype(np.int64) % 12 + 1) + days)
 
 
 def _midnight(day: date, zone: tzinfo) -> int:
