@@ -117,8 +117,8 @@ class RowFile:
     def __init__(self, path: Path, shape: tuple[int, ...]):
         self._file = open(path, "wb", buffering=0)  # noqa: SIM115 - closed by `__exit__`
         try:
-            about = {"descr": "<u8", "fortran_order": False, "shape": shape}
-            np.lib.format.write_array_header_1_0(self._file, about)
+            header = {"descr": "<u8", "fortran_order": False, "shape": shape}
+            np.lib.format.write_array_header_1_0(self._file, header)
             self._start, self._width = self._file.tell(), 8 * shape[1]
             reserve(self._file.fileno(), self._start + shape[0] * self._width)
         except BaseException:
@@ -150,8 +150,8 @@ def write_rows(path: Path, rows: np.ndarray) -> None:
     """Write a matrix, (n, words) uint64, as a .npy file."""
     with RowFile(path, rows.shape) as file:
         for first in range(0, len(rows), _COPIED_ROWS):
-            some = rows[first : first + _COPIED_ROWS]
-            file.put(np.arange(first, first + len(some)), some)
+            batch = rows[first : first + _COPIED_ROWS]
+            file.put(np.arange(first, first + len(batch)), batch)
 
 
 # --- Sparse matrices (CSR), as ``scipy.sparse.load_npz`` reads them ---------------------------------------------------
@@ -190,13 +190,13 @@ def write_sparse(file: BinaryIO, bits: NDArray[np.uint64], columns: int, counts:
     """Write the set bits to a .npz file, a few hundred rows at a time."""
     total, kind = int(counts.sum()), _index_type(counts)
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
-        small = {
+        arrays = {
             "format": np.array(b"csr"),
             "_is_array": np.array(True),
             "shape": np.array((len(bits), columns), np.int64),
             "indptr": _starts(counts),
         }
-        for name, array in small.items():
+        for name, array in arrays.items():
             _write_member(archive, name, array.dtype, array.shape, [array])
         _write_member(archive, "indices", np.dtype(kind), (total,), _indices(bits, columns, kind))
         steps = range(0, total, 1 << 20)
@@ -210,8 +210,8 @@ def _write_member(
 ) -> None:
     """Write an array to an archive piece by piece."""
     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-        about = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(member, about)
+        header = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(member, header)
         for piece in pieces:
             member.write(piece.tobytes())
 
@@ -231,10 +231,10 @@ def hidden_sun_rows(bits: NDArray[np.uint64], places: NDArray[np.int32]) -> NDAr
     """
     rows = np.zeros((len(bits), -(-len(places) // 64)), np.uint64)
     for first in range(0, len(bits), _SENSOR_ROWS):
-        some = slice(first, first + _SENSOR_ROWS)
-        packed = np.ascontiguousarray(bits[some]).view(np.uint8)
+        batch = slice(first, first + _SENSOR_ROWS)
+        packed = np.ascontiguousarray(bits[batch]).view(np.uint8)
         hidden = np.unpackbits(packed, axis=1, bitorder="little")[:, places].mean(2) > 0.5
         out = np.zeros((len(packed), rows.shape[1] * 64), bool)
         out[:, : hidden.shape[1]] = hidden
-        rows[some] = np.packbits(out, axis=1, bitorder="little").view(np.uint64)
+        rows[batch] = np.packbits(out, axis=1, bitorder="little").view(np.uint64)
     return rows

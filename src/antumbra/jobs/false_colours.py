@@ -115,12 +115,12 @@ def _map(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.u
     cells = table.sensors.on_raster(values)
     colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
     colours[~np.isfinite(cells)] = _NOWHERE
-    several = max(1, _SIZE // max(cells.shape))
+    magnification = max(1, _SIZE // max(cells.shape))
     step = -(-max(cells.shape) // _MOST_PIXELS)
     marks = _marks(table)
     north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
-    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (several / step / raster.spacing)
-    return colours[::step, ::step].repeat(several, 0).repeat(several, 1), places
+    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (magnification / step / raster.spacing)
+    return colours[::step, ::step].repeat(magnification, 0).repeat(magnification, 1), places
 
 
 def _marks(table: "Table") -> NDArray[np.float64]:
@@ -131,19 +131,19 @@ def _view(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.
     """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
     scene = table.scene
     assert scene is not None
-    around = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
-    framed_points = np.concatenate([around, _marks(table)])
+    extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
+    framed_points = np.concatenate([extent_points, _marks(table)])
     camera = table.camera or fitted_camera(framed_points, scene.up, _SIZE, 3 * _SIZE // 4)
     frame = render(scene, camera, [AmbientOcclusion()], spp=16)
     buffer = frame.gbuffer
-    met = buffer.face >= 0
-    colours = np.full((*met.shape, 3), 30, np.uint8)
-    at = buffer.position[met] + buffer.origin
-    surface_values = _values_at(table.sensors, values, at, buffer.normal[met], buffer.face[met])
+    covered = buffer.face >= 0
+    colours = np.full((*covered.shape, 3), 30, np.uint8)
+    at = buffer.position[covered] + buffer.origin
+    surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
     known = np.isfinite(surface_values)
     surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
-    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][met][:, None]
-    colours[met] = np.round(surface_colours * light).astype(np.uint8)
+    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
+    colours[covered] = np.round(surface_colours * light).astype(np.uint8)
     return colours, project_points(camera, _marks(table))
 
 

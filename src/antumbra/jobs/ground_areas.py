@@ -110,12 +110,12 @@ def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: b
     reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
     inside = np.zeros(len(begin), bool)
     for first in range(0, len(begin), _AT_A_TIME):
-        some = begin[first : first + _AT_A_TIME]
-        origins = np.repeat(some, _RAYS, 0)
-        ends = (origins + np.tile(reach * rays, (len(some), 1))).astype(np.float32)
-        met = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
-        ray = np.repeat(np.arange(len(origins)), np.diff(met.first))
-        signs = np.sign((normals[met.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
+        batch = begin[first : first + _AT_A_TIME]
+        origins = np.repeat(batch, _RAYS, 0)
+        ends = (origins + np.tile(reach * rays, (len(batch), 1))).astype(np.float32)
+        hits = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
+        ray = np.repeat(np.arange(len(origins)), np.diff(hits.first))
+        signs = np.sign((normals[hits.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
         winding = np.bincount(ray, signs, len(origins)).reshape(-1, _RAYS)
         inside[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
     return inside
@@ -193,19 +193,20 @@ def area_sensors(
         at[:, up], faces = ground_at(scene, at, 0.0, threads)
         _check_ground(polygons, zone, faces)
         floor = np.array([at[zone == k, up].min() for k in range(len(polygons))])
-        out = below_roofs(scene, at, floor[zone], threads)
+        excluded = below_roofs(scene, at, floor[zone], threads)
         at[:, up] += height
     else:
-        at[:, up], out = height, np.zeros(len(at), bool)
-    out |= covered_by_solids(scene, at, threads)
+        at[:, up], excluded = height, np.zeros(len(at), bool)
+    excluded |= covered_by_solids(scene, at, threads)
     zones = [
-        Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(polygons, cells))
+        Zone(area.name, len(each), int(excluded[zone == k].sum()))
+        for k, (area, each) in enumerate(zip(polygons, cells))
     ]
     normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.area)
-    outside = ~out
+    included = ~excluded
     return Sensors(
-        at[outside], normals[outside], sizes[outside], faces[outside], "raster", raster,
-        cells=cell[outside], zone=zone[outside], zones=tuple(zones),
+        at[included], normals[included], sizes[included], faces[included], "raster", raster,
+        cells=cell[included], zone=zone[included], zones=tuple(zones),
     )  # fmt: skip
 
 
@@ -328,9 +329,9 @@ def _cells_in(area: Area, raster: Raster) -> np.ndarray:
 
 def _check_ground(areas: list[Area], zone: np.ndarray, faces: np.ndarray) -> None:
     for k, area in enumerate(areas):
-        lost = int((faces[zone == k] < 0).sum())
-        if lost:
+        missing = int((faces[zone == k] < 0).sum())
+        if missing:
             raise InputError(
-                f"{area.name}: {lost} of {(zone == k).sum()} cells have no surface below them; "
+                f"{area.name}: {missing} of {(zone == k).sum()} cells have no surface below them; "
                 "give the height of the ground, such as raster:0.5@12.3, or a scene with terrain"
             )

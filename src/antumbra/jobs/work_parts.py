@@ -206,18 +206,18 @@ class ShardMerge:
 
     def _places(self, job: Sequence[Units]) -> list[FinishedUnit]:
         """Locate each unit. Raises InputError if one is missing or present twice."""
-        finished, missing = list[FinishedUnit](), list[tuple[int, str]]()
+        finished, missing_units = list[FinishedUnit](), list[tuple[int, str]]()
         for number, units, k in numbered(job):
-            places = [root for root in self._roots(units) if units.done(k, root)]
-            if len(places) > 1:
+            roots = [root for root in self._roots(units) if units.done(k, root)]
+            if len(roots) > 1:
                 name = units.files(k)[0]
-                raise InputError(f"{name} is there twice, in {places[0]} and {places[1]}; leave one of them out")
-            if places:
-                finished.append(FinishedUnit(units, k, places[0]))
+                raise InputError(f"{name} is there twice, in {roots[0]} and {roots[1]}; leave one of them out")
+            if roots:
+                finished.append(FinishedUnit(units, k, roots[0]))
             else:
-                missing.append((number, self._fault(units, k)))
-        if missing:
-            raise InputError(self._missing_message(missing, len(finished) + len(missing)))
+                missing_units.append((number, self._fault(units, k)))
+        if missing_units:
+            raise InputError(self._missing_message(missing_units, len(finished) + len(missing_units)))
         return finished
 
     def _roots(self, units: Units) -> Iterator[Path]:

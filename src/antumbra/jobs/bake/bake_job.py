@@ -138,22 +138,23 @@ def base_texels(asset: Asset, accessors: Accessors, sheet: Sheet, primitives: Se
     cover, out, start = sheet.cover, np.ones((len(sheet.cover.texel), 4), np.float32), 0
     images: dict[int, np.ndarray | None] = {}
     for one, primitive in zip(sheet.unwrapped, primitives):
-        here = (cover.face >= start) & (cover.face < start + len(one.faces))
+        inside = (cover.face >= start) & (cover.face < start + len(one.faces))
         start += len(one.faces)
-        used = _base_texture(asset, primitive)
-        if used is None or not here.any():
+        texture = _base_texture(asset, primitive)
+        if texture is None or not inside.any():
             continue
-        source = asset.json["textures"][used["index"]].get("source")
+        source = asset.json["textures"][texture["index"]].get("source")
         if source not in images:
             images[source] = None if source is None else _decode_image(asset, asset.json["images"][source])
-        name = f"TEXCOORD_{used.get('extensions', {}).get(_TRANSFORM, {}).get('texCoord', used.get('texCoord', 0))}"
+        transform = texture.get("extensions", {}).get(_TRANSFORM, {})
+        name = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
         image = images[source]
         if image is None or name not in primitive["attributes"]:
             continue
         uv = accessors.finite(primitive["attributes"][name], "VEC2")[one.part.rows]
-        corners = corners_of([one], [uv])[cover.face[here] - (start - len(one.faces))]
-        points = np.einsum("nk,nki->ni", cover.weights[here], corners)
-        out[here] = _sample_repeated(image, _transform_uv(points, used))
+        corners = corners_of([one], [uv])[cover.face[inside] - (start - len(one.faces))]
+        points = np.einsum("nk,nki->ni", cover.weights[inside], corners)
+        out[inside] = _sample_repeated(image, _transform_uv(points, texture))
     return out
 
 
@@ -171,9 +172,9 @@ def _decode_image(asset: Asset, image: Json) -> NDArray[np.float32] | None:
 
     try:
         if "bufferView" in image:
-            view = asset.json["bufferViews"][image["bufferView"]]
-            start = view.get("byteOffset", 0)
-            data = bytes(asset.binary[start : start + view["byteLength"]])
+            buffer_view = asset.json["bufferViews"][image["bufferView"]]
+            start = buffer_view.get("byteOffset", 0)
+            data = bytes(asset.binary[start : start + buffer_view["byteLength"]])
         elif is_data_uri(image.get("uri", "")):
             data = data_uri_bytes(image["uri"], "image")
         else:
@@ -227,8 +228,8 @@ def bake_textures(
     if options.settings.what == "bent-normal":
         measured = [(_local_texels(sheet, values), hidden) for sheet, (values, hidden) in zip(sheets, measured)]
     clock.lap("trace")
-    everything = np.concatenate([values for values, _ in measured])
-    exposure = exposure_of(everything, options)
+    all_values = np.concatenate([values for values, _ in measured])
+    exposure = exposure_of(all_values, options)
     originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
     primitives, images, seams = own_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
     remapper = Remapper(asset, accessors)
@@ -262,10 +263,10 @@ def bake_textures(
         what=options.settings.what,
         attribute=None,
         parts=len(parts),
-        receivers=len(everything),
+        receivers=len(all_values),
         hidden=sum(hidden for _, hidden in measured),
         rays=meter.rays,
-        mean=float(np.nanmean(everything)),
+        mean=float(np.nanmean(all_values)),
         exposure=exposure,
         seam=float(np.percentile(seam, 99)) if len(seam) else None,
         seconds=clock.seconds,
@@ -300,13 +301,13 @@ def _material_image(
 
 def _set_texture(asset: Asset, texture: int, options: BakeOptions, material: Json, uv_set: int) -> None:
     """Assign a baked texture to a material."""
-    used = {"index": texture, "texCoord": uv_set}
+    texture_info = {"index": texture, "texCoord": uv_set}
     if options.settings.what == "ao":
-        material["occlusionTexture"] = used
+        material["occlusionTexture"] = texture_info
     elif options.settings.what == "bent-normal":
-        material.setdefault("extras", {})["bentNormalTexture"] = used
+        material.setdefault("extras", {})["bentNormalTexture"] = texture_info
     else:
-        material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = used
+        material.setdefault("pbrMetallicRoughness", {})["baseColorTexture"] = texture_info
         make_unlit(asset, material)
 
 
@@ -314,8 +315,8 @@ def _local_texels(sheet: Sheet, values: NDArray[np.float32]) -> NDArray[np.float
     """World directions of texels in the frames of their parts."""
     out, start = values.copy(), 0
     for one in sheet.unwrapped:
-        here = (sheet.cover.face >= start) & (sheet.cover.face < start + len(one.faces))
-        out[here] = to_local(values[here], one.part)
+        inside = (sheet.cover.face >= start) & (sheet.cover.face < start + len(one.faces))
+        out[inside] = to_local(values[inside], one.part)
         start += len(one.faces)
     return out
 

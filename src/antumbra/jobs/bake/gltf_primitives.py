@@ -175,9 +175,9 @@ def change_materials(
 
     A material is changed once per key. It is copied if primitives outside `primitives`, or with another key, use it.
     """
-    changed, mine = dict[tuple[int | None, Key], int](), {id(primitive) for primitive in primitives}
-    everything = [primitive for mesh in asset.json["meshes"] for primitive in mesh["primitives"]]
-    used_materials = {primitive.get("material") for primitive in everything if id(primitive) not in mine}
+    changed, baked_ids = dict[tuple[int | None, Key], int](), {id(primitive) for primitive in primitives}
+    all_primitives = [primitive for mesh in asset.json["meshes"] for primitive in mesh["primitives"]]
+    used_materials = {primitive.get("material") for primitive in all_primitives if id(primitive) not in baked_ids}
     for primitive, key in zip(primitives, keys):
         index = primitive.get("material")
         if (index, key) not in changed:
@@ -216,10 +216,10 @@ def write_colours(
     multiply : multiply existing colours instead of replacing them
     """
     rgba = np.ones((len(colours), 4))
-    earlier = primitive["attributes"].get("COLOR_0")
-    if earlier is not None:
-        before = accessors.floats(earlier, "VEC3", "VEC4")
-        rgba[:, 3 if not multiply else 0 : before.shape[1]] = before[:, 3 if not multiply else 0 :]
+    index = primitive["attributes"].get("COLOR_0")
+    if index is not None:
+        existing = accessors.floats(index, "VEC3", "VEC4")
+        rgba[:, 3 if not multiply else 0 : existing.shape[1]] = existing[:, 3 if not multiply else 0 :]
     rgba[:, :3] *= colours
     quantized = np.round(65535.0 * np.clip(rgba, 0.0, 1.0)).astype("<u2")
     primitive["attributes"]["COLOR_0"] = asset.accessor(quantized, normalized=True)

@@ -83,19 +83,19 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
 
     blocked : the `blockers` of each light, or None
     """
-    g = frame.gbuffer
-    covered = g.face >= 0
-    thing = np.where(covered, objects.of_face[np.where(covered, g.face, 0)], -1).astype(np.int32)
-    instance = np.where(covered, objects.instance[np.where(covered, thing, 0)], -1).astype(np.int32)
+    gbuffer = frame.gbuffer
+    covered = gbuffer.face >= 0
+    object_id = np.where(covered, objects.of_face[np.where(covered, gbuffer.face, 0)], -1).astype(np.int32)
+    instance = np.where(covered, objects.instance[np.where(covered, object_id, 0)], -1).astype(np.int32)
     passes = {
         **{f"{VIEW}.Combined.{c}": frame.image[..., k] for k, c in enumerate("RGB")},
         f"{VIEW}.Combined.A": covered.astype(np.float32),
-        f"{VIEW}.Depth.Z": g.depth,
-        **{f"{VIEW}.Position.{c}": g.position[..., k] for k, c in enumerate("XYZ")},
-        **{f"{VIEW}.Normal.{c}": g.normal[..., k] for k, c in enumerate("XYZ")},
-        f"{VIEW}.IndexOB.X": thing,
+        f"{VIEW}.Depth.Z": gbuffer.depth,
+        **{f"{VIEW}.Position.{c}": gbuffer.position[..., k] for k, c in enumerate("XYZ")},
+        **{f"{VIEW}.Normal.{c}": gbuffer.normal[..., k] for k, c in enumerate("XYZ")},
+        f"{VIEW}.IndexOB.X": object_id,
         f"{VIEW}.Instance.X": instance,
-        f"{VIEW}.Triangle.X": g.face,
+        f"{VIEW}.Triangle.X": gbuffer.face,
     }
     for k, (visibility, blocker) in enumerate(zip(frame.visibility, blocked)):
         passes[f"{light_layer(k)}.Visibility.X"] = visibility

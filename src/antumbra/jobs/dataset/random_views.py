@@ -81,11 +81,11 @@ def sampling_region(scene: AnyScene, time: float, threads: int | None) -> Sampli
     if scene.n_triangles < _MANY or isinstance(scene, PagedScene):
         return SamplingRegion(scene, time, threads, scene.bounds)
     triangles = scene.triangles(time, threads)
-    some = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
-    centres = some.mean(axis=1, dtype=np.float64) + triangles.origin
+    sample = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
+    centres = sample.mean(axis=1, dtype=np.float64) + triangles.origin
     lower, upper = np.percentile(centres, _MOST_FACES, axis=0, method="nearest")
-    more = _MORE * (upper - lower)
-    return SamplingRegion(scene, time, threads, np.clip(np.stack([lower - more, upper + more]), *scene.bounds))
+    margin = _MORE * (upper - lower)
+    return SamplingRegion(scene, time, threads, np.clip(np.stack([lower - margin, upper + margin]), *scene.bounds))
 
 
 def orbit_camera(region: SamplingRegion, k: int, n: int, size: tuple[int, int]) -> Camera:

@@ -141,10 +141,10 @@ def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[i
         ) from None
     ends, units, face_lists = list[np.ndarray](), list[np.ndarray | None](), list[np.ndarray]()
     for points, each, face in zip(at, (begin, end), faces):
-        wide, normals = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3), None
+        positions, normals = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3), None
         if each.normals is not None:
             normals = np.broadcast_to(_as_normals(each.normals, shape), (*shape, 3)).reshape(-1, 3)
-        receivers = Receivers.of(wide, normals, scene.origin)
+        receivers = Receivers.of(positions, normals, scene.origin)
         ends.append(receivers.origins[0])
         units.append(None if normals is None else receivers.normals[0])
         face_lists.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
@@ -195,12 +195,12 @@ def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple
     """All pairs of a segment and a triangle that stops it, except the face on which the segment begins."""
     assert ready.bvh is not None
     segments = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
-    met = intersections(ready.bvh, *segments)
-    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(met.first)), met.prims
+    hits = intersections(ready.bvh, *segments)
+    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(hits.first)), hits.prims
     if ready.cutouts is None:
         return ray, prim
-    more = all_stops(ready.cutouts, *segments)
-    return np.concatenate([ray, more[0]]), np.concatenate([prim, more[1]])
+    cutout_hits = all_stops(ready.cutouts, *segments)
+    return np.concatenate([ray, cutout_hits[0]]), np.concatenate([prim, cutout_hits[1]])
 
 
 def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> NDArray[np.float64]:

@@ -62,13 +62,13 @@ class Limits(NamedTuple):
             return within
         z = away[..., "xyz".index(up)]
         north = away[..., 1] if up == "z" else -away[..., 2]
-        level = np.hypot(away[..., 0], north)
-        elevation = np.degrees(np.arctan2(z, level))
+        horizontal = np.hypot(away[..., 0], north)
+        elevation = np.degrees(np.arctan2(z, horizontal))
         within &= (elevation >= self.elevation[0]) & (elevation <= self.elevation[1])
-        wide = self.azimuth[1] - self.azimuth[0]
-        if abs(wide) < 360.0:
-            turned = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
-            within &= (turned % 360.0 <= wide % 360.0) | (level == 0.0)
+        width = self.azimuth[1] - self.azimuth[0]
+        if abs(width) < 360.0:
+            bearing = np.degrees(np.arctan2(away[..., 0], north)) - self.azimuth[0]
+            within &= (bearing % 360.0 <= width % 360.0) | (horizontal == 0.0)
         return within
 
 
@@ -165,18 +165,18 @@ def subdivide(corners: NDArray[np.float64], longest: float) -> NDArray[np.float6
 
     Adjacent faces halve a shared edge at the same point, since halving depends only on the edge.
     """
-    done = list[np.ndarray]()
+    finished = list[np.ndarray]()
     while len(corners):
         lengths = np.linalg.norm(np.roll(corners, -1, 1) - corners, axis=2)
         k = lengths.argmax(1)
         long = lengths[np.arange(len(k)), k] > longest
-        done.append(corners[~long])
+        finished.append(corners[~long])
         corners, k = corners[long], k[long]
         row = np.arange(len(k))
         a, b, c = (corners[row, (k + shift) % 3] for shift in range(3))
         middle = (a + b) / 2.0
         corners = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
-    return np.concatenate([np.empty((0, 3, 3)), *done])
+    return np.concatenate([np.empty((0, 3, 3)), *finished])
 
 
 # --- Viewsheds --------------------------------------------------------------------------------------------------------
@@ -291,8 +291,8 @@ def viewshed(
             f"bits of {n} sensors and {k} observers take {n * k / 8e9:.1f} GB; visibility_matrix streams them"
         )
     visibility_bits = np.zeros((n, words_of(k)), np.uint64) if bits else None
-    none = np.full(n, -1, np.int32)
-    sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), none, np.full(n, np.inf), visibility_bits)
+    no_observer = np.full(n, -1, np.int32)
+    sight = _Sight(np.zeros(n, np.int32), np.full(n, k, np.int32), no_observer, np.full(n, np.inf), visibility_bits)
     state = _ViewshedState(targets, eyes, limits, scene.up, sight)
     with report_progress(f"{n} sensors, {k} observers") as report:
         if curvature:

@@ -312,8 +312,8 @@ class _Bins:
             columns.append(np.where(counts, first, -1))
             self.criteria.append((self.names[first], float((weight[counts] / suns.hours[counts]).max(initial=0.0))))
         self.count = len(self.names) + 1
-        chosen = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
-        self.of_suns = np.where(chosen < 0, self.count - 1, chosen)
+        bins = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
+        self.of_suns = np.where(bins < 0, self.count - 1, bins)
         self.used = set(self.of_suns.ravel().tolist())
 
     def _add(self, names: list[str]) -> int:

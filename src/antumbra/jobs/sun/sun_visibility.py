@@ -242,9 +242,9 @@ class SunSums:
         self.parts = Parts(title, n, _PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
-        query, some = self._query, self._order[first:last]
-        bits = _bits_of(query, some)
-        normals = None if query.sensors.normals is None else query.sensors.normals[some]
+        query, indices = self._query, self._order[first:last]
+        bits = _bits_of(query, indices)
+        normals = None if query.sensors.normals is None else query.sensors.normals[indices]
         sums = tally_of(bits, normals, query.calendar, query.columns, query.threads)._asdict()
         return {**sums, "matrix": hidden_sun_rows(bits, query.calendar.places)} if self._matrix else sums
 
@@ -273,10 +273,10 @@ def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") ->
     folder : stores finished parts, from which an interrupted job resumes; None: nothing is stored
     what : name of the work, for users
     """
-    executor, sums = LocalExecutor(folder), SunSums(query, what, folder)
-    executor.finish([sums.parts])
-    tally = sums.tally()
-    executor.end([sums.parts])
+    executor, work = LocalExecutor(folder), SunSums(query, what, folder)
+    executor.finish([work.parts])
+    tally = work.tally()
+    executor.end([work.parts])
     return tally
 
 
@@ -287,14 +287,14 @@ def _bits_of(query: SunQuery, which: np.ndarray) -> np.ndarray:
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
     bundles = _in_front(query.towards, normals)
-    for some in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
-        places = (some[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
+    for batch in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
+        places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
         if not len(places):
             continue
         lights = DirectionalLights(-query.towards[places])
         occluded = engine.visibility(receivers, [lights]).bits[:, 0]
-        bits.view(np.uint16)[:, some] = occluded.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
+        bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
     return bits
 
 
@@ -316,9 +316,9 @@ def tally_job() -> Job:
     """The compile job of sums over suns."""
 
     def work() -> None:
-        bits, once = np.zeros((2, 1), np.uint64), np.zeros(1)
+        bits, ones = np.zeros((2, 1), np.uint64), np.zeros(1)
         calendar = Calendar(
-            np.zeros((1, 1), np.int32), once, np.zeros((1, 1), np.int32), np.ones(1, bool), once, np.zeros((1, 3))
+            np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
         )
         tally_of(bits, None, calendar, 1, 1)
 
