@@ -49,8 +49,8 @@ from .gltf_primitives import (
     all_rows,
     change_materials,
     make_unlit,
-    own_primitives,
     to_local,
+    unshared_primitives,
     write_colours,
 )
 from .surface_meter import Measurement, Meter, curve_blocks
@@ -231,7 +231,7 @@ def bake_textures(
     all_values = np.concatenate([values for values, _ in measured])
     exposure = exposure_of(all_values, options)
     originals = [dict(part.json, attributes=dict(part.json["attributes"])) for part in parts]
-    primitives, images, seams = own_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
+    primitives, images, seams = unshared_primitives(asset, parts), list[tuple[Path, np.ndarray]](), list[np.ndarray]()
     remapper = Remapper(asset, accessors)
     for i, (sheet, (values, _)) in enumerate(zip(sheets, measured)):
         image = image_of(sheet.cover, values)
@@ -343,7 +343,7 @@ def bake_vertices(
     hidden = replace_hidden(values, receivers, parts, meter, solids)
     clock.lap("trace")
     exposure = exposure_of(values, options)
-    accessors, primitives = accessors_of(asset, scene.name), own_primitives(asset, parts)
+    accessors, primitives = accessors_of(asset, scene.name), unshared_primitives(asset, parts)
     for part, primitive, part_values in zip(parts, primitives, _split(values, parts)):
         if options.settings.what == "bent-normal":
             part_values = to_local(part_values, part)

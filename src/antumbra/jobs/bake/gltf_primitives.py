@@ -147,7 +147,7 @@ def to_local(directions: NDArray[np.floating], part: NodePrimitive) -> NDArray[n
 UNLIT = "KHR_materials_unlit"
 
 
-def own_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[Json]:
+def unshared_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[Json]:
     """The JSON of each part's primitive, in a mesh that no other node uses.
 
     Since baked values differ between nodes, a mesh used by several nodes is duplicated: the first node keeps it, the
