@@ -237,7 +237,7 @@ def test_edges_of_cells_are_multiples_of_the_spacing():
 @pytest.mark.parametrize(
     "more, words",
     [
-        ({"transform": rasterio.Affine(0.5, 0.1, 84000, 0.1, -0.5, 447020)}, "no squares with north up"),
+        ({"transform": rasterio.Affine(0.5, 0.1, 84000, 0.1, -0.5, 447020)}, "not square with north up"),
         ({"transform": rasterio.Affine(0.5, 0, 84000, 0, -0.6, 447020)}, "gdalwarp -tr"),
         ({"transform": rasterio.Affine(0.5, 0, 84000, 0, 0.5, 447020)}, "north up"),
     ],
