@@ -49,9 +49,9 @@ def test_what_anyone_can_change(own, mode):
 
 def test_groups_of_several_users(own, monkeypatch):
     own.chmod(0o775)
-    monkeypatch.setattr(private, "_is_own_group", lambda group: True)
+    monkeypatch.setattr(private, "_is_private_group", lambda group: True)
     private.checked_own(own)
-    monkeypatch.setattr(private, "_is_own_group", lambda group: False)
+    monkeypatch.setattr(private, "_is_private_group", lambda group: False)
     with pytest.raises(private.Untrusted):
         private.checked_own(own)
 

@@ -1,4 +1,4 @@
-"""Optimise a finished BVH by reinsertion [Bittner et al. 2013; Meister and Bittner 2018].
+"""Optimise a finished BVH by reinsertion [Bittner et al. 2013] [Meister and Bittner 2018].
 
 Insertion-based optimisation is from [Bittner et al. 2013, "Fast insertion-based optimization of bounding volume
 hierarchies"], its parallel form from [Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy
