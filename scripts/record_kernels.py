@@ -22,9 +22,9 @@ from antumbra.papers.published_methods import NEEDS as PAPERS
 JOB = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.job_kernels import jobs
+from antumbra.jobs.job_kernels import all_jobs
 
-jobs(papers=True)[int(sys.argv[1])].work()
+all_jobs(papers=True)[int(sys.argv[1])].work()
 print(json.dumps(sorted({(event.kernel, event.key) for event in events})))
 """
 MEASURE = """
@@ -75,14 +75,14 @@ def measured(kernels: list[tuple[str, str]]) -> dict[tuple[str, str], dict]:
 
 def written(file: Path, jobs: list[str], calls: dict, sizes: dict) -> None:
     """Write the kernels of some jobs to a file."""
-    kernels = sorted({kernel for name in all_jobs for kernel in calls[name]})
+    kernels = sorted({kernel for name in jobs for kernel in calls[name]})
     place = {kernel: i for i, kernel in enumerate(kernels)}
     record = {
         "kernels": [[*kernel, sizes[kernel]] for kernel in kernels],
-        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in all_jobs},
+        "jobs": {name: [place[kernel] for kernel in calls[name]] for name in jobs},
     }
     file.write_text(json.dumps(record, indent=0) + "\n")
-    print(f"{len(kernels)} kernels of {len(all_jobs)} jobs in {file}")
+    print(f"{len(kernels)} kernels of {len(jobs)} jobs in {file}")
 
 
 def recorded_jobs(only: str) -> tuple[dict, dict]:

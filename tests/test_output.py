@@ -40,7 +40,7 @@ def test_bad_paths(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_a_pipe_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "a.png")
-    check_fails(tmp_path / "a.png", "not an ordinary file")
+    check_fails(tmp_path / "a.png", "not a regular file")
 
 
 def test_a_folder_without_permission(tmp_path, monkeypatch):

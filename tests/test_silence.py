@@ -80,7 +80,7 @@ def test_progress_is_a_function_or_a_bool(name):
 
 
 def test_false_silences_what_is_called_too(monkeypatch):
-    monkeypatch.setattr(progress, "_watched", lambda: True)
+    monkeypatch.setattr(progress, "_is_interactive", lambda: True)
 
     @progress.with_quiet_progress
     def work(progress=None):

@@ -18,9 +18,9 @@ fcntl = pytest.importorskip("fcntl", reason="this system has no flock: Windows")
 DEAD = ".antumbra-0123456789ab"
 LIVING = """
 import sys
-from antumbra.files import replacing
+from antumbra.files import atomic_output
 
-with replacing(sys.argv[1]) as temporary:
+with atomic_output(sys.argv[1]) as temporary:
     temporary.write_bytes(b"half")
     print("ready", flush=True)
     sys.stdin.readline()
@@ -224,9 +224,9 @@ from pathlib import Path
 os.kill(os.getpid(), signal.SIGKILL)
 """
 MAKERS = {
-    "a context": "from antumbra import temporary\nmade = temporary.temporary_folder()\nfolder = made.__enter__()",
+    "a context": "from antumbra import files\nmade = files.temporary_folder()\nfolder = made.__enter__()",
     "a process": "from antumbra.files import private_folder\nfolder = private_folder('inputs')",
-    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._own",
+    "a node of a cluster": "from antumbra.cluster.ray_workers import Node\nnode = Node(1)\nfolder = node._folder",
 }
 
 
@@ -239,7 +239,7 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
     assert files(left) == [".lock", "model.glb"]
     (tmp_path / "antumbra-theirs00").mkdir()  # without a lock
     monkeypatch.setattr(temporary.tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(temporary, "_YOUNG", -1.0)
+    monkeypatch.setattr(temporary, "_MIN_AGE", -1.0)
     temporary._remove_abandoned_folders.cache_clear()
     with temporary_folder() as folder:
         assert set(files(tmp_path)) == {folder.name, "antumbra-theirs00"} and folder.stat().st_mode & 0o777 == 0o700
@@ -253,4 +253,4 @@ def test_folders_of_killed_processes_are_removed_and_those_of_others_stay(tmp_pa
 def test_no_other_module_makes_folders_that_outlive_a_killed_process():
     makers = re.compile(r"TemporaryDirectory|mkdtemp\(")
     found = [path.name for path in (ROOT / "src").rglob("*.py") if makers.search(path.read_text(encoding="utf-8"))]
-    assert sorted(found) == ["private.py", "temporary.py"]
+    assert sorted(found) == ["files.py"]

@@ -4,6 +4,7 @@ from datetime import UTC, date
 from typing import assert_type
 
 import numpy as np
+from numpy.typing import NDArray
 
 import antumbra as at
 
@@ -19,9 +20,9 @@ def use() -> None:
     at.render(scene, camera, lights, sppp=16)  # type: ignore[call-arg]
     at.Renderer(scene).render(camera, lights, filter=1.5)  # type: ignore[arg-type]
     assert_type(at.RenderOptions(ground=True).cull_faces, str | None)
-    assert_type(frame.image, np.ndarray)
+    assert_type(frame.image, NDArray[np.float32])
     frame.save("picture.png")
-    assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), np.ndarray)
+    assert_type(scene.occluded([0, 1, 0], [[0, 1, 0]], tmax=3.0), NDArray[np.bool_])
     assert_type(scene.closest_hit(np.zeros((5, 3)), np.ones((5, 3))), at.Hit)
     assert_type(scene.lights, list[at.Light])
     assert_type(scene.cameras, list[at.Camera])

@@ -126,7 +126,7 @@ __all__ = [
     "write_attributes",
 ]
 
-# Names are imported on first use: `antumbra --help` must start faster than Numba can be imported.
+# Names are imported on first use, since `antumbra --help` must start faster than Numba can be imported.
 _HOME = {
     "AmbientOcclusion": "scene.lights",
     "Baked": "jobs.bake",
@@ -148,7 +148,7 @@ _HOME = {
     "ObjectInfo": "scene.mesh",
     "PagedScene": "engine.paged_scene",
     "Place": "jobs.sun.location",
-    "Plan": "plan",
+    "Plan": "engine.plan",
     "PointLight": "scene.lights",
     "PointLights": "scene.light_lists",
     "QuadLight": "scene.lights",
@@ -195,7 +195,7 @@ _HOME = {
     "visibility_matrix": "jobs.line_of_sight.visibility_matrix",
     "write_attributes": "formats.cityjson.attribute_writer",
 }
-_MODULES = ("cluster",)  # parts of the public face that are modules
+_MODULES = ("cluster",)  # public names that are modules
 
 if not typing.TYPE_CHECKING:  # hidden from type checkers, so that unknown names are errors
 

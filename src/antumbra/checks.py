@@ -1,62 +1,63 @@
-"""Checked arguments for the public face: each function returns the value in one form, or raises an `InputError`."""
+"""Argument checks for the public API: each function returns the value in one form, or raises an `InputError`."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import InputError
 
 T = TypeVar("T")
 
-_LONGEST = 60  # characters of a value in a message
+_LONGEST = 60  # maximum characters of a value in a message
 _NO_NUMBERS = str, bytes, bytearray, bool, np.bool_, complex, np.complexfloating, np.datetime64, np.timedelta64
 _ENDS = {"()": "lie between {} and {}", "[)": "be at least {} and below {}", "[]": "be a number from {} to {}"}
-"""How messages write intervals."""
+"""Intervals in the words of messages."""
 
 
-def spelling_hint(name, known: Iterable[str]) -> str:
-    """``"did you mean 'x'? "`` if a known name is like `name`, else nothing: for errors about unknown names."""
+def spelling_hint(name: object, known: Iterable[str]) -> str:
+    """``"did you mean 'x'? "`` if a known name is similar to `name`, else an empty string; for unknown-name errors."""
     text, names = str(name), list(known)
-    found = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
-    return f"did you mean {found[0]!r}? " if found else ""
+    matches = get_close_matches(text, names, 1, 0.6) or [each for each in names if each.lower() == text.lower()][:1]
+    return f"did you mean {matches[0]!r}? " if matches else ""
 
 
-def quoted(value) -> str:
-    """A wrong value as messages show it: its repr on one line, cut where it becomes long."""
+def quoted(value: object) -> str:
+    """The repr of a wrong value for a message, on one line and truncated."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # of another library's object, or of a whole number with thousands of digits
+    except Exception:  # of another library's object, or of an integer with thousands of digits
         text = f"a {type(value).__name__}"
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
 
-# --- Numbers -----------------------------------------------------------------------------------------------------
+# --- Numbers ----------------------------------------------------------------------------------------------------------
 
 
-def is_number(value) -> bool:
-    """Whether a value may be one real number. Texts, truth values and arrays with axes are none."""
+def is_number(value: object) -> bool:
+    """Whether a value may be a single real number. Strings, booleans and arrays with axes are not."""
     return not isinstance(value, _NO_NUMBERS) and getattr(value, "ndim", 0) == 0
 
 
-def whole_number(value, what: str, low: int, high: int) -> int:
+def whole_number(value: Any, what: str, low: int, high: int) -> int:
     """Convert `value` to an int; InputError naming `what` unless it is a whole number in [`low`, `high`]."""
     if is_number(value):
         with suppress(TypeError, ValueError, ArithmeticError):
-            whole = int(value)
-            if whole == value and low <= whole <= high:
-                return whole
+            integer = int(value)
+            if integer == value and low <= integer <= high:
+                return integer
     raise InputError(f"{what} is {quoted(value)}; it must be a whole number from {low} to {high}")
 
 
-def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
+def number(value: Any, what: str, low: float = -np.inf, high: float = np.inf, ends: str = "()") -> float:
     """Convert `value` to a float; InputError naming `what` unless it lies between `low` and `high`.
 
-    ends : whether the limits are allowed, as intervals are written: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
+    ends : whether the limits are allowed, in interval notation: ``"()"``, ``"(]"``, ``"[)"`` or ``"[]"``
     """
     x = float("nan")
     if is_number(value):
@@ -65,40 +66,42 @@ def number(value, what: str, low: float = -np.inf, high: float = np.inf, ends: s
     if low < x < high or (x == low and ends[0] == "[") or (x == high and ends[1] == "]"):
         return x
     if np.isinf(high):
-        wanted = "be a number" if ends[1] == "]" else "be a finite number"
-        wanted += "" if np.isinf(low) else f" {'above' if ends[0] == '(' else 'of at least'} {low:g}"
+        requirement = "be a number" if ends[1] == "]" else "be a finite number"
+        requirement += "" if np.isinf(low) else f" {'above' if ends[0] == '(' else 'of at least'} {low:g}"
     else:
-        wanted = _ENDS[ends].format(f"{low:g}", f"{high:g}")
-    raise InputError(f"{what} is {quoted(value)}; it must {wanted}")
+        requirement = _ENDS[ends].format(f"{low:g}", f"{high:g}")
+    raise InputError(f"{what} is {quoted(value)}; it must {requirement}")
 
 
-def byte_count(value, what: str, low: int, high: int = 1 << 60) -> int:
-    """As `whole_number`, of a number of bytes: the message writes ``100M``, as the command line does."""
+def byte_count(value: Any, what: str, low: int, high: int = 1 << 60) -> int:
+    """`whole_number` for a number of bytes, with a message in units such as ``100M``, like the command line."""
     with suppress(InputError):
         return whole_number(value, what, low, high)
-    given = _in_words(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
-    raise InputError(f"{what} is {given}; it must be a number of bytes from {_in_words(low)} to {_in_words(high)}")
+    shown_value = _in_units(int(value)) if isinstance(value, int) and 0 <= value < 1 << 70 else quoted(value)
+    raise InputError(
+        f"{what} is {shown_value}; it must be a number of bytes from {_in_units(low)} to {_in_units(high)}"
+    )
 
 
-def _in_words(n: int) -> str:
+def _in_units(n: int) -> str:
     for unit, size in (("T", 1 << 40), ("G", 1 << 30), ("M", 1 << 20), ("k", 1 << 10)):
         if n >= size:
             return f"{n / size:,.0f}{unit}" if n >= 1000 * size else f"{n / size:.4g}{unit}"
     return str(n)
 
 
-# --- Words, and objects ------------------------------------------------------------------------------------------
+# --- Strings and objects ----------------------------------------------------------------------------------------------
 
 
-def flag(value, what: str) -> bool:
+def flag(value: Any, what: str) -> bool:
     """`value` as a bool; InputError naming `what` unless it is True or False."""
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     raise InputError(f"{what} is {quoted(value)}; it must be True or False")
 
 
-def choice(value, what: str, names: Iterable[str | None]) -> Any:
-    """`value`, if it is one of `names`; otherwise an InputError that names `what` and all of them."""
+def choice(value: Any, what: str, names: Iterable[str | None]) -> Any:
+    """`value` if it is one of `names`; otherwise an InputError that names `what` and all of them."""
     known = list(names)
     if any(value is None if name is None else isinstance(value, str) and value == name for name in known):
         return value
@@ -108,33 +111,33 @@ def choice(value, what: str, names: Iterable[str | None]) -> Any:
     raise InputError(f"{what} is {quoted(value)}; {hint}it must be {listed}")
 
 
-def text(value, what: str) -> str:
-    """`value`, if it is a str; otherwise an InputError that names `what`."""
+def text(value: Any, what: str) -> str:
+    """`value` if it is a str; otherwise an InputError that names `what`."""
     if isinstance(value, str):
         return value
-    raise InputError(f"{what} is {quoted(value)}; it must be a text")
+    raise InputError(f"{what} is {quoted(value)}; it must be a string")
 
 
-def instance(value, kind: type[T], what: str, cure: str = "") -> T:
-    """`value`, if it is of a kind; otherwise an InputError that names `what`, the kind and the cure."""
+def instance(value: object, kind: type[T], what: str, cure: str = "") -> T:
+    """`value` if it is an instance of `kind`; otherwise an InputError that names `what`, the kind and the cure."""
     if isinstance(value, kind):
         return value
     name = f"an antumbra.{kind.__name__}" if kind.__module__.startswith("antumbra.") else f"a {kind.__name__}"
     raise InputError(f"{what} must be {name}, not {type(value).__name__}{f'; {cure}' if cure else ''}")
 
 
-def items(value, kind: type[T], what: str, cure: str = "") -> list[T]:
-    """A list of objects of a kind, from several or from one; otherwise an InputError as from `instance`."""
+def items(value: Any, kind: type[T], what: str, cure: str = "") -> list[T]:
+    """A list of instances of `kind`, from one or several; otherwise an InputError as from `instance`."""
     if isinstance(value, kind):
         return [value]
-    found = parts_of(value)
-    if found is None:
+    parts = parts_of(value)
+    if parts is None:
         return [instance(value, kind, what, cure)]
-    return [instance(each, kind, what, cure) for each in found]
+    return [instance(each, kind, what, cure) for each in parts]
 
 
-def parts_of(value) -> list | None:
-    """The parts of an iterable; None of texts, and of what has no parts."""
+def parts_of(value: Any) -> list[Any] | None:
+    """The items of an iterable as a list; None for strings and for values that are not iterable."""
     if isinstance(value, (str, bytes)):
         return None
     try:
@@ -143,8 +146,8 @@ def parts_of(value) -> list | None:
         return None
 
 
-def path_of(value, what: str) -> Path:
-    """`value` as a `Path`; InputError naming `what` unless it is a text or a path that the system can take."""
+def path_of(value: Any, what: str) -> Path:
+    """`value` as a `Path`; InputError naming `what` unless it is a string or a path that the system accepts."""
     try:
         name = os.fspath(value)
     except TypeError:
@@ -156,13 +159,13 @@ def path_of(value, what: str) -> Path:
     return Path(name)
 
 
-# --- Arrays ------------------------------------------------------------------------------------------------------
+# --- Arrays -----------------------------------------------------------------------------------------------------------
 
 
-def as_array(value, what: str) -> np.ndarray:
-    """A numpy view (or copy) of numbers, or of an array of another library in host memory.
+def as_array(value: Any, what: str) -> NDArray[Any]:
+    """A NumPy view (or copy) of numbers, or of another library's array in host memory.
 
-    Libraries give arrays by ``numpy()`` (Open3D takes a second for a million rays through DLPack) or by DLPack.
+    Arrays are converted by their ``numpy()``, or else through DLPack, which takes Open3D a second for a million rays.
     """
     if type(value) is np.ndarray and value.dtype.kind in "fiu":
         return value
@@ -178,9 +181,9 @@ def as_array(value, what: str) -> np.ndarray:
     return array
 
 
-def _of_library(value, what: str):
+def _of_library(value: Any, what: str) -> Any:
     if hasattr(value, "numpy") and not isinstance(value, type):
-        with suppress(Exception):  # such as torch's, of tensors on another device; DLPack explains it
+        with suppress(Exception):  # e.g. torch tensors on another device, for which DLPack has the better message
             return value.numpy()
     if not hasattr(value, "__dlpack__"):
         return value
@@ -190,7 +193,7 @@ def _of_library(value, what: str):
         raise InputError(f"{what} cannot be read through DLPack ({error}); copy it to host memory first") from None
 
 
-def vector(value, what: str) -> np.ndarray:
+def vector(value: Any, what: str) -> NDArray[np.float64]:
     """Convert `value` to (3,) float64; InputError naming `what` unless it is three finite numbers."""
     try:
         v = as_array(value, what).astype(np.float64)
@@ -201,19 +204,19 @@ def vector(value, what: str) -> np.ndarray:
     return v
 
 
-def points(value, what: str) -> np.ndarray:
+def points(value: Any, what: str) -> NDArray[np.float64]:
     """Convert `value` to (m, 3) float64; InputError naming `what` unless all numbers are finite."""
-    found = as_array(value, what).astype(np.float64)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise InputError(f"{what} must have shape (m, 3), not {found.shape}")
-    finite = np.isfinite(found).all(1)
+    array = as_array(value, what).astype(np.float64)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{what} must have shape (m, 3), not {array.shape}")
+    finite = np.isfinite(array).all(1)
     if not finite.all():
         raise InputError(f"{what} hold NaN or infinity (row {np.argmin(finite)})")
-    return found
+    return array
 
 
-def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
-    """(..., 3) float64 of length 1, of finite vectors of any length: also of those whose square no float holds.
+def unit_vectors(vectors: NDArray[Any], what: str, cure: str = "") -> NDArray[np.float64]:
+    """(..., 3) float64: finite vectors normalised, even those whose squared length overflows or underflows.
 
     Raises
     ------
@@ -228,12 +231,13 @@ def unit_vectors(vectors: np.ndarray, what: str, cure: str = "") -> np.ndarray:
         problem = "is zero" if np.isfinite(largest.reshape(-1)[at]) else "has NaN or infinity"
         where = "" if v.ndim == 1 else f" {at}"
         raise InputError(f"{what}{where} {problem}; {cure or 'give it a direction'}")
-    v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which changes no bit of the result
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    v = np.ldexp(v, -np.frexp(largest)[1])  # by a power of two, which does not change the result
+    unit: NDArray[np.float64] = v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return unit
 
 
-def listed(value: Sequence, what: str, count: int) -> list:
-    """The parts of a value of `count` parts, such as a pair; otherwise an InputError that names `what`."""
+def listed(value: Any, what: str, count: int) -> list[Any]:
+    """The items of a value of `count` items, such as a pair; otherwise an InputError that names `what`."""
     parts = parts_of(value)
     if parts is None or len(parts) != count:
         raise InputError(f"{what} is {quoted(value)}; it must be {count} values")

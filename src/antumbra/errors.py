@@ -1,4 +1,4 @@
-"""The one exception that bad input raises."""
+"""The exception raised for bad input."""
 
 import re
 
@@ -8,15 +8,15 @@ _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 class InputError(ValueError):
     """Raised for unusable input, with a one-line message that names the problem and its cure.
 
-    The command line prints it without a traceback and exits with code 2.
+    The command line prints the message without a traceback and exits with code 2.
     """
 
-    def __init__(self, message: str = ""):
+    def __init__(self, message: str = "") -> None:
         super().__init__(one_line(message))
 
 
 def one_line(text: str) -> str:
-    """`text` on one line, without control characters and addresses in memory: names in files may hold anything."""
+    """`text` on one line without control characters and memory addresses, since names in files may contain anything."""
     text = _ADDRESS.sub("", str(text))
     if not text.isprintable():
         text = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)

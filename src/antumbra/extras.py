@@ -1,7 +1,7 @@
 """Optional packages and plugins.
 
-An optional package is imported when it is needed, and a missing one raises an error that names its extra. A plugin is a
-function that another package announces under an entry point, as pyproject.toml does; it adds to a registry.
+An optional package is imported on demand; if it is missing, the error names the extra that installs it. A plugin is a
+function that another package declares under an entry point, as in pyproject.toml, and that adds to a registry.
 """
 
 import importlib
@@ -12,7 +12,7 @@ from types import ModuleType
 
 from .errors import InputError
 
-# --- Optional packages: each is imported when it is needed, and a missing one gets an error that names its extra ------
+# --- Optional packages ------------------------------------------------------------------------------------------------
 
 
 def import_extra(package: str, what: str, extra: str) -> ModuleType:
@@ -23,7 +23,7 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
     package : str
         Name of the module.
     what : str
-        The option or function that needs it, for the error.
+        The option or function that needs it, for the error message.
     extra : str
         The extra of this package that installs it.
 
@@ -39,7 +39,7 @@ def import_extra(package: str, what: str, extra: str) -> ModuleType:
         raise InputError(f"{what} needs {name}: pip install 'antumbra[{extra}]'") from None
 
 
-# --- Packages that add to a registry: each announces a function under an entry point, as pyproject.toml does ----------
+# --- Plugins ----------------------------------------------------------------------------------------------------------
 
 
 _lock = RLock()
@@ -48,19 +48,19 @@ _added: set[str] = set()
 
 @cache
 def plugins_of(group: str) -> dict[str, EntryPoint]:
-    """Name -> entry point of a group, in the order of the names."""
+    """The entry points of a group by name, sorted by name."""
     return {point.name: point for point in sorted(entry_points(group=group))}
 
 
 def load_plugins(group: str) -> None:
-    """Call every function announced under a group of entry points; once per process, whichever thread asks first."""
+    """Call every function declared under a group of entry points, once per process."""
     with _lock:
         if group in _added:
             return
-        _added.add(group)  # first, for a function that looks something up while it adds
+        _added.add(group)  # first, since a plugin may look up the registry while it adds to it
         try:
             for point in plugins_of(group).values():
                 point.load()()
         except BaseException:
-            _added.discard(group)  # so that whoever asks next hears it too
+            _added.discard(group)  # so that the next call raises it again
             raise

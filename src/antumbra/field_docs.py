@@ -1,4 +1,4 @@
-"""Field descriptions of NamedTuples for ``help``, taken from the comments beside the fields in the source."""
+"""Field docstrings of NamedTuples for ``help``, taken from the comments beside the fields in the source."""
 
 import inspect
 import re
@@ -8,7 +8,7 @@ _FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
 
 
 def describe(cls: type) -> None:
-    """Give each field of a NamedTuple its comment as its docstring. Without the source, nothing happens."""
+    """Set the docstring of each field of a NamedTuple to its comment. Without the source, this has no effect."""
     cls = next(each for each in cls.__mro__ if "_fields" in vars(each))
     try:
         source = Path(inspect.getfile(cls)).read_text(encoding="utf-8")

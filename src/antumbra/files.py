@@ -1,17 +1,17 @@
 """Files and folders: checked input paths, locks, trusted files, temporary files, atomic output.
 
-Input. A file that is read must be ordinary and not empty, and a reference in a scene must stay in the scene's folder.
+Input. A file to be read must be a regular, non-empty file. A reference in a scene must stay within the scene's folder.
 
-Locks. A process holds a lock file until it releases it or ends. Temporary files are named and locked so that a later
-process removes those of a killed one. Outputs are written whole or not at all. Machine code is loaded only from files
-that nobody but this user, or the system, can change.
+Locks. A process holds a lock file until it releases it or ends. Machine code is loaded only from files that no one but
+this user, or the system, can modify.
 
 Temporary files. Before a process creates ``.antumbra-0123456789ab.tmp``, it creates the empty
-``.antumbra-0123456789ab.lock`` and locks it. The system releases the lock when the process ends, however it ends. So a
-file whose lock is free is abandoned. This also holds if its owner ran in another container, or on another machine that
-shares the folder.
+``.antumbra-0123456789ab.lock`` and locks it. The system releases the lock when the process ends for any reason, so a
+file whose lock is free is abandoned, and a later process removes it. This also holds if the owner ran in another
+container, or on another machine that shares the folder. The lock is a separate file because SMB and Windows forbid
+writing to a locked file.
 
-The lock is a separate file because SMB and Windows forbid writing to a locked file.
+Output. Files are written completely or not at all.
 """
 
 import atexit
@@ -36,18 +36,18 @@ from urllib.parse import unquote
 from .checks import path_of
 from .errors import InputError
 
-# --- Path checks: files that may be read, and references from one file to another -------------------------------------
+# --- Input paths ------------------------------------------------------------------------------------------------------
 
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 
 
 def checked_file(path: Path, where: str) -> Path:
-    """`path`, if it is an ordinary file. A pipe or device could block for ever."""
+    """`path` if it is a regular, non-empty file. A pipe or device could block forever."""
     if not path.exists():
         raise InputError(f"{where}: no such file; check the path")
     if not path.is_file():
-        raise InputError(f"{where}: not an ordinary file; name a scene file")
+        raise InputError(f"{where}: not a regular file; name a scene file")
     if path.stat().st_size == 0:
         raise InputError(f"{where}: the file is empty; export or copy it again")
     return path
@@ -55,28 +55,28 @@ def checked_file(path: Path, where: str) -> Path:
 
 @contextmanager
 def without_output() -> Iterator[None]:
-    """Drop what libraries write to standard output and error: OpenEXR reports a damaged file there, too, from C++."""
+    """Suppress standard output and error, including from C++: OpenEXR also reports damaged files there."""
     _flush()
-    kept = {}
+    copies = {}
     for number in (1, 2):
-        with suppress(OSError):  # a stream that is closed
-            kept[number] = os.dup(number)
+        with suppress(OSError):  # a closed stream
+            copies[number] = os.dup(number)
     null = os.open(os.devnull, os.O_WRONLY)
     try:
-        for number in kept:
+        for number in copies:
             os.dup2(null, number)
         with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
             yield
     finally:
         _flush()
-        for number, old in kept.items():
+        for number, old in copies.items():
             os.dup2(old, number)
             os.close(old)
         os.close(null)
 
 
 def _flush() -> None:
-    """Flush the standard streams: those of Python, and those of C."""
+    """Flush the standard streams of Python and of C."""
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError, AttributeError):
             stream.flush()
@@ -85,21 +85,21 @@ def _flush() -> None:
 
 
 def sibling(folder: Path, uri: str, where: str) -> Path:
-    """The file of a relative `uri` in a scene. Raises InputError unless it is in the scene's `folder`."""
+    """The file of a relative `uri` in a scene; InputError unless it is within the scene's `folder`."""
     name = unquote(uri)
-    shown = uri if len(uri) <= 80 else uri[:77] + "..."
+    short_uri = uri if len(uri) <= 80 else uri[:77] + "..."
     if _SCHEME.match(uri) or uri.startswith(("//", "\\\\")):
-        raise InputError(f"{where} is {shown!r}; only files in the scene's folder are read, put it there")
+        raise InputError(f"{where} is {short_uri!r}; only files in the scene's folder are read, put it there")
     if not name or not name.isprintable() or name.startswith(("/", "\\")) or _SCHEME.match(name):
-        raise InputError(f"{where} is {shown!r}; it must be a relative path in the scene's folder")
+        raise InputError(f"{where} is {short_uri!r}; it must be a relative path in the scene's folder")
     base = folder.resolve()
     path = (base / name).resolve()
     if not path.is_relative_to(base):
-        raise InputError(f"{where} is {shown!r}, outside the scene's folder; put the file beside the scene")
+        raise InputError(f"{where} is {short_uri!r}, outside the scene's folder; put the file beside the scene")
     return path
 
 
-# --- Locks between processes: files that one process holds until it releases them or ends -----------------------------
+# --- Locks between processes ------------------------------------------------------------------------------------------
 
 
 _POLL_SECONDS = 0.05
@@ -114,30 +114,30 @@ except ImportError:  # Windows
 
 
 def lock(descriptor: int) -> None:
-    """Lock an open file until it is closed, without waiting.
+    """Lock an open file until it is closed; do not wait.
 
     Raises
     ------
     BlockingIOError
         If another process holds the lock.
     OSError
-        If the file system has no locks.
+        If the file system does not support locks.
     """
     if fcntl is not None:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return
     try:
-        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-    except OSError as error:  # Windows does not tell why
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+    except OSError as error:  # Windows does not report why
         raise BlockingIOError(*error.args) from error
 
 
 @contextmanager
 def file_lock(path: Path) -> Iterator[None]:
-    """Hold the lock `path` within the context, after waiting for the process that has it. Ctrl-C ends the waiting.
+    """Hold the lock file `path` within the context, after waiting for the process that holds it. Ctrl-C stops waiting.
 
-    The file is removed at the end. A process that waited then holds a file without a name. So callers check again,
-    within the context, whether the work is still to be done.
+    The file is removed on exit, so a process that has waited then holds a nameless file. Callers must therefore check
+    again, within the context, whether the work is still to be done.
     """
     handle = os.open(path, _LOCK_FLAGS, 0o600)
     try:
@@ -155,71 +155,70 @@ def file_lock(path: Path) -> Iterator[None]:
         os.close(handle)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Folders and files that nobody but this user, or the system, can change: machine code is loaded from no others.
+# --- Trusted files and folders ----------------------------------------------------------------------------------------
 
 
 FOLDER_LOCK = ".lock"
-"""The file in a temporary folder that is locked while its owner lives; see `antumbra.files`."""
+"""The file in a temporary folder that is locked while its owner is alive; see `antumbra.files`."""
 
 _WRITABLE = stat.S_IWGRP | stat.S_IWOTH
 _READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 
 
 class Untrusted(OSError):
-    """A folder or a file that other users can change; its text says which, and why."""
+    """A folder or file that other users can modify; the message says which, and why."""
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those around it that are missing, for this user alone; one that is there stays as it is."""
+    """Create a folder and its missing parents with permissions for this user only; existing folders stay unchanged."""
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(mode=0o700, exist_ok=True)
 
 
 def checked_own(path: Path, status: os.stat_result | None = None) -> None:
-    """Raise `Untrusted` if users other than this one and the system's own can change a file or a folder.
+    """Raise `Untrusted` if users other than this one and the system's can modify a file or folder.
 
-    Always passes on Windows, whose user folders are private.
+    Always passes on Windows, where user folders are private.
 
-    status : of the open file; None: that of `path`
+    status : of the open file; None means that of `path`
 
     Raises
     ------
     OSError
-        If it is not there.
+        If it does not exist.
     """
     status = path.stat() if status is None else status
     if not hasattr(os, "getuid"):
         return
     if status.st_uid not in (os.getuid(), 0):
         raise Untrusted(f"{path} belongs to another user (id {status.st_uid})")
-    if status.st_mode & stat.S_IWOTH or (status.st_mode & stat.S_IWGRP and not _is_own_group(status.st_gid)):
+    if status.st_mode & stat.S_IWOTH or (status.st_mode & stat.S_IWGRP and not _is_private_group(status.st_gid)):
         raise Untrusted(f"{path} can be changed by other users (try: chmod go-w)")
 
 
 def read_own(path: Path) -> bytes:
-    """The contents of an ordinary file of this user or of the system.
+    """The contents of a regular file that belongs to this user or to the system.
 
     Raises
     ------
     OSError
-        If it is not there, is a link, a pipe or a device, or if others can change it (`Untrusted`).
+        If it does not exist, is a link, a pipe or a device, or if others can modify it (`Untrusted`).
     """
-    descriptor = os.open(path, _READ_FLAGS)  # without O_NONBLOCK, a pipe would block for ever
+    descriptor = os.open(path, _READ_FLAGS)  # without O_NONBLOCK, a pipe would block forever
     with open(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            raise Untrusted(f"{path} is not an ordinary file")
+            raise Untrusted(f"{path} is not a regular file")
         checked_own(path, status)
         return file.read()
 
 
 @cache
 def private_folder(name: str) -> Path:
-    """A new folder among the temporary files, for this process alone. It is removed when the process ends.
+    """A new temporary folder that is private to this process and removed when it ends.
 
-    If the process is killed, a later one removes it, see `antumbra.files`.
+    If the process is killed, a later one removes it; see `antumbra.files`.
     """
     folder, owner = Path(tempfile.mkdtemp(prefix=f"antumbra-{name}-")), os.getpid()
     claim_folder(folder)
@@ -228,43 +227,37 @@ def private_folder(name: str) -> Path:
 
 
 def claim_folder(folder: str | Path) -> int:
-    """Mark a temporary folder as this process's own while it lives; return the descriptor that holds the lock."""
-    held = os.open(os.path.join(folder, FOLDER_LOCK), os.O_RDWR | os.O_CREAT, 0o600)
-    with suppress(OSError):  # without locks, no process ever removes it
-        lock(held)
-    return held
+    """Mark a temporary folder as in use by this process; return the descriptor that holds the lock."""
+    descriptor = os.open(os.path.join(folder, FOLDER_LOCK), os.O_RDWR | os.O_CREAT, 0o600)
+    with suppress(OSError):  # without locks, the folder is never removed
+        lock(descriptor)
+    return descriptor
 
 
-def _is_own_group(group: int) -> bool:
-    """Whether a group is this user's own, as many systems make one for each user, without other members."""
+def _is_private_group(group: int) -> bool:
+    """Whether a group is this user's private group, which many systems create without other members."""
     try:
         import grp
         import pwd
 
-        user, found = pwd.getpwuid(os.getuid()), grp.getgrgid(group)
+        user, entry = pwd.getpwuid(os.getuid()), grp.getgrgid(group)
     except (ImportError, KeyError):
         return False
-    return user.pw_gid == group and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+    return user.pw_gid == group and entry.gr_name == user.pw_name and set(entry.gr_mem) <= {user.pw_name}
 
 
-# --- Names of temporary files, and the removal of those that a killed process left behind -----------------------------
-#
-# Before a process creates ``.antumbra-0123456789ab.tmp``, it creates the empty ``.antumbra-0123456789ab.lock`` and
-# locks it. The system releases the lock when the process ends, however it ends. So a file whose lock is free is
-# abandoned. This also holds if its owner ran in another container, or on another machine that shares the folder.
-#
-# The lock is a separate file because SMB and Windows forbid writing to a locked file.
+# --- Temporary files --------------------------------------------------------------------------------------------------
 
 
-_OURS = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
-_FOLDER = re.compile(r"antumbra-(?:[a-z]+-)?[a-z0-9_]{8}")  # as mkdtemp names it
-_YOUNG = 10.0  # seconds in which a folder without a locked file is not abandoned
+_TEMPORARY_NAME = re.compile(r"(\.antumbra-[0-9a-f]{12})\.(tmp|lock)")
+_FOLDER_NAME = re.compile(r"antumbra-(?:[a-z]+-)?[a-z0-9_]{8}")  # as named by mkdtemp
+_MIN_AGE = 10.0  # seconds before a folder without a locked file counts as abandoned
 _TRIES = 3  # attempts to lock a name before a file is created without a lock
 
 
 @contextmanager
 def temporary_name(folder: str | Path) -> Iterator[Path]:
-    """Yield a new name in `folder`, reserved while this process lives; on exit a file of that name is removed.
+    """Yield a new name in `folder`, reserved while this process is alive; on exit, a file of that name is removed.
 
     The first call for a folder also removes the files that killed processes left there.
 
@@ -274,32 +267,32 @@ def temporary_name(folder: str | Path) -> Iterator[Path]:
         If no file can be created in `folder`.
     """
     remove_abandoned(os.path.realpath(folder))
-    path, held = _reserved(Path(folder))
+    path, descriptor = _reserve_name(Path(folder))
     try:
         yield path
     finally:
         with suppress(OSError):
             path.unlink()
-        if held is not None:
-            os.close(held)  # first, for Windows
+        if descriptor is not None:
+            os.close(descriptor)  # first, for Windows
             with suppress(OSError):
                 path.with_suffix(".lock").unlink()
 
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder for this user among the temporary files, which is removed on exit.
+    """Yield a new temporary folder, which is removed on exit.
 
-    The first call also removes the folders of this user that killed processes left.
+    The first call also removes folders of this user left by killed processes.
     """
     parent = tempfile.gettempdir()
     _remove_abandoned_folders(parent)
     folder = tempfile.mkdtemp(prefix="antumbra-", dir=parent)
-    held = claim_folder(folder)
+    descriptor = claim_folder(folder)
     try:
         yield Path(folder)
     finally:
-        os.close(held)  # first, for Windows
+        os.close(descriptor)  # first, for Windows
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -307,59 +300,59 @@ def temporary_folder() -> Iterator[Path]:
 def _remove_abandoned_folders(parent: str) -> None:
     with suppress(OSError), os.scandir(parent) as entries:
         for entry in entries:
-            if _FOLDER.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _is_own(entry):
+            if _FOLDER_NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False) and _belongs_to_user(entry):
                 with suppress(OSError):
                     _remove_folder_if_abandoned(entry.path)
 
 
-def _is_own(entry: os.DirEntry) -> bool:
+def _belongs_to_user(entry: os.DirEntry[str]) -> bool:
     return not hasattr(os, "getuid") or entry.stat(follow_symlinks=False).st_uid == os.getuid()
 
 
 def _remove_folder_if_abandoned(folder: str) -> None:
-    """Remove a folder whose owner has ended; OSError if it is alive or cannot be determined."""
-    held = os.open(
+    """Remove a folder whose owner has ended; OSError if the owner is alive or cannot be determined."""
+    descriptor = os.open(
         os.path.join(folder, FOLDER_LOCK), os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     )
     try:
-        if time.time() - os.fstat(held).st_mtime > _YOUNG:  # its owner may be about to lock it
-            lock(held)
+        if time.time() - os.fstat(descriptor).st_mtime > _MIN_AGE:  # a younger folder's owner may be about to lock it
+            lock(descriptor)
             shutil.rmtree(folder, ignore_errors=True)
     finally:
-        os.close(held)
+        os.close(descriptor)
 
 
-@cache  # listing a folder with many thousand frames is slow
+@cache  # listing a folder with thousands of frames is slow
 def remove_abandoned(folder: str) -> None:
-    """Remove Antumbra's temporary files in `folder` whose owner has ended; files without a known owner stay."""
+    """Remove Antumbra's temporary files in `folder` whose owners have ended; files without a known owner stay."""
     with suppress(OSError), os.scandir(folder) as entries:
         files = [entry.name for entry in entries if entry.is_file(follow_symlinks=False)]
-        for stem in {found[1] for name in files if (found := _OURS.fullmatch(name))}:
+        for stem in {match[1] for name in files if (match := _TEMPORARY_NAME.fullmatch(name))}:
             with suppress(OSError):  # another user's, write-protected, or already gone
                 _remove_if_abandoned(os.path.join(folder, stem))
 
 
-def _reserved(folder: Path) -> tuple[Path, int | None]:
-    """A new name and the descriptor that holds its lock; None: the file system has no locks."""
+def _reserve_name(folder: Path) -> tuple[Path, int | None]:
+    """A new name and the descriptor that holds its lock, which is None if the file system has no locks."""
     for _ in range(_TRIES):
         path = folder / f".antumbra-{secrets.token_hex(6)}.tmp"
         file = path.with_suffix(".lock")
         descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         with suppress(OSError):
             lock(descriptor)
-            if os.fstat(descriptor).st_nlink:  # 0: another process removed it as abandoned before it was locked
+            if os.fstat(descriptor).st_nlink:  # 0 if another process removed it as abandoned before it was locked
                 return path, descriptor
         os.close(descriptor)
         with suppress(OSError):
             file.unlink()
-    return path.with_suffix(".part"), None  # without a lock, no process ever removes it
+    return path.with_suffix(".part"), None  # without a lock, it is never removed by another process
 
 
 def _remove_if_abandoned(stem: str) -> None:
     """Remove ``stem.tmp`` and ``stem.lock``; OSError if their owner is alive or cannot be determined."""
-    descriptor = _claimed(stem + ".lock")
+    descriptor = _lock_abandoned(stem + ".lock")
     try:
-        for suffix in (".tmp", ".lock"):  # the lock goes last: while it exists, only one process can remove the file
+        for suffix in (".tmp", ".lock"):  # the lock last: while it exists, only one process can remove the file
             with suppress(FileNotFoundError):
                 os.unlink(stem + suffix)
     finally:
@@ -367,8 +360,8 @@ def _remove_if_abandoned(stem: str) -> None:
             os.close(descriptor)
 
 
-def _claimed(file: str) -> int | None:
-    """Lock an abandoned lock file: its descriptor; None: the file is gone, since its owner removed it last."""
+def _lock_abandoned(file: str) -> int | None:
+    """Lock an abandoned lock file, and return its descriptor; None if its owner has removed it."""
     try:
         if os.name == "nt":
             os.unlink(file)  # fails while its owner has it open
@@ -384,17 +377,17 @@ def _claimed(file: str) -> int | None:
     return descriptor
 
 
-# --- Files that are written whole or not at all -----------------------------------------------------------------------
+# --- Atomic output ----------------------------------------------------------------------------------------------------
 
 
 LEAST_BYTES = 1 << 16
-"""Bytes that any output may take."""
+"""Disk space that any output is assumed to need, in bytes."""
 
 _UNSUPPORTED = errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS
 
 
-def checked_output(path, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Path:
-    """Check, before long work begins, that a file of one of these kinds can be written; return `path` as a `Path`.
+def checked_output(path: object, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Path:
+    """Check, before long work begins, that an output file can be written; return `path` as a `Path`.
 
     Parameters
     ----------
@@ -402,17 +395,17 @@ def checked_output(path, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Pa
     suffixes : sequence of str
         Allowed suffixes in lower case, such as ``(".png", ".exr")``.
     size : int
-        Bytes that the file will have, as far as is known.
+        Expected size of the file in bytes.
 
     Raises
     ------
     InputError
-        If the suffix is not allowed, the folder is missing, not writable or full, or `path` is not an ordinary file.
+        If the suffix is not allowed, the folder is missing, not writable or full, or `path` is not a regular file.
 
     Notes
     -----
-    The folder gets an unnamed temporary file for a moment. That finds what permissions do not tell, such as quotas and
-    read-only file systems.
+    An unnamed temporary file is briefly created in the folder. This detects conditions that permissions do not show,
+    such as quotas and read-only file systems.
     """
     path = path_of(path, "output path")
     mode = _mode(path)
@@ -423,21 +416,21 @@ def checked_output(path, suffixes: Sequence[str], size: int = LEAST_BYTES) -> Pa
         kind = f"unknown suffix {path.suffix!r}" if path.suffix else "the name has no suffix"
         raise InputError(f"{path}: {kind}; use {kinds}")
     if mode is not None and not stat.S_ISREG(mode):
-        raise InputError(f"{path}: is not an ordinary file; choose another name")
+        raise InputError(f"{path}: is not a regular file; choose another name")
     _check_access(path, exists=mode is not None)
     check_disk_space(path, size)
     return path
 
 
-def checked_folder(path, parents: bool = False) -> Path:
-    """Check, before long work begins, that a folder exists or can be made, and can be written in.
+def checked_folder(path: object, parents: bool = False) -> Path:
+    """Check, before long work begins, that a folder exists or can be created, and is writable.
 
-    parents : whether the folders around it are made too
+    parents : whether missing parents will be created too
 
     Raises
     ------
     InputError
-        If `path` is not a folder, the folder around it is missing, or nothing can be written there.
+        If `path` is not a folder, its parent is missing, or it is not writable.
     """
     path = path_of(path, "folder")
     mode = _mode(path)
@@ -452,7 +445,7 @@ def checked_folder(path, parents: bool = False) -> Path:
 
 
 def check_disk_space(path: Path, size: int) -> None:
-    """Raise an InputError unless a file of `size` bytes can be written at `path`, whose folder exists."""
+    """Raise an InputError unless a file of `size` bytes can be written at `path`, in an existing folder."""
     folder = os.path.dirname(os.path.realpath(path))
     try:
         with TemporaryFile(dir=folder) as file:
@@ -469,10 +462,10 @@ def check_disk_space(path: Path, size: int) -> None:
 
 
 def reserve(descriptor: int, size: int) -> None:
-    """Make an open file `size` bytes long, and reserve its space where the system can.
+    """Extend an open file to `size` bytes, and reserve the disk space if the system supports it.
 
-    A full disk is then an OSError here. Otherwise it would be one when parts of the file are written, or would end the
-    process if they are written through a memory map.
+    A full disk then raises an OSError here. Otherwise it would raise one on later writes, or kill the process if they
+    go through a memory map.
     """
     try:
         os.posix_fallocate(descriptor, 0, size)
@@ -485,17 +478,17 @@ def reserve(descriptor: int, size: int) -> None:
 
 
 @contextmanager
-def atomic_output(path, *, durable: bool = False) -> Iterator[Path]:
-    """Yield a temporary name beside `path`; on exit without an exception the temporary file replaces `path`.
+def atomic_output(path: str | os.PathLike[str], *, durable: bool = False) -> Iterator[Path]:
+    """Yield a temporary name beside `path`; on exit without an exception, the temporary file replaces `path`.
 
-    durable : wait until the disk has the new name, so that not even a power failure undoes it
+    durable : wait until the new name is on disk, so that it survives even a power failure
 
     Raises
     ------
     InputError
-        If writing fails; the message names `path` and the reason. No file is left behind, and an older file survives.
+        If writing fails; the message names `path` and the reason. No file is left behind, and an existing file stays.
     """
-    target = Path(os.path.realpath(path))  # a symbolic link stays a link
+    target = Path(os.path.realpath(path))  # keeps symbolic links
     try:
         with temporary_name(target.parent) as temporary:
             yield temporary
@@ -507,7 +500,7 @@ def atomic_output(path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def _sync_folder(folder: Path) -> None:
-    if os.name == "posix":  # Windows opens no folders
+    if os.name == "posix":  # Windows cannot open folders
         descriptor = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(descriptor)

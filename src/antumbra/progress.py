@@ -1,8 +1,8 @@
-"""Progress of long work. The library itself prints nothing, except a bar in a terminal or a notebook.
+"""Progress of long work. The library prints nothing except a bar in a terminal or a notebook.
 
-- A function that the caller gave (`progress_listener`, `with_progress`) gets all progress; False gets none.
-- Else terminals and notebooks show a bar after a second.
-- Begin and end of long work go to the logger ``antumbra``, at level INFO. Warnings go there too.
+- A listener set by the caller (`progress_listener`, `with_progress`) receives all progress; False turns it off.
+- Otherwise terminals and notebooks show a bar after a second.
+- Start and end of long work are logged to ``antumbra`` at level INFO, as are warnings at their level.
 """
 
 import logging
@@ -24,7 +24,7 @@ ProgressCallback = Callable[[int, int], Any]
 """Function of (amount done, total amount)."""
 
 Progress = ProgressListener | bool | None
-"""What the keyword ``progress`` of a job takes, see `followed`."""
+"""Values of the keyword ``progress`` of a job, see `with_progress`."""
 
 LOG = logging.getLogger("antumbra")
 
@@ -32,16 +32,16 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 _listener: ContextVar[ProgressListener | None] = ContextVar("listener", default=None)
-_shown: list[str] = []  # names of the work that is shown now, by a bar or by a listener
+_active: list[str] = []  # names of the work currently shown by a bar or a listener
 _DELAY = 1.0  # seconds before a bar appears
-_EVERY = 0.1  # seconds between two states of a bar
+_EVERY = 0.1  # seconds between updates of a bar
 _WIDTH = 24  # characters of a bar
 
 
 @contextmanager
-def progress_listener(say: ProgressListener) -> Iterator[None]:
-    """Within the context, progress goes to `say`, and no bar appears."""
-    token = _listener.set(say)
+def progress_listener(listener: ProgressListener) -> Iterator[None]:
+    """Within the context, progress goes to `listener`, and no bar appears."""
+    token = _listener.set(listener)
     try:
         yield
     finally:
@@ -53,10 +53,10 @@ def ignore_progress(what: str, done: int, total: int) -> None:
 
 
 def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator of a function with a keyword ``progress``, through which callers follow its work.
+    """Decorator of a function with a keyword ``progress``, which it need not read itself.
 
-    A function of (text, done, total): it gets the progress of everything within. False: nothing is shown. None or
-    True: a bar, where a person watches. The decorated function itself need not read the keyword.
+    A function of (text, done, total) receives the progress of everything within. False shows nothing. None or True
+    shows a bar in terminals and notebooks.
     """
 
     @wraps(job)
@@ -71,9 +71,9 @@ def with_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator of a function whose keyword ``progress`` takes a function of (done, total), or None.
+    """Decorator of a function whose keyword ``progress`` is a function of (done, total) or None.
 
-    It may now be False too: nothing is shown, not even by what the function calls. True is the same as None.
+    It also allows False, which shows nothing, not even from functions called within. True is the same as None.
     """
 
     @wraps(job)
@@ -85,8 +85,8 @@ def with_quiet_progress(job: Callable[_P, _R]) -> Callable[_P, _R]:
     return run
 
 
-def _checked_progress(progress) -> Any:
-    """A function, False or None; InputError for anything else but True."""
+def _checked_progress(progress: Any) -> Any:
+    """`progress`, with True replaced by None; InputError unless it is a function, a bool or None."""
     if progress is None or isinstance(progress, bool):
         return None if progress else progress
     if not callable(progress):
@@ -96,15 +96,15 @@ def _checked_progress(progress) -> Any:
 
 @contextmanager
 def report_progress(what: str) -> Iterator[ProgressCallback]:
-    """Report the begin and the end of work. The context's value is a function that reports (done, total)."""
+    """Log the start and end of work. The context's value is a function that reports (done, total)."""
     start = perf_counter()
     LOG.info("%s ...", what)
-    with _busy(what):
-        if say := _listener.get():
-            yield lambda done, total: say(what, done, total)
-        elif _watched():
+    with _active_work(what):
+        if listener := _listener.get():
+            yield lambda done, total: listener(what, done, total)
+        elif _is_interactive():
             bar = ProgressBar(what, _DELAY)
-            with bar.appearing():
+            with bar.visible():
                 yield bar
         else:
             yield lambda done, total: None
@@ -114,22 +114,22 @@ def report_progress(what: str) -> Iterator[ProgressCallback]:
 def show_progress(
     what: str, progress: ProgressCallback | bool | None = None
 ) -> AbstractContextManager[ProgressCallback | None]:
-    """Show work that may be short and is too small for the log.
+    """Show the progress of work that may be short and is not worth logging.
 
-    progress : the keyword of a `hushed` function; a function is the context's value
+    progress : the keyword of a `with_quiet_progress` function; if it is a function, it is the context's value
 
-    Otherwise the context's value is a function that hears (done, total). It is None if nobody watches, or if the work
-    is part of other work that is shown.
+    Otherwise the context's value is a function of (done, total), or None if output is not interactive or the work is
+    part of other work that is shown.
     """
     if callable(progress):
         return nullcontext(progress)
-    return nullcontext() if _listener.get() or _shown or not _watched() else _short(what)
+    return nullcontext() if _listener.get() or _active or not _is_interactive() else _short_work(what)
 
 
 @contextmanager
-def _short(what: str) -> Iterator[ProgressCallback]:
+def _short_work(what: str) -> Iterator[ProgressCallback]:
     """Show a bar for work that may be short."""
-    with _busy(what):
+    with _active_work(what):
         bar = ProgressBar(what, _DELAY)
         try:
             yield bar
@@ -137,31 +137,31 @@ def _short(what: str) -> Iterator[ProgressCallback]:
             bar.clear()
 
 
-def split_progress(heard: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
-    """A function of (done, total) for `count` runs, one after the other. `done` restarts in each run.
+def split_progress(report: ProgressCallback | None, count: int, index: int = 0, of: int = 1) -> ProgressCallback | None:
+    """A function of (done, total) for `count` consecutive runs, in each of which `done` starts again.
 
     All runs together are piece `index` of `of` pieces.
     """
-    if heard is None:
+    if report is None:
         return None
     run, last = 0, -1
 
     def progress(done: int, total: int) -> None:
         nonlocal run, last
         run, last = (run + 1 if done < last else run), done
-        heard((index * count + min(run, count - 1)) * total + done, of * count * total)
+        report((index * count + min(run, count - 1)) * total + done, of * count * total)
 
     return progress
 
 
 class ProgressBar:
-    """A line on standard error that is written anew again and again; notebooks show it as terminals do.
+    """A progress line on standard error that is updated in place, in terminals and notebooks alike.
 
     what : name of the work
     delay : seconds before the line appears
     """
 
-    def __init__(self, what: str, delay: float):
+    def __init__(self, what: str, delay: float) -> None:
         self._what, self._start, self._next = what, perf_counter(), delay
         self._length, self._share, self._lock = 0, 0.0, Lock()
 
@@ -171,8 +171,8 @@ class ProgressBar:
             self._draw()
 
     @contextmanager
-    def appearing(self) -> Iterator[None]:
-        """Within the context, the line appears after the delay even if nothing is reported; then it is removed."""
+    def visible(self) -> Iterator[None]:
+        """Within the context, the line appears after the delay even without reports; it is removed on exit."""
         timer = Timer(self._next, self._draw)
         timer.daemon = True
         timer.start()
@@ -191,13 +191,13 @@ class ProgressBar:
                 print("\r", end="", file=sys.stderr, flush=True)
 
     def _draw(self) -> None:
-        passed, share = perf_counter() - self._start, self._share
-        self._next = passed + _EVERY
+        elapsed, share = perf_counter() - self._start, self._share
+        self._next = elapsed + _EVERY
         full = round(share * _WIDTH)
-        left = f", {passed / share - passed:.0f} s left" if share > 0.0 else ""
+        remaining = f", {elapsed / share - elapsed:.0f} s left" if share > 0.0 else ""
         bar = "#" * full + "-" * (_WIDTH - full)
         with self._lock:
-            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {passed:.0f} s{left}")
+            self._write(f"antumbra: {self._what}: {100.0 * share:3.0f} % [{bar}] {elapsed:.0f} s{remaining}")
 
     def _write(self, line: str) -> None:
         print("\r" + line.ljust(self._length), end="", file=sys.stderr, flush=True)
@@ -205,15 +205,15 @@ class ProgressBar:
 
 
 @contextmanager
-def _busy(what: str) -> Iterator[None]:
-    _shown.append(what)
+def _active_work(what: str) -> Iterator[None]:
+    _active.append(what)
     try:
         yield
     finally:
-        _shown.remove(what)
+        _active.remove(what)
 
 
-def _watched() -> bool:
-    """Whether standard error is a terminal, or the output of a notebook's cell."""
+def _is_interactive() -> bool:
+    """Whether standard error is a terminal or the output of a notebook cell."""
     stream = sys.stderr
     return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))

@@ -78,7 +78,7 @@ CORRUPTIONS = {
     "two links to one node": (lambda b: set_link(b, inner, an_inner_right_link), f"another parent|{BOUNDS}"),
     "missing child": (lambda b: set_link(b, leaf, int(EMPTY)), "child is missing"),
     "leaf beyond the slots": (lambda b: point_leaf_at(b, len(b.prim_ids) - 1), "slots beyond the last"),
-    "leaf of others' slots": (lambda b: point_leaf_at(b, len(b.prim_ids) // 2), f"another leaf has too|{BOUNDS}"),
+    "leaf of others' slots": (lambda b: point_leaf_at(b, len(b.prim_ids) // 2), f"another leaf also has|{BOUNDS}"),
     "leaf without its last slot": (lambda b: set_link(b, larger_leaf, with_one_less), f"{BOUNDS}|not in the tree"),
     "inner link made a leaf": (lambda b: set_link(b, inner, ~0), BOUNDS),
     "leaf box too small below": (lambda b: move_plane(b, leaf, (0, 0), np.inf), BOUNDS),
@@ -107,7 +107,7 @@ def test_corruption_is_found_and_named(name):
         validate(bvh, VERTICES)
 
 
-@pytest.mark.parametrize("wanted, message", [(inner, "another parent"), (leaf, "another leaf has too")])
+@pytest.mark.parametrize("wanted, message", [(inner, "another parent"), (leaf, "another leaf also has")])
 def test_sharing_is_found_where_all_boxes_are_equal(wanted, message):
     vertices = np.tile(scattered(1), (16, 1, 1))
     bvh = build(vertices)
@@ -144,7 +144,7 @@ def test_root_of_one_triangle_must_have_an_empty_box():
     vertices = scattered(1)
     bvh = build(vertices)
     bvh.nodes[0, 1] = 0
-    with pytest.raises(ValueError, match="has not the box"):
+    with pytest.raises(ValueError, match="but its box is not"):
         validate(bvh, vertices)
 
 

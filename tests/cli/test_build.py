@@ -20,7 +20,7 @@ def test_several_scenes(cli, square_obj):
 def test_for_people(cli, square_obj):
     done = cli("build", square_obj, "-o", "s.antumbra", "--up", "z", "--threads", "1")
     assert done.code == 0
-    for words in ("s.antumbra", "2 in 1 chunk", "bytes a triangle", "time"):
+    for words in ("s.antumbra", "2 in 1 chunk", "bytes per triangle", "time"):
         assert words in done.out, done.out
     assert at.load("s.antumbra").up == "z"
     assert cli("build", square_obj, "-o", "s.antumbra", "--quiet") == (0, "", "")
@@ -38,7 +38,7 @@ def test_info(cli):
     assert told["triangles"] == sum(told["chunks"]["triangles"]) and told["checked"] is False
     assert told["meshes"] == [] and told["built"]["builder"] == "bsah" and len(told["cameras"]) == 1
     shown = cli("info", "a.antumbra", "--check").out
-    for words in ("chunks", "checksums", "bytes a triangle", "camera 0", "light 0"):
+    for words in ("chunks", "checksums", "bytes per triangle", "camera 0", "light 0"):
         assert words in shown, shown
     assert cli("info", "a.antumbra", "--check", "--json").json()["checked"] is True
 

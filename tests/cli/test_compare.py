@@ -74,7 +74,7 @@ def test_one_picture_of_all(compare, tmp_path):
 def test_for_people(compare):
     done = compare("--html", "a.html")
     assert (done.code, done.err) == (0, "")
-    words = "compare.png", "a.html", "atrium", "48x32", "QuadLight", "the same by all plans", "median of 2", "1x"
+    words = "compare.png", "a.html", "atrium", "48x32", "QuadLight", "identical for all plans", "median of 2", "1x"
     for word in (*PLANS, *words, "trace", "total", "Mrays/s", "box tests", "tests per ray"):
         assert word in done.out, word
 
@@ -94,7 +94,7 @@ def test_a_page_that_needs_nothing_else(compare, tmp_path):
     for word in (*PLANS, "trace", "total", "box tests", "processor", "numba"):
         assert word in cells, word
     assert any("PointLight" in cell for cell in cells)
-    assert "the same by all plans" in text and "point:0,3,0@50" in text
+    assert "identical for all plans" in text and "point:0,3,0@50" in text
 
 
 def test_text_of_the_user_is_no_markup(compare, tmp_path):
@@ -151,11 +151,11 @@ def test_bits_that_differ(compare, monkeypatch, tmp_path, plan, code):
 
     monkeypatch.setattr(Accelerator, "answer_all", spoilt)
     done = compare("--html", "a.html", "--no-filter", plans=["bsah+single", plan])
-    line = f"{plan} differs from bsah+single: 1 of the bits, 1 of the pixels, and first the pixel (7, 3)"
+    line = f"{plan} differs from bsah+single: 1 of the bits, 1 of the pixels, first at (7, 3)"
     assert done.code == code and line in " ".join(done.out.split()) and line in (tmp_path / "a.html").read_text()
     assert ("please report it" in done.err) == ("class=bad" in (tmp_path / "a.html").read_text()) == bool(code)
-    assert ("it is not exact" in done.out) != bool(code) and "the same by" not in done.out
-    assert "the same by all other plans" in compare(plans=["bsah+single", plan, "lbvh+single"]).out
+    assert ("this plan is not exact" in done.out) != bool(code) and "identical for" not in done.out
+    assert "identical for all other plans" in compare(plans=["bsah+single", plan, "lbvh+single"]).out
 
 
 @pytest.mark.parametrize(

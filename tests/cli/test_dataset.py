@@ -89,4 +89,4 @@ def test_an_interruption_says_how_to_go_on(cli, monkeypatch):
 
     monkeypatch.setattr(DatasetFolder, "write", interrupted)
     stopped = cli("dataset", SCENE, "-o", "set", *SMALL)
-    assert stopped.code == 130 and "goes on from there" in stopped.err
+    assert stopped.code == 130 and "run the same command again to continue" in stopped.err

@@ -47,7 +47,7 @@ def test_for_people(explain, tmp_path):
         "a.png",
         " triangles",
         "% of them blocked",
-        "the same by all",
+        "identical for all",
         "deepest",
         " - ",
     ):

@@ -206,7 +206,7 @@ def test_interrupting_leaves_finished_frames_and_says_so(film, monkeypatch, tmp_
     done = film()
     assert (done.code, done.out) == (130, "")
     assert done.err.splitlines() == [
-        "antumbra: 2 of 4 frames are finished; the same command goes on from there",
+        "antumbra: 2 of 4 frames are finished; run the same command again to continue",
         "antumbra: interrupted",
     ]
     assert sorted(os.listdir(tmp_path)) == ["f.00.png", "f.01.png", "moving"]

@@ -37,7 +37,7 @@ def done(monkeypatch):
     names: list[str] = []
 
     def precompile_all(jobs):
-        names.extend(job.name for job in all_jobs)
+        names.extend(job.name for job in jobs)
         return 3
 
     monkeypatch.setattr(ready, "precompile_all", precompile_all)
@@ -46,7 +46,7 @@ def done(monkeypatch):
 
 def test_warmup_is_for_every_method(cli, done):
     told = cli("warmup")
-    assert told.code == 0 and f"{len(done)} jobs are ready, 3 of them new" in told.out.replace("\n", " ")
+    assert told.code == 0 and f"{len(done)} jobs are ready, 3 newly compiled" in told.out.replace("\n", " ")
     kinds = [1 + plan.tracer.counts_apart for plan in covering_plans()]  # of kernels: most tracers count in all
     assert len(done) == len(set(done)) == COMMON + 2 + 2 * sum(kinds) and set(kinds) == {1, 2}
 

@@ -27,7 +27,7 @@ def test_a_picture_and_a_summary(render, tmp_path):
         "triangles",
         "32x32",
         "QuadLight",
-        "(4 a pixel and light)",
+        "(4 per pixel and light)",
         "auto: lbvh+",
         "trace",
         "save",
@@ -65,12 +65,12 @@ def test_json_without_counters(render):
 
 def test_counters_for_people(render):
     told = render("--counters").out
-    assert "triangle tests" in told and "left to float64" in told
+    assert "triangle tests" in told and "repeated in float64" in told
 
 
 def test_filter_and_adaptive_sampling_for_people(render):
     told = render("--filter", "--adaptive", "--spp", 4).out
-    assert "(4 a pixel and light, 16 where refined)" in told and "% of the pixels" in told
+    assert "(4 per pixel and light, 16 where refined)" in told and "% of the pixels" in told
     assert "refined" not in render("--filter").out
 
 
@@ -171,7 +171,7 @@ def test_photons_become_lights(render):
 
 def test_light_bounces(render):
     done = render("--bounce", 3, "-o", "a.png")
-    assert "3 bounces a pixel" in done.out
+    assert "3 bounces per pixel" in done.out
     told = render("--bounce", 3, "-o", "b.png", "--json", "--plan", "bsah+single", "--threads", 1).json()
     assert told["bounce"] == 3 and 17 * told["seen"] < told["rays"] <= 19 * told["seen"]
     assert [light["type"] for light in told["lights"]] == ["QuadLight"]
@@ -269,7 +269,7 @@ def test_notes_of_the_loader_are_said_once_and_not_as_warnings(render, square_ob
         (("--gbuffer", "guess"), ["--gbuffer", "raster"]),
         (("--threads", "0"), ["--threads"]),
         (("--up", "x"), ["--up"]),
-        (("--up", "z"), ["--up and --crs belong to files"]),
+        (("--up", "z"), ["--up and --crs are for files"]),
         (("--time", "noon"), ["--time"]),
         (("--time", "nan"), ["time"]),
         (("--exposure", "0"), ["exposure is 0"]),
@@ -403,7 +403,7 @@ def test_a_scene_stands_on_a_ground_by_default(render, table):
     assert told["ground"] == pytest.approx(0.0, abs=1e-3) and told["ground"] < 0.0
     assert render("--json", "--ground", "off", *_HIGH, "-o", "b.png", scene=table).json()["ground"] is None
     assert render("--json", "--ground", "-0.5", *_HIGH, "-o", "c.png", scene=table).json()["ground"] == -0.5
-    assert "sees it, by its shadows alone" in render(*_HIGH, scene=table).out
+    assert "of the picture shows its shadows" in render(*_HIGH, scene=table).out
     a, b, c = (pixels(name).astype(int) for name in ("a.png", "b.png", "c.png"))
     assert (a <= b + 1).all() and (a < b - 20).any() and (a != c).any()
 

@@ -23,7 +23,7 @@ def test_the_page_holds_the_picture_and_everything_about_it(render, tmp_path):
 
 def test_bad_pages_are_refused_before_work(render, tmp_path):
     render("--html", "a.txt").refused("a.txt", "use .html")
-    render("--html", "a.html", "--frames", "0:1", "-o", "f.##.png").refused("--html shows a single picture")
+    render("--html", "a.html", "--frames", "0:1", "-o", "f.##.png").refused("--html is for a single picture")
     assert not list(tmp_path.iterdir())
 
 

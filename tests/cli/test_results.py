@@ -52,7 +52,7 @@ def benches(monkeypatch):
 
     def announce(**commands):
         points = {name: Point(command) for name, command in commands.items()}
-        monkeypatch.setattr(bench, "announced", lambda group: points)
+        monkeypatch.setattr(bench, "plugins_of", lambda group: points)
 
     announce(bad=bad, good=good, plain=plain)
     return announce

@@ -118,7 +118,7 @@ def test_a_shard_goes_on_and_says_what_it_did(run, tmp_path, small_parts):
     again = run("a", *words, "--json").json()
     assert again["done"] == 1 and again["parts"] == first["parts"] and file.read_bytes() == before
     told = run("a", *words)
-    assert "1/2" in told.out and "were done before" in told.out and "antumbra merge a.shards" in told.out
+    assert "1/2" in told.out and "were already done" in told.out and "antumbra merge a.shards" in told.out
 
 
 def test_foreign_and_stale_shards_are_refused_by_name(run, tmp_path, small_parts):
@@ -159,11 +159,11 @@ def test_bad_input(cli, words, told):
 
 def test_frames_of_shards_have_the_exposure_of_the_first(run, tmp_path):
     """Shard 1 has the second frame only: it finds the exposure of the first, although nobody has rendered it yet."""
-    from antumbra.cli.render_command import _noted
+    from antumbra.cli.render_command import _stored_settings
 
     words = JOBS["frames"]
     run("a", *words, "--shard", "1/4", "-q")
     run("whole", *words, "-q")
-    found = _noted(tmp_path / "a" / "f.05.png")
-    assert found["exposed"] == _noted(tmp_path / "whole" / "f.03.png")["exposed"]
+    found = _stored_settings(tmp_path / "a" / "f.05.png")
+    assert found["exposed"] == _stored_settings(tmp_path / "whole" / "f.03.png")["exposed"]
     assert not (tmp_path / "a" / "f.03.png").exists()

@@ -66,7 +66,9 @@ def test_options_reach_the_page(cli, interrupted, monkeypatch):
     assert told.code == 0 and told.out == told.err == "" and not opened.pages
     (model,) = made
     assert model.place.latitude == 52.0 and model.place.timezone == "+01:00" and model.plan == "bsah+wide"
-    assert model.first_camera(10, 10).vfov == 40.0 and "Sky" in [type(lamp.light).__name__ for lamp in model.lamps]
+    assert model.first_camera(10, 10).vfov == 40.0 and "Sky" in [
+        type(lamp.light).__name__ for lamp in model.editable_lights
+    ]
 
 
 def test_without_a_browser_the_address_is_said(cli, interrupted, monkeypatch):

@@ -68,7 +68,7 @@ def told(tmp_path, monkeypatch):
             wanted = {name: each._replace(path=f"/gone{each.path}") for name, each in wanted.items()}
         with monkeypatch.context() as patched:
             patched.setattr(inputs.tempfile, "tempdir", str(tmp_path))
-            patched.setattr(node, "warm", lambda plan: None)
+            patched.setattr(node, "precompile_plan_kernels", lambda plan: None)
             patched.chdir(tmp_path)
             worker = node.Node(1)
             found = worker.begin(node.NodeJob(prepare, wanted, "bsah+single", "a.shards"), read)

@@ -83,20 +83,20 @@ def test_trees_of_animated_scenes_are_refitted_once_it_pays(monkeypatch, tmp_pat
         frame = renderer.render(camera, [LAMP], time=time)
         named = at.render(scene, camera, [LAMP], time=time, plan="bsah+single")
         np.testing.assert_array_equal(frame.bits[0], named.bits[0])
-    assert renderer.accelerator._kept is not None and frame.plan.startswith(f"{GOOD}+")
+    assert renderer.accelerator._updater is not None and frame.plan.startswith(f"{GOOD}+")
     _builds(monkeypatch, 0.0, 0.0)
     optimised = renderer.render(camera, [LAMP], time=0.5)
-    kept, memory = renderer.accelerator._kept, renderer.accelerator.memory
+    kept, memory = renderer.accelerator._updater, renderer.accelerator.memory
     _builds(monkeypatch, 0.0)
     refitted = renderer.render(camera, [LAMP], time=0.75)
     assert optimised.plan.startswith(f"{BEST}+") and refitted.plan == optimised.plan
-    assert renderer.accelerator._kept is kept and memory.in_good == 0.0
+    assert renderer.accelerator._updater is kept and memory.in_good == 0.0
     named = at.render(scene, camera, [LAMP], time=0.75, plan="bsah+single")
     np.testing.assert_array_equal(refitted.bits[0], named.bits[0])
 
 
 def _chosen(scene):
-    return scene.engine._trees._made[parse_plan("auto")].chosen
+    return scene.engine._trees._accelerated[parse_plan("auto")].chosen
 
 
 def test_points_share_the_scenes_tree_until_it_is_outgrown(scene, monkeypatch):
@@ -130,7 +130,7 @@ def test_few_rays_count_towards_a_better_tree(monkeypatch):
 
 
 def test_what_is_measured_is_kept_and_scales_the_rates(tmp_path, monkeypatch):
-    monkeypatch.setattr(rates, "machine_file", lambda: tmp_path / "kernels" / "rates.json")
+    monkeypatch.setattr(rates, "machine_rates_file", lambda: tmp_path / "kernels" / "rates.json")
     monkeypatch.setattr(calibration, "_TRIANGLES", 2000)
     monkeypatch.setattr(calibration, "_SIZE", (16, 16))
     rates.machine_rates.cache_clear()

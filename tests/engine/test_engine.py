@@ -209,6 +209,6 @@ def test_hits_keep_the_triangles_of_their_moment(tmp_path):
     scene = at.load(tmp_path)
     first = scene.closest_hit((1, 9, 1), (0, -1, 0), time=0.0)
     later = scene.closest_hit((1, 9, 1), (0, -1, 0), time=scene.duration)
-    trees = scene.engine._trees._made
+    trees = scene.engine._trees._accelerated
     assert first.position.tolist() == [1, 0, 1] and later.position.tolist() == [1, 3, 1]
-    assert scene.engine._trees._made is trees
+    assert scene.engine._trees._accelerated is trees

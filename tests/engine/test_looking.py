@@ -21,7 +21,7 @@ def compiled(monkeypatch):
     """All kernels are compiled; trees are kept, however slow the machine, and have the form that camera rays walk."""
     monkeypatch.setattr(looking, "_rays_are_compiled", lambda: True)
     monkeypatch.setattr(looking, "_has_blocks", lambda whole: True)
-    monkeypatch.setattr(AutoAccelerator, "outgrown", lambda self, accelerated: False)
+    monkeypatch.setattr(AutoAccelerator, "needs_rebuild", lambda self, accelerated: False)
 
 
 def _used(monkeypatch):
@@ -81,10 +81,10 @@ def test_the_faster_method_is_used_and_the_other_tried_again(monkeypatch, slow, 
     def look(method):
         clock[0] += 100.0 * (method not in used) + {slow: 2.0, fast: 1.0}[method]  # first calls take much longer
 
-    for _ in range(4 + looking._AGAIN):
+    for _ in range(4 + looking._RETRY_PERIOD):
         method = chooser.choose(object())
         chooser.timed(method, 10, lambda method=method: look(method))
         used.append(method)
     assert used[:4] == [RASTER, RASTER, RAYS, RAYS]
-    assert used[4:-1] == [fast] * (looking._AGAIN - 1) and used[-1] == slow
+    assert used[4:-1] == [fast] * (looking._RETRY_PERIOD - 1) and used[-1] == slow
     assert PrimaryMethodChooser().choose(None) == RASTER

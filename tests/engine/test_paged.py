@@ -42,7 +42,7 @@ def _renderer(path, chunks=None, policy="lru"):
     renderer = Renderer(at.load(path), None, 2)
     if chunks is not None:
         paged = renderer.source
-        paged.residency = Residency(paged.store, paged.residency.least_budget() // 2 * chunks, policy)
+        paged.residency = Residency(paged.store, paged.residency.min_budget() // 2 * chunks, policy)
         scheduled = paged.accelerated.prepared
         scheduled.parts = scheduled.parts._replace(trees=paged.residency.trees, memory=paged.residency)
         paged.budget = lambda *_: paged.residency.budget
@@ -92,7 +92,7 @@ def test_bands_of_a_picture_too_large_for_memory(city, monkeypatch):
             yield rows
 
     monkeypatch.setattr(Bands, "of_frame", noted)
-    monkeypatch.setattr("antumbra.engine.paged_source._MANY", 0)
+    monkeypatch.setattr("antumbra.engine.paged_source._BAND_FACTOR", 0)
     for _ in range(3):
         frame = renderer.render(camera, lights, **options)
         _same(frame, inside)
@@ -164,7 +164,7 @@ def test_rays_meet_what_they_meet_in_memory(city, facing):
 def test_rays_in_batches_and_shapes(city, monkeypatch):
     inside, path = city
     scene, (origins, directions, *_) = at.load(path), _rays(inside, 1200)
-    monkeypatch.setattr("antumbra.engine.paged_source.LEAST", 100)
+    monkeypatch.setattr("antumbra.engine.paged_source.MIN_BATCH", 100)
     monkeypatch.setattr("antumbra.engine.paged_source.Paged.together", lambda self, size: 1)
     truth = inside.closest_hit(origins, directions)
     hit = scene.closest_hit(origins.reshape(30, 40, 3), directions.reshape(30, 40, 3))
@@ -205,7 +205,7 @@ def test_an_explanation_is_of_the_stores_own_tree(city):
     assert 0.2 < a.box_tests / b.box_tests < 5 and 0 < a.depths.deepest < 40
     assert a.depths.histogram.sum() == b.depths.histogram.sum() == one.blocked
     assert 0 < len(one.frequent) < 2 * len(other.frequent) and one.frequent.max() > 5000
-    with pytest.raises(at.InputError, match=r"is in a store, whose trees are built; use bsah\+chcrt"):
+    with pytest.raises(at.InputError, match=r"is in a store, whose trees are prebuilt; use bsah\+chcrt"):
         explain(at.load(path), moments, ["bsah+single"])
     small = at.load(path)
     small.max_memory = 1 << 20
@@ -313,7 +313,7 @@ def test_what_cannot_be_asked_of_a_store(city):
     scene, path = city
     paged, camera = at.load(path), _cameras(scene)[0]
     for plan in ("bsah+single", "lbvh+chcrt", "grid32+bsah+chcrt", "bsah+refit+chcrt", "cones"):
-        with pytest.raises(at.InputError, match=r"is in a store, whose trees are built; use bsah\+chcrt"):
+        with pytest.raises(at.InputError, match=r"is in a store, whose trees are prebuilt; use bsah\+chcrt"):
             Renderer(paged, plan)
     with pytest.raises(at.InputError, match=r"100M of memory is not enough .* give at least \d+M"):
         at.render(paged, camera, LIGHT, max_memory=100 << 20)
@@ -347,7 +347,7 @@ def test_five_million_triangles_in_a_tenth_of_their_size(tmp_path):
     scene = at.load(path)
     camera, lights = scene.cameras[0].resized(256, 256), scene.lights
     renderer = _renderer(path, 0)
-    renderer.source.residency.budget = max(tenth, renderer.source.residency.least_budget())
+    renderer.source.residency.budget = max(tenth, renderer.source.residency.min_budget())
     assert renderer.source.residency.budget == tenth
     whole = at.procedural("city", triangles=5_000_000)
     expected = at.render(whole, camera, lights, spp=4, threads=2)

@@ -67,7 +67,7 @@ def test_samples_as_bools(scene):
 
 
 def test_bad_lights_are_named(scene):
-    with pytest.raises(at.InputError, match="AmbientOcclusion is seen around a normal"):
+    with pytest.raises(at.InputError, match="AmbientOcclusion needs surface normals"):
         at.visibility(scene, POINTS, [LEFT, at.AmbientOcclusion()])
     with pytest.raises(at.InputError, match="not str"):
         at.visibility(scene, POINTS, [LEFT, "sun"])
@@ -106,7 +106,7 @@ def test_a_pickled_hit_keeps_its_arrays(scene):
     hit = pickle.loads(pickle.dumps(scene.closest_hit(np.zeros((2, 3)) + 1.0, (0, -1, 0))))
     assert hit.face.shape == (2,) and hit.mask.all()
     for name in "position", "normal", "object":
-        with pytest.raises(at.InputError, match=r"ask scene\.closest_hit again"):
+        with pytest.raises(at.InputError, match=r"call scene\.closest_hit again"):
             getattr(hit, name)
 
 

@@ -43,7 +43,7 @@ def test_rays_get_a_better_tree_once_it_pays(scene, monkeypatch, seconds):
     rays = _rays()
     blocked, hit = scene.occluded(*rays), scene.closest_hit(*rays)
     assert 0.1 < blocked.mean() < 1
-    plans = scene.engine._trees._made
+    plans = scene.engine._trees._accelerated
     assert set(plans) == ({BETTER} if seconds == 0.0 else {FIRST})
     tree = next(iter(plans.values())).bvh
     np.testing.assert_array_equal(scene.occluded(*rays), blocked)

@@ -5,7 +5,6 @@ import pytest
 
 import antumbra as at
 import oracle
-from antumbra.engine import engine
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan, with_sample
 from antumbra.picture import renderer
@@ -47,9 +46,8 @@ def given(monkeypatch):
         return real.build(vertices, threads, rays=rays, **options)
 
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
-    for name in ("warm_up", "warm_up_quality", "warm_up_bounce"):  # they build too
+    for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
-    monkeypatch.setattr(engine, "warm_up", lambda *arguments: None)
     return builds
 
 
@@ -195,7 +193,7 @@ def test_rays_after_a_bounce_are_shown_too(scene, camera, plain, given):
 
 def test_a_bounce_of_points_is_refused(scene):
     points = np.random.default_rng(0).uniform(*scene.bounds, (50, 3))
-    with pytest.raises(at.InputError, match="srdh_rays asks for a bounce; only the rays of pictures"):
+    with pytest.raises(at.InputError, match="srdh_rays requests bounced rays, which only images have"):
         at.visibility(scene, points, scene.lights[0], plan=sampled("srdh+single", at.SrdhRays(bounce=True)))
 
 
@@ -369,5 +367,5 @@ def test_rays_for_a_plan_that_wants_none(scene, camera):
 
 
 def test_a_tree_for_nobody_in_particular(scene):
-    with pytest.raises(at.InputError, match=r"plan 'srdh\+single': its builder wants rays of a picture, or of points"):
+    with pytest.raises(at.InputError, match=r"plan 'srdh\+single': its builder needs sample rays"):
         Renderer(scene, "srdh+single").accelerate()

@@ -104,7 +104,7 @@ WRONG = {
     "no vertices": (dict(vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), int)), "no triangles"),
     "soup of quads": (dict(vertices=np.zeros((2, 4, 3))), "soup has shape"),
     "soup with faces": (dict(vertices=np.zeros((2, 3, 3)), faces=FACE), "leave faces out"),
-    "four corners": (dict(vertices=np.zeros((4, 3))), "no multiple of 3"),
+    "four corners": (dict(vertices=np.zeros((4, 3))), "not a multiple of 3"),
     "NaN": (dict(vertices=[[0, 0, 0], [1, np.nan, 0], [0, 1, 0]], faces=FACE), "vertex 1"),
     "infinite": (dict(vertices=[[0, 0, 0], [1, 0, 0], [0, np.inf, 0]]), "vertex 2"),
     "too wide": (dict(vertices=[[0, 0, 0], [1e300, 0, 0], [-1e308, 1, 0]]), "at most"),

@@ -46,7 +46,7 @@ def test_pipes_do_not_block(tmp_path, name):
     reader = threading.Thread(target=lambda: messages.append(message_of(tmp_path / name)), daemon=True)
     reader.start()
     reader.join(20)
-    assert messages == [f"{name}: not an ordinary file; name a scene file"]
+    assert messages == [f"{name}: not a regular file; name a scene file"]
 
 
 @pytest.mark.parametrize("path", [None, 3, 2.5, ["a.glb"]])

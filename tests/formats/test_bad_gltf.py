@@ -87,7 +87,7 @@ JSON = {
     ),
     "position out of range": (put("POSITION", 99, *PRIMITIVE, "attributes"), "attributes.POSITION is 99"),
     "scalar positions": (put("POSITION", 1, *PRIMITIVE, "attributes"), "accessors[1].type is 'SCALAR'"),
-    "corners no multiple of 3": (put("count", 11, "accessors", 1), "11 corners, no multiple of 3"),
+    "corners no multiple of 3": (put("count", 11, "accessors", 1), "11 corners, not a multiple of 3"),
     "no count": (lambda j: j["accessors"][0].pop("count"), "accessors[0].count is missing"),
     "count beyond the view": (
         put("count", 10**12, "accessors", 0),
@@ -389,7 +389,7 @@ def test_external_buffers_that_are_missing_or_short(tmp_path):
     path.write_bytes(made.gltf("a.bin"))
     assert "buffers[0].uri 'a.bin': no such file" in message_of(path)
     (tmp_path / "a.bin").mkdir()
-    assert "not an ordinary file" in message_of(path)
+    assert "not a regular file" in message_of(path)
     path.write_bytes(made.gltf("b.bin"))
     (tmp_path / "b.bin").write_bytes(made.data[:-1])
     assert f"buffers[0].byteLength says {len(made.data)} bytes, but there are {len(made.data) - 1}" in message_of(path)

@@ -238,8 +238,8 @@ def broken(**changes):
         (broken(version=None), ["version is missing"]),
         (broken(vertices=[[0, 0]]), ["vertices is a list of 1; it must be a list of vertices"]),
         (broken(vertices=[[0, 0, "x"]]), ["vertices"]),
-        (broken(CityObjects={"a": 3}), ["CityObjects has 'a', which is no object"]),
-        (broken(CityObjects={"a": building(3)}), ['CityObjects "a" geometry[0] is no object']),
+        (broken(CityObjects={"a": 3}), ["CityObjects has 'a', which is not an object"]),
+        (broken(CityObjects={"a": building(3)}), ['CityObjects "a" geometry[0] is not an object']),
         (broken(CityObjects={}), ["no object has a surface with an area"]),
         (broken(transform={"scale": [1, 1]}), ["transform.scale"]),
         (

@@ -6,7 +6,7 @@ import pytest
 from antumbra.engine.scene_loading import load
 from antumbra.errors import InputError
 from antumbra.formats.gltf import gltf_meshes as runs
-from antumbra.formats.gltf.gltf_meshes import MOST
+from antumbra.formats.gltf.gltf_meshes import MAX_RUN_VERTICES
 from gltf_files import TETRAHEDRON, TETRAHEDRON_FACES, Gltf, everything, png
 
 
@@ -73,7 +73,7 @@ def told(path):
 def test_runs_change_nothing(tmp_path, monkeypatch, made):
     path = made().write(tmp_path)
     joined = told(path)
-    monkeypatch.setattr(runs, "MOST", 0)
+    monkeypatch.setattr(runs, "MAX_RUN_VERTICES", 0)
     apart = told(path)
     fewer = joined.pop("pieces") < apart.pop("pieces")
     assert joined.keys() == apart.keys() and len(joined["colours"]) > 10 and fewer == (made is mixed)
@@ -96,7 +96,7 @@ def test_a_mesh_of_many_primitives_is_placed_at_once(tmp_path):
 
 def test_large_primitives_stay_alone(tmp_path):
     made = Gltf()
-    large = np.random.default_rng(1).random((3 * (MOST // 3), 3)).astype(np.float32)
+    large = np.random.default_rng(1).random((3 * (MAX_RUN_VERTICES // 3), 3)).astype(np.float32)
     parts = [made.primitive(large), made.primitive(), made.primitive(), made.primitive(large), made.primitive()]
     made.node(mesh=made.mesh(*parts))
     pieces = list(load(made.write(tmp_path)).source.pieces(0.0))

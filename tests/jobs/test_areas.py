@@ -77,17 +77,17 @@ def test_areas_in_other_systems(tmp_path):
 @pytest.mark.parametrize(
     "areas, words",
     [
-        ([], "there is no area"),
+        ([], "areas are empty"),
         (3, "areas are a int"),
         ("none.geojson", "no such file"),
         ([[(0, 0), (1, 1)]], "at least three corners"),
         ([[(0, 0), (1, 1), (2, np.nan)]], "finite"),
         ({"type": "Point", "coordinates": [0, 0]}, "area 1 is a Point; areas are Polygons"),
-        ({"type": "Polygon", "coordinates": 3}, "no list of rings"),
+        ({"type": "Polygon", "coordinates": 3}, "not a list of rings"),
         ({"type": "Feature", "geometry": None}, "area 1 is a None"),
-        (collection(), "there is no area"),
-        ({"type": "FeatureCollection", "features": 3}, "features that are no list"),
-        (placed([(0, 10), (0.1, 10), (0, 10.1)]), "area 1: no cell of 0.5 has its middle"),
+        (collection(), "areas are empty"),
+        ({"type": "FeatureCollection", "features": 3}, "features are not a list"),
+        (placed([(0, 10), (0.1, 10), (0, 10.1)]), "area 1: contains no centre of a cell of 0.5"),
         (placed([(20, 20), (40, 20), (40, 25)]), "cells have no surface below them; give the height of the ground"),
     ],
 )
@@ -217,7 +217,7 @@ def test_files_have_the_judged_cells_alone(cli, tmp_path):
         (("--areas", "gardens.geojson", "--sensors", "face"), ["in areas it must be raster:SPACING"]),
         (("--areas", "gardens.csv"), ["--areas is 'gardens.csv'; it must be a .geojson"]),
         (("--areas", "none.geojson"), ["none.geojson: no such file"]),
-        (("--areas", "bad.geojson"), ["bad.geojson: is no GeoJSON"]),
+        (("--areas", "bad.geojson"), ["bad.geojson: is not GeoJSON"]),
     ],
 )
 def test_bad_commands(cli, tmp_path, given, words):

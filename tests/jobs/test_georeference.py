@@ -145,7 +145,7 @@ def test_commands_take_it(cli, tmp_path):
         assert crs_of(tmp_path / name) == CRS, name
     assert cli("info", "a.city.json", "--json").json()["crs"] is None
     cli("viewshed", "a.city.json", "--crs", "EPSG:1", "--observer", "0,0,0").refused("crs 'EPSG:1' is unknown")
-    cli("los", "procedural:atrium", "--crs", CRS, "--from", "0,0,0", "--to", "1,0,0").refused("--crs belong to files")
+    cli("los", "procedural:atrium", "--crs", CRS, "--from", "0,0,0", "--to", "1,0,0").refused("--crs are for files")
 
 
 @pytest.mark.parametrize("up", ["y", "z"])
@@ -237,7 +237,7 @@ def test_edges_of_cells_are_multiples_of_the_spacing():
 @pytest.mark.parametrize(
     "more, words",
     [
-        ({"transform": rasterio.Affine(0.5, 0.1, 84000, 0.1, -0.5, 447020)}, "no squares with north up"),
+        ({"transform": rasterio.Affine(0.5, 0.1, 84000, 0.1, -0.5, 447020)}, "not square with north up"),
         ({"transform": rasterio.Affine(0.5, 0, 84000, 0, -0.6, 447020)}, "gdalwarp -tr"),
         ({"transform": rasterio.Affine(0.5, 0, 84000, 0, 0.5, 447020)}, "north up"),
     ],

@@ -187,10 +187,10 @@ def bomb(path, suffix, n=1 << 27):
 
 def test_files_that_expand_are_refused_before_they_do(tmp_path, monkeypatch):
     bomb(tmp_path / "a.npz", ".npz")
-    refused(tmp_path / "a.npz", r"its 0.0 MB expand to 3.2 GB; divide it")
+    refused(tmp_path / "a.npz", r"its 0.0 MB expand to 3.2 GB; split it")
     monkeypatch.setattr(arrayfile, "_MOST", 1 << 16)
     bomb(tmp_path / "a.parquet", ".parquet", 1 << 17)
-    refused(tmp_path / "a.parquet", "expand to 0.0 GB; divide it")
+    refused(tmp_path / "a.parquet", "expand to 0.0 GB; split it")
 
 
 def test_a_checksum_that_is_wrong(tmp_path):

@@ -16,10 +16,10 @@ NAMES = [job.name for job in warm.all_jobs(papers=True)]
 CALLED = """
 import json, sys
 from antumbra.kernels.toolchain.kernel_cache import events
-from antumbra.jobs.job_kernels import jobs
+from antumbra.jobs.job_kernels import all_jobs
 
 told = {}
-for job in jobs(papers=True):
+for job in all_jobs(papers=True):
     if job.name in sys.argv[1:]:
         before = len(events)
         job.work()

@@ -18,11 +18,11 @@ from antumbra.kernels.toolchain import kernel_cache as cache
 CODE = KernelCode("module:kernel", "i A[f4,1,C]", ["module:Pair", ["i", "n"]], b"machine code " * 50)
 CREW = """
 import json, sys
-from antumbra.kernels.toolchain.compile_pool import Wanted, compile_all
+from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels
 
-kernels = [Wanted(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
+kernels = [KernelRequest(f"antumbra.sample.top:{name}", key) for name, key in json.loads(sys.argv[1])]
 told = []
-wrong = compile_all(kernels, lambda done, total: told.append((done, total)), processes=int(sys.argv[2]))
+wrong = compile_kernels(kernels, lambda done, total: told.append((done, total)), processes=int(sys.argv[2]))
 print(json.dumps([wrong, told[0], told[-1]]))
 """
 GOOD = [("alone", "i"), ("by_call", "i"), ("by_constant", "i"), ("by_overload", "i"), ("by_intrinsic", "A[f4,1,C]")]

@@ -14,7 +14,7 @@ BEFORE = {
     "by_result": {"a": 1, "b": 2}, "by_intrinsic": 2, "by_operator": 6.0, "by_loop": 6,
 }  # fmt: skip
 TICKETS = "kernels/ticket_loops.py"
-LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "memory", "scalars", "operators"))
+LANES, MEMORY, SCALARS, OPERATORS = (f"kernels/simd/{m}.py" for m in ("lanes", "load_store", "lanes", "vectors"))
 
 GUESTS = {"by_guest": 8, "by_guest_inside": 9}  # they call an overload that has other definitions too
 
@@ -42,7 +42,7 @@ EDITS = {
     "comment": ("sample/parts.py", "# one", "# one more", {}),
     "docstring": ("sample/parts.py", '"""One more."""', '"""One more than before."""', {}),
     "comment of an intrinsic": (LANES, "# --- make ----", "# --- made ----", {}),
-    "docstring of a module of intrinsics": (OPERATORS, "Python's operators on vectors", "All operators on vectors", {}),
+    "docstring of a module of intrinsics": (OPERATORS, "The vector types, the", "All vector types, the", {}),
     "line numbers": ("sample/parts.py", "SCALE = 3\n", "SCALE = 3\n\n\n", {}),
 }  # fmt: skip
 

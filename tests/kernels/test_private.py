@@ -49,9 +49,9 @@ def test_what_anyone_can_change(own, mode):
 
 def test_groups_of_several_users(own, monkeypatch):
     own.chmod(0o775)
-    monkeypatch.setattr(private, "_is_own_group", lambda group: True)
+    monkeypatch.setattr(private, "_is_private_group", lambda group: True)
     private.checked_own(own)
-    monkeypatch.setattr(private, "_is_own_group", lambda group: False)
+    monkeypatch.setattr(private, "_is_private_group", lambda group: False)
     with pytest.raises(private.Untrusted):
         private.checked_own(own)
 
@@ -148,11 +148,12 @@ def test_kernels_are_then_compiled_in_a_private_folder(package, own, tmp_path):
 def test_compiling_processes_use_the_same_private_folder(package, own, tmp_path):
     own.chmod(0o777)
     program = """
-from antumbra.kernels.toolchain.compile_pool import Wanted, compile_all
-from antumbra.kernels.toolchain.kernel_cache import is_kept
-from antumbra.kernels.marshalling import named
+from antumbra.kernels.toolchain.compile_pool import KernelRequest, compile_kernels
+from antumbra.kernels.toolchain.kernel_cache import is_cached
+from antumbra.kernels.marshalling import import_object
 
-print(compile_all([Wanted("antumbra.sample.top:alone", "i")]), is_kept(named("antumbra.sample.top:alone"), "i"))
+wrong = compile_kernels([KernelRequest("antumbra.sample.top:alone", "i")])
+print(wrong, is_cached(import_object("antumbra.sample.top:alone"), "i"))
 """
     env = sample.environment(package, own)
     done = subprocess.run([sys.executable, "-c", program], env=env, capture_output=True, text=True, timeout=300)
@@ -168,10 +169,10 @@ def test_a_folder_of_inputs_that_others_made(tmp_path, monkeypatch, caplog, spoi
 
     monkeypatch.setattr(inputs.tempfile, "tempdir", str(tmp_path))
     private.private_folder.cache_clear()
-    own = inputs.own_temporary()
+    own = inputs.user_temporary_folder()
     assert own == tmp_path / f"antumbra-{os.getuid()}" and own.stat().st_mode & 0o777 == 0o700
-    assert inputs.own_temporary() == own and not caplog.records
+    assert inputs.user_temporary_folder() == own and not caplog.records
     spoil(own)
-    other = inputs.own_temporary()
-    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.own_temporary() == other
+    other = inputs.user_temporary_folder()
+    assert other != own and other.stat().st_mode & 0o777 == 0o700 and inputs.user_temporary_folder() == other
     assert caplog.messages[0].endswith(": files are fetched for this process alone")

@@ -83,7 +83,7 @@ def test_files_hold_maps(tmp_path):
         (lambda folder: at.Sky(count=0), "count"),
         (lambda folder: at.Sky(up="x"), "up"),
         (lambda folder: at.Sky(folder / "missing.hdr"), "missing.hdr"),
-        (lambda folder: at.Sky(written(folder / "bad.hdr")), "no Radiance picture"),
+        (lambda folder: at.Sky(written(folder / "bad.hdr")), "not a Radiance picture"),
         (lambda folder: at.Sky(written(folder / "bad.jpg")), "one of .hdr, .exr"),
     ],
 )

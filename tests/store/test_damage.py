@@ -91,11 +91,11 @@ def with_header(data, **changes) -> bytes:
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda d: with_header(d, version=2), "version 2, and only 1 is read"),
+        (lambda d: with_header(d, version=2), "version 2; only version 1 is supported"),
         (lambda d: with_header(d, complete=0), "not finished; build it again"),
         (lambda d: bytes(PAGE) + d[PAGE:], "not finished; build it again"),
         (lambda d: bytes(100), "not finished; build it again"),
-        (lambda d: d + b"x", "behind its end"),
+        (lambda d: d + b"x", "after its end"),
         (lambda d: b"glTF" + d[4:], "is not a store; make one by antumbra build"),
         (lambda d: b"", "the file is empty"),
     ],
@@ -112,7 +112,7 @@ def test_what_is_no_whole_store(whole, change, words):
 def test_no_file(tmp_path):
     assert "no such file" in found(tmp_path / "none.antumbra")
     (tmp_path / "folder.antumbra").mkdir()
-    assert "not an ordinary file" in found(tmp_path / "folder.antumbra")
+    assert "not a regular file" in found(tmp_path / "folder.antumbra")
 
 
 def test_damage_after_the_store_was_opened(whole):

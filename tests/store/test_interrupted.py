@@ -10,7 +10,7 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.store_building import build_store
-from antumbra.store.store_file import Writer, open_store
+from antumbra.store.store_file import StoreWriter, open_store
 from bvh_scenes import scattered
 from stores import soup_scene
 
@@ -110,7 +110,7 @@ def test_the_header_comes_last(tmp_path, monkeypatch):
         (unfinished,) = tmp_path.glob(".antumbra-*.tmp")
         kept.append(unfinished.read_bytes())
 
-    monkeypatch.setattr(Writer, "_sync", sync)
+    monkeypatch.setattr(StoreWriter, "_sync", sync)
     build_store([soup_scene(scattered(2000))], tmp_path / "a.antumbra", chunk=256)
     before, after = kept
     assert len(before) == len(after) and before[4096:] == after[4096:] and not any(before[:4096])

@@ -41,7 +41,7 @@ def test_it_is_like_the_scene(both):
     ids=["triangles", "colours", "build"],
 )
 def test_all_triangles_are_not_to_be_had(both, ask):
-    with pytest.raises(at.InputError, match=r"is a store, and its .* never all in memory; ask a scene in memory"):
+    with pytest.raises(at.InputError, match=r"is a store, and its .* never all in memory; use a scene in memory"):
         ask(both[1])
 
 

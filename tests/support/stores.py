@@ -63,7 +63,7 @@ def contents(store: Store) -> Contents:
     for k in range(len(store)):
         chunk = store.chunk(k)
         ids = chunk.bvh.prim_ids
-        found.vertices[ids], found.colours[ids] = chunk.bvh.corners.reshape(-1, 3, 3), chunk.palette[chunk.index]
+        found.vertices[ids], found.colours[ids] = chunk.bvh.corners.reshape(-1, 3, 3), chunk.palette[chunk.palette_rows]
         found.times[ids] += 1
     return found
 

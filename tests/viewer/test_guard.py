@@ -228,7 +228,7 @@ WRONG_VALUES = [
 def test_messages_with_wrong_values_change_nothing(local, message, capfd, monkeypatch):
     cameras = []
     seen = property(lambda _: None, lambda _, camera: cameras.append(camera))
-    monkeypatch.setattr(type(local.model), "seen_by", seen, raising=False)
+    monkeypatch.setattr(type(local.model), "last_camera", seen, raising=False)
     sent(local, message, camera(image_width=7), done=lambda: cameras)
     assert [found.width for found in cameras] == [7]  # of the message that follows
     assert "Traceback" not in "".join(capfd.readouterr()) and shaken(local)[0] == 101

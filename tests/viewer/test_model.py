@@ -16,14 +16,14 @@ def model():
 
 
 def names(model):
-    return [lamp.name for lamp in model.shining]
+    return [lamp.name for lamp in model.active_lights]
 
 
 def test_lights_are_switched_off(model):
     model.switch("sun", False)
-    assert names(model) == ["lamp"] and [lamp.on for lamp in model.lamps] == [False, True]
+    assert names(model) == ["lamp"] and [lamp.on for lamp in model.editable_lights] == [False, True]
     model.switch("lamp", False)
-    assert [lamp.light.intensity for lamp in model.shining] == [0.0]  # dark, and no error
+    assert [lamp.light.intensity for lamp in model.active_lights] == [0.0]  # dark, and no error
     model.switch("sun", True)
     assert names(model) == ["sun"]
     with pytest.raises(at.InputError, match="no light 'moon'; there are sun, lamp"):
@@ -31,9 +31,9 @@ def test_lights_are_switched_off(model):
 
 
 def test_lights_move(model):
-    model.move("lamp", model.stage.to_page((1, 2, 3)))
-    np.testing.assert_allclose(model.lamps[1].light.position, (1, 2, 3))
-    assert model.lamps[1].name == "lamp"
+    model.move("lamp", model.page_frame.to_page((1, 2, 3)))
+    np.testing.assert_allclose(model.editable_lights[1].light.position, (1, 2, 3))
+    assert model.editable_lights[1].name == "lamp"
 
 
 def test_a_sun_that_was_moved_sets():
@@ -74,7 +74,7 @@ def test_moved_lights_stay_when_time_goes_on(tmp_path):
     before = model.sun.light.direction
     model.go_to(9.0)
     assert model.time == 2.0 and (model.sun.light.direction == before).all()
-    assert [lamp.name for lamp in model.lamps] == ["sun", "Sky"]
+    assert [lamp.name for lamp in model.editable_lights] == ["sun", "Sky"]
 
 
 def test_the_first_camera_is_the_one_that_is_given(model):

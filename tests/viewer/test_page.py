@@ -141,7 +141,7 @@ def test_busy_and_impossible_ports_have_a_cure():
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(at.InputError, match=f"port {port} is busy; give another one by --port"):
+        with pytest.raises(at.InputError, match=f"port {port} is busy; choose another with --port"):
             checked_port("127.0.0.1", port)
     assert 0 < checked_port("127.0.0.1", 0) < 65536
     with pytest.raises(at.InputError, match="is this machine"):

@@ -6,12 +6,12 @@ import pytest
 import antumbra as at
 from antumbra.viewer.progressive_pictures import (
     MOST_PIXELS,
-    STEPS_OF_PICTURES,
+    PICTURE_STEPS,
     Step,
-    at_quality,
     scaled_camera,
     steps_of,
     trace_picture,
+    with_quality,
 )
 from antumbra.viewer.viewer_model import BOX_TESTS, LIGHT_SHARE, Model
 from pages import CAMERA, SUN, box_on_floor
@@ -51,9 +51,9 @@ def test_shadows_follow_the_sun(model, camera):
 
 
 def test_pictures_become_finer(model, camera):
-    sizes = [trace_picture(model, camera, step).image.shape[:2] for step in STEPS_OF_PICTURES]
+    sizes = [trace_picture(model, camera, step).image.shape[:2] for step in PICTURE_STEPS]
     assert sizes == [(10, 10), (20, 20), (40, 40), (80, 80), (80, 80), (80, 80)]
-    assert [step.spp for step in STEPS_OF_PICTURES] == sorted(step.spp for step in STEPS_OF_PICTURES)
+    assert [step.spp for step in PICTURE_STEPS] == sorted(step.spp for step in PICTURE_STEPS)
 
 
 def test_large_pages_get_smaller_pictures():
@@ -68,7 +68,7 @@ def test_large_pages_get_smaller_pictures():
 
 
 def test_a_share_is_white_where_all_of_a_light_is_seen(model, camera):
-    model.looks = model.looks._replace(show=LIGHT_SHARE + "sun")
+    model.display = model.display._replace(show=LIGHT_SHARE + "sun")
     picture = trace_picture(model, camera, FINE)
     assert picture.image[52, 40].tolist() == [255] * 3 and picture.image[28, 40].tolist() == [0] * 3
     assert "sun" in picture.note
@@ -80,18 +80,18 @@ def test_a_share_is_white_where_all_of_a_light_is_seen(model, camera):
 
 def test_the_share_of_a_sky_is_smooth(camera):
     model = Model(box_on_floor(), [SUN, at.Sky()], CAMERA)
-    model.looks = model.looks._replace(show=LIGHT_SHARE + "Sky")
+    model.display = model.display._replace(show=LIGHT_SHARE + "Sky")
     grey = trace_picture(model, camera, FINE).image[..., 0].astype(int)
     near, far = grey[31:33, 38:42], grey[12:14, 38:42]  # of the box
     assert 20 < near.max() < far.min() and np.ptp(far) < 25
 
 
 def test_work_is_shown_with_a_legend(model, camera):
-    model.looks = model.looks._replace(show=BOX_TESTS)
+    model.display = model.display._replace(show=BOX_TESTS)
     picture = trace_picture(model, camera, steps_of(model)[1])
     assert picture.image.shape == (20, 20, 3) and len(np.unique(picture.image.reshape(-1, 3), axis=0)) > 2
     assert "bsah+single" in picture.note and picture.legend.shape[1] == 320
-    model.looks = model.looks._replace(plan="bsah+nothing")
+    model.display = model.display._replace(plan="bsah+nothing")
     with pytest.raises(at.InputError, match="nothing"):
         trace_picture(model, camera, FINE)
 
@@ -102,18 +102,18 @@ def test_the_exposure_stays_until_the_user_changes_it(model, camera):
     model.aim_sun(180.0, 5.0)
     trace_picture(model, camera, FINE)
     assert model.exposure == first
-    model.looks = model.looks._replace(stops=1.0)
+    model.display = model.display._replace(stops=1.0)
     assert model.exposure == 2.0 * first
-    model.expose_anew()
-    assert model.exposure is None and model.looks.stops == 0.0
+    model.reset_exposure()
+    assert model.exposure is None and model.display.stops == 0.0
     trace_picture(model, camera, FINE)
     assert model.exposure > first
 
 
 def test_coarse_pictures_have_coarse_skies():
     sky = at.Sky(count=256).named("sky")
-    assert [at_quality(sky, spp).count for spp in (1, 4, 64)] == [16, 64, 256] and at_quality(sky, 1).name == "sky"
-    assert at_quality(SUN, 1) is SUN
+    assert [with_quality(sky, spp).count for spp in (1, 4, 64)] == [16, 64, 256] and with_quality(sky, 1).name == "sky"
+    assert with_quality(SUN, 1) is SUN
 
 
 def test_a_picture_can_be_interrupted(model):

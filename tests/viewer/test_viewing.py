@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from antumbra.viewer import progressive_pictures as viewings
-from antumbra.viewer.progressive_pictures import STEPS_OF_PICTURES, ClientView, TaskQueue, pose_of
+from antumbra.viewer.progressive_pictures import PICTURE_STEPS, ClientView, TaskQueue, pose_of
 from antumbra.viewer.viewer_model import Model
 from pages import CAMERA, SUN, box_on_floor
 
@@ -38,8 +38,8 @@ def looking(x=0.0, width=64, height=48):
 
 @pytest.fixture
 def viewing(monkeypatch):
-    monkeypatch.setattr(viewings, "REST", 0.02)
-    monkeypatch.setattr(viewings, "_SHOWN", 0.0)
+    monkeypatch.setattr(viewings, "REST_DELAY", 0.02)
+    monkeypatch.setattr(viewings, "_DISPLAY_DELAY", 0.0)
     worker, drawn = TaskQueue(lambda error: drawn.append(error)), []
     made = ClientView(Model(box_on_floor(), SUN, CAMERA), worker, Browser(), drawn.append)
     made.worker, made.drawn, made.browser = worker, drawn, made._client
@@ -57,7 +57,7 @@ def test_poses_come_from_the_browser():
 def test_pictures_become_finer_until_the_last(viewing):
     asyncio.run(viewing.look(looking()))
     assert viewing.worker.wait(60.0)
-    assert [picture.step for picture in viewing.drawn] == list(STEPS_OF_PICTURES)
+    assert [picture.step for picture in viewing.drawn] == list(PICTURE_STEPS)
     assert viewing.browser.got == [(6, 8), (12, 16), (24, 32), (48, 64), (48, 64), (48, 64)]
 
 
@@ -79,22 +79,22 @@ def test_a_browser_that_has_gone_gets_nothing(viewing):
     assert viewing.worker.wait(60.0)
     n = len(viewing.browser.got)
     viewing.begin(0.0)
-    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == n < len(STEPS_OF_PICTURES)
+    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == n < len(PICTURE_STEPS)
 
 
 def test_the_stand_in_is_seen_while_the_camera_moves(viewing):
     asyncio.run(viewing.look(looking()))
     assert viewing.worker.wait(60.0)
-    viewing.put_standin(b"")
+    viewing.put_proxy(b"")
     assert viewing.browser.standin.visible is False
     viewing.browser.got.clear()
-    viewings.REST = 1000.0
+    viewings.REST_DELAY = 1000.0
     for x in (1.0, 2.0, 3.0):
         asyncio.run(viewing.look(looking(x)))
     assert viewing.browser.standin.visible is True and viewing.browser.got == [None]
-    viewings.REST = 0.0
+    viewings.REST_DELAY = 0.0
     asyncio.run(viewing.look(looking(4.0)))
-    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == 1 + len(STEPS_OF_PICTURES)
+    assert viewing.worker.wait(60.0) and len(viewing.browser.got) == 1 + len(PICTURE_STEPS)
     for _ in range(200):
         if viewing.browser.standin.visible is False:
             break

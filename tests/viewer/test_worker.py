@@ -25,10 +25,10 @@ def test_the_latest_of_one_name_replaces_earlier_ones(worker):
         begun.set()
         until(hold)
 
-    worker.ask("other", PICTURE, first)
+    worker.submit("other", PICTURE, first)
     until(begun)
     for k in range(5):
-        worker.ask("x", PICTURE, lambda check, k=k: done.append(k))
+        worker.submit("x", PICTURE, lambda check, k=k: done.append(k))
     hold.set()
     assert worker.wait(20.0) and done == [4]
 
@@ -45,9 +45,9 @@ def test_work_that_became_void_ends_at_its_check(worker):
             ended.append("void")
             raise
 
-    worker.ask("x", PICTURE, void)
+    worker.submit("x", PICTURE, void)
     until(begun)
-    worker.ask("x", PICTURE, lambda check: ended.append("new"))
+    worker.submit("x", PICTURE, lambda check: ended.append("new"))
     again.set()
     assert worker.wait(20.0) and ended == ["void", "new"]
 
@@ -63,9 +63,9 @@ def test_a_click_overtakes_and_the_rest_goes_on(worker):
             check()
             order.append(left.pop(0))
 
-    worker.ask("x", FINE, fine)
+    worker.submit("x", FINE, fine)
     until(begun)
-    worker.ask("click", CLICK, lambda check: order.append("click"))
+    worker.submit("click", CLICK, lambda check: order.append("click"))
     clicked.set()
     assert worker.wait(20.0) and order.count("click") == 1 and [k for k in order if k != "click"] == [1, 2, 3]
     assert order.index("click") <= 2
@@ -79,8 +79,8 @@ def test_errors_are_told_and_the_thread_lives(worker):
     def fail(check):
         raise error
 
-    failing.ask("x", PICTURE, fail)
-    failing.ask("y", FINE, lambda check: done.set())
+    failing.submit("x", PICTURE, fail)
+    failing.submit("y", FINE, lambda check: done.set())
     until(done)
     failing.close()
     assert told == [error] and not failing.has("x")
@@ -88,14 +88,14 @@ def test_errors_are_told_and_the_thread_lives(worker):
 
 def test_work_waits_until_it_is_due(worker):
     done = []
-    worker.ask("x", PICTURE, lambda check: done.append("late"), after=0.3)
-    worker.ask("y", FINE, lambda check: done.append("soon"))
+    worker.submit("x", PICTURE, lambda check: done.append("late"), after=0.3)
+    worker.submit("y", FINE, lambda check: done.append("soon"))
     assert worker.wait(20.0) and done == ["soon", "late"]
 
 
 def test_closing_drops_what_waits():
     worker, done = TaskQueue(), []
-    worker.ask("x", PICTURE, lambda check: done.append(1), after=1000.0)
+    worker.submit("x", PICTURE, lambda check: done.append(1), after=1000.0)
     worker.drop("y")
     assert worker.has("x")
     worker.close()

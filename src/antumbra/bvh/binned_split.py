@@ -1,12 +1,14 @@
-"""Splits of a range of records: the interface of top-down builders, and the binned SAH split [Wald 2007].
+"""Splits of a range of records: the interface of top-down builders, and binned SAH splits [Wald 2007].
 
-A *method* holds a builder's arrays of records: `Binned` or `sweep_sah.SortedRecords`. In kernels, the type of the
-method chooses the implementation of the functions here at compile time.
+A *method* holds a builder's arrays of records: `Binned` or `sweep_sah.SortedRecords`. Top-down builders differ only in
+their splits and share the rest (`top_down`). Inside kernels, the method's type selects the implementation of the
+functions here at compile time.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, F32x4, I32Ptr, kernel, overload, overloaded
 from ..kernels.simd import (
@@ -30,17 +32,14 @@ from ..kernels.simd import (
 from .nodes import MAX_DEPTH, aligned_empty
 from .triangle_bounds import INF, half_area
 
-# --- The split of a range of records, in which top-down builders differ. They share all else (`top_down`) -------------
-#
-# A *method* holds a builder's arrays of records: `bins.Binned` or `sweep.Swept`. In kernels, the type of the method
-# chooses the implementation of the functions here at compile time.
+# --- The interface of splits ------------------------------------------------------------------------------------------
 
 
 class Split(NamedTuple):
-    """The split of a range. A range without a split of finite cost is halved: `axis` is -1."""
+    """The split of a range. `axis` is -1 if no split has a finite cost and the range is halved."""
 
-    axis: int
-    place: int  # the first right bin (`bins`) or the first right record (`sweep`)
+    axis: np.int64
+    place: np.int64  # the first bin (`bsah`) or the first record (`sweep-sah`) on the right
     cost: np.float32  # sum over both sides of half the area times the number of records
 
 
@@ -52,18 +51,18 @@ def no_split():
 
 @kernel
 def must_halve(n, depth):
-    """Whether a node at this depth must be halved, so that its tree ends by MAX_DEPTH.
+    """Whether a node at this depth must be halved to keep its tree within MAX_DEPTH.
 
-    If not, either child has less than 2 ** (MAX_DEPTH - 1 - depth) records, so halving suffices from there on.
+    Otherwise, each child has fewer than 2 ** (MAX_DEPTH - 1 - depth) records, so halving still suffices below it.
     """
     return (n >> (MAX_DEPTH - 1 - depth)) > 0
 
 
 @overloaded("binned_split", "sweep_sah")
 def source_of(method, depth, scratch):
-    """In kernels: pointers to the records of ranges at this depth. The field `records` has them in some order.
+    """In kernels: pointers to the records of ranges at this depth. The field `records` holds them in any order.
 
-    scratch : pointer to float32, as many as the method needs
+    scratch : float32 *, as much as the method needs
     """
 
 
@@ -74,13 +73,13 @@ def find_split(source, first, last, centroids, depth, scale):
 
 @overloaded("binned_split", "sweep_sah")
 def divide(source, first, last, centroids, split):
-    """In kernels: move the left records of a range before its right ones, and return the first right record."""
+    """In kernels: move a range's left records before its right ones, and return the index of the first right record."""
 
 
-# --- The binned SAH split of a range of records [Wald 2007] -----------------------------------------------------------
+# --- Binned SAH splits [Wald 2007] ------------------------------------------------------------------------------------
 
 
-BINS = 32  # on each axis, at most
+BINS = 32  # per axis, at most
 BIN_COUNTS = 3 * BINS
 BIN_BOXES = BIN_COUNTS * 8
 BIN_WORDS = BIN_BOXES + BIN_COUNTS
@@ -98,7 +97,7 @@ class Mapping(NamedTuple):
     """Maps twice a centroid to its bin on each axis: truncate((c - origin) * factor)."""
 
     origin: F32x4  # f32x4
-    factor: F32x4  # f32x4; 0 on an axis along which all centroids are (nearly) the same
+    factor: F32x4  # f32x4; 0 on axes where all centroids (nearly) coincide
     n_bins: int
 
 
@@ -106,15 +105,15 @@ class Binned(NamedTuple):
     """The method of `bsah`, with two arrays of records.
 
     While all threads split ranges together, a range is in `records` at even depths and in `spare` at odd depths. Below
-    that, a range stays in the array in which it is.
+    these levels, it stays where it is.
     """
 
-    records: np.ndarray  # (n, 8) float32
-    spare: np.ndarray  # (n, 8) float32
+    records: NDArray[np.float32]  # (n, 8) float32
+    spare: NDArray[np.float32]  # (n, 8) float32
 
 
 def binned(n: int) -> Binned:
-    """Memory for n records."""
+    """A `Binned` with memory for n records."""
     return Binned(aligned_empty((n, 8), "f4"), aligned_empty((n, 8), "f4"))
 
 
@@ -127,7 +126,7 @@ class BinnedSource(NamedTuple):
 
 @kernel
 def bin_count(n):
-    """The number of bins for n records: few records do not fill many bins."""
+    """The number of bins for n records; few records would leave many bins empty."""
     return min(np.int64(BINS), np.int64(4) + n // 16)
 
 
@@ -140,12 +139,13 @@ def make_mapping(centroids, n):
     store(store_at, 0, centroids)
     store(store_at, 8, sides)
     factor = (np.float32(n_bins) * _BELOW_ONE) / load4(store_at, 8)
-    factor = select(factor < INF, factor, np.float32(0.0))  # NaN becomes 0 too
+    factor = select(factor < INF, factor, np.float32(0.0))  # also turns NaN into 0
     return Mapping(load4(store_at, 0), factor, n_bins)
 
 
 @kernel
 def clear_bins(bins, n_bins):
+    """Empty the bins of all three axes."""
     for k in range(3 * n_bins):
         store(bins.boxes, k * 8, splat8(INF))
         put(bins.counts, k, 0)
@@ -174,7 +174,7 @@ def fill_bins(records, first, last, mapping, bins):
 
 @kernel
 def cheapest_split(bins, n_bins, scale):
-    """The cheapest split between two bins."""
+    """The cheapest split at a boundary between bins, over all axes."""
     right = stack_f32(BINS)
     best, best_axis, best_bin = INF, np.int64(-1), np.int64(0)
     for axis in range(3):
@@ -189,32 +189,32 @@ def cheapest_split(bins, n_bins, scale):
             box = minimum(box, load8(bins.boxes, (base + k - 1) * 8))
             count += get(bins.counts, base + k - 1)
             cost = half_area(box, scale) * np.float32(count) + get(right, k)
-            if cost < best:  # false if a side is empty: infinite area * 0 is NaN
+            if cost < best:  # false if a side is empty: infinite area times 0 is NaN
                 best, best_axis, best_bin = cost, np.int64(axis), np.int64(k)
     return Split(best_axis, best_bin, best)
 
 
 @kernel
 def goes_left(records, i, axis, origin, factor, limit):
-    """Whether the record's bin on `axis` is less than `limit`, with the rounding of `fill_bins`."""
+    """Whether the record's bin on `axis` is below `limit`, rounded as in `fill_bins`."""
     centroid = get(records, i * 8 + axis) - get(records, i * 8 + axis + 4)
     return (centroid - origin) * factor < limit
 
 
 @kernel
 def partition(records, first, last, mapping, split):
-    """Move the left records of a range to its front, and return the index of the first right record.
+    """Move a range's left records to its front, and return the index of the first right record.
 
-    It is Lomuto's scheme with both stores made each time, because the side of the next record is unpredictable.
+    This is Lomuto's scheme. Both stores are unconditional, because the next record's side is unpredictable.
     """
     origin, factor = extract(mapping.origin, split.axis), extract(mapping.factor, split.axis)
     limit, middle = np.float32(split.place), first
     for i in range(first, last):
-        left = goes_left(records, i, split.axis, origin, factor, limit)
+        is_left = goes_left(records, i, split.axis, origin, factor, limit)
         record, other = load8(records, i * 8), load8(records, middle * 8)
         store(records, middle * 8, record)
         store(records, i * 8, other)
-        middle += np.int64(left)
+        middle += np.int64(is_left)
     return middle
 
 

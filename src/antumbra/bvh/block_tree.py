@@ -1,23 +1,25 @@
-"""A shallower BVH for ray bundles: small subtrees become blocks of up to 16 triangles, one a lane.
+"""A shallower BVH for ray bundles: small subtrees become blocks of up to 16 triangles, one per lane.
 
-Frusta cannot separate boxes deep in a tree, so a shallower tree is faster [Benthin and Wald 2009, Sec. 5]. Here every
-subtree of at most `BLOCK` triangles is one leaf. Its triangles are one to a lane, so culling a whole block costs as
+Frusta cannot separate the boxes deep in a tree, so a shallower tree is faster [Benthin and Wald 2009, Sec. 5]. Every
+subtree of at most `BLOCK` triangles becomes one leaf with one triangle per lane. Culling a whole block then costs as
 much as culling one triangle against 16 frusta.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, load16, ptr, put, stack_array, stack_i32, store
-from .child_order import sooner_for_bundles, triangle_area
+from .child_order import order_for_bundles, triangle_area
 from .nodes import (
     EMPTY,
     LINK,
     MAX_DEPTH,
     ROWS,
+    Bvh,
     aligned_empty,
     block_link,
     bvh_leaf,
@@ -30,51 +32,60 @@ from .nodes import (
     slots_below,
 )
 
-BLOCK = 16  # triangles in a block, at most
-_WAITING = 2 * MAX_DEPTH
+BLOCK = 16  # maximum triangles in a block
+_STACK_SIZE = 2 * MAX_DEPTH
 
 
 class BlockTree(NamedTuple):
     """A binary tree over blocks of triangles.
 
-    Nodes are as in `Bvh`, but a link < 0 is a block, with a count from 0 to 16: `links.block_leaf`. A
-    missing child is a block of 0 triangles with the box of its sibling (zeros if both are missing). The left child is
-    the one that blocks more rays for its cost (`order`).
+    Nodes are as in `Bvh`, but a link < 0 is a block of 0 to 16 triangles (`nodes.block_leaf`). A missing child is a
+    block of 0 triangles with its sibling's box (zeros if both are missing). The left child is the one that blocks more
+    rays for its cost (`child_order`).
     """
 
-    nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
-    links: np.ndarray  # (m, 16) int32, the same memory
-    blocks: np.ndarray  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; unused lanes repeat the first
-    bounds: np.ndarray  # (b, 8) float32: centre and half extents of each block's box, x y z and one unused each
-    slots: np.ndarray  # (b, 16) int32: slot in `corners` and `prim_ids`, -1 where there is no triangle
-    prim_ids: np.ndarray  # (n,) int32, of the Bvh
-    corners: np.ndarray  # (n, 9) float32, of the Bvh
+    nodes: NDArray[np.float32]  # (m, 16) float32, 64-byte aligned
+    links: NDArray[np.int32]  # (m, 16) int32, the same memory
+    blocks: NDArray[
+        np.float32
+    ]  # (b, 9, 16) float32: v0, v1 - v0, v2 - v0, rounded once; unused lanes repeat the first triangle
+    bounds: NDArray[
+        np.float32
+    ]  # (b, 8) float32: centre and half extents of each block's box: x, y, z and an unused word each
+    slots: NDArray[np.int32]  # (b, 16) int32: slot in `corners` and `prim_ids`; -1 in unused lanes
+    prim_ids: NDArray[np.int32]  # (n,) int32, as in the `Bvh`
+    corners: NDArray[np.float32]  # (n, 9) float32, as in the `Bvh`
 
 
 class BlockPointers(NamedTuple):
     """Pointers to the arrays of a `BlockTree`, which must outlive them."""
 
-    nodes: F32Ptr  # float32 *, 16 a node
+    nodes: F32Ptr  # float32 *, 16 per node
     links: I32Ptr  # int32 *, the same memory
-    blocks: F32Ptr  # float32 *, 144 a block
-    bounds: F32Ptr  # float32 *, 8 a block
-    slots: I32Ptr  # int32 *, 16 a block
+    blocks: F32Ptr  # float32 *, 144 per block
+    bounds: F32Ptr  # float32 *, 8 per block
+    slots: I32Ptr  # int32 *, 16 per block
     prim_ids: I32Ptr  # int32 *
-    corners: F32Ptr  # float32 *, 9 a slot
+    corners: F32Ptr  # float32 *, 9 per slot
 
 
 @inlined
 def block_pointers(tree):
     """`BlockPointers` of a `BlockTree`."""
     return BlockPointers(
-        ptr(tree.nodes), ptr(tree.links), ptr(tree.blocks), ptr(tree.bounds), ptr(tree.slots), ptr(tree.prim_ids),
+        ptr(tree.nodes),
+        ptr(tree.links),
+        ptr(tree.blocks),
+        ptr(tree.bounds),
+        ptr(tree.slots),
+        ptr(tree.prim_ids),
         ptr(tree.corners),
-    )  # fmt: skip
+    )
 
 
 @inlined
 def _size(link, below):
-    """Triangles below a link."""
+    """The number of triangles below a link."""
     if link == EMPTY:
         return np.int64(0)
     return np.int64(below[link]) if link >= 0 else np.int64(bvh_leaf(link).count)
@@ -89,27 +100,27 @@ def _count_below(links, order, below):
 
 
 @kernel
-def _repair_empty(nodes, node, left, right):
+def _repair_empty(nodes, node, left_link, right_link):
     """Give a missing child its sibling's box, so that no box is infinite."""
     for axis in range(0, 12, 4):
         for k in (0, 2):
-            if left == EMPTY:
-                nodes[node, axis + k] = np.float32(0.0) if right == EMPTY else nodes[node, axis + k + 1]
-            if right == EMPTY:
+            if left_link == EMPTY:
+                nodes[node, axis + k] = np.float32(0.0) if right_link == EMPTY else nodes[node, axis + k + 1]
+            if right_link == EMPTY:
                 nodes[node, axis + k + 1] = nodes[node, axis + k]
 
 
 @kernel
 def _collapse(source, source_links, below, block, nodes, links, roots):
     """Copy the nodes above the blocks, depth first, and return (number of nodes, number of blocks)."""
-    # In: source, source_links, of the `Bvh`; below, triangles of each node; block, most triangles of a block
-    # Out: nodes, links, of the `BlockTree`; roots, (n_blocks,) int32 old link of each block
-    waiting = stack_array(np.int64, _WAITING, 2)  # old node; word of `links` for its new index, or -1
-    waiting[0, 0], waiting[0, 1] = 0, -1
+    # In: source, source_links, of the `Bvh`; below, triangle count of each node; block, maximum triangles in a block
+    # Out: nodes, links, of the `BlockTree`; roots, (n_blocks,) int32 source link of each block
+    stack = stack_array(np.int64, _STACK_SIZE, 2)  # source node; word of `links` that takes its new index, or -1
+    stack[0, 0], stack[0, 1] = 0, -1
     height, n, n_blocks = 1, 0, 0
     while height > 0:
         height -= 1
-        old, word = waiting[height]
+        old, word = stack[height]
         store(nodes, line_at(n), load16(source, line_at(old)))
         if word >= 0:
             put(links, word, n)
@@ -117,7 +128,7 @@ def _collapse(source, source_links, below, block, nodes, links, roots):
             link = np.int64(source_links[old, LINK + child])
             count = _size(link, below)
             if link >= 0 and count > block:
-                waiting[height, 0], waiting[height, 1] = link, link_at(n, child)
+                stack[height, 0], stack[height, 1] = link, link_at(n, child)
                 height += 1
             else:
                 links[n, LINK + child] = block_link(n_blocks, count)
@@ -129,46 +140,46 @@ def _collapse(source, source_links, below, block, nodes, links, roots):
 
 
 @inlined
-def _bound_block(corners, found, n, bounds, at):
-    """Write the centre and half extents, rounded outwards, of a block's box."""
+def _bound_block(corners, block_slots, n, bounds, block):
+    """Write the centre and half extents of a block's box, rounded outwards."""
     for k in range(3):
         low, high = np.float32(np.inf), np.float32(-np.inf)
         for i in range(n):
-            slot = np.int64(get(found, i)) * 9
+            slot = np.int64(get(block_slots, i)) * 9
             for corner in (0, 3, 6):
                 x = get(corners, slot + corner + k)
                 low, high = x if x < low else low, x if x > high else high
         if n == 0:
             low, high = np.float32(0.0), np.float32(0.0)
-        bounds[at, k], bounds[at, 4 + k] = middle_and_half(low, high)
+        bounds[block, k], bounds[block, 4 + k] = middle_and_half(low, high)
 
 
 @kernel
 def _fill_blocks(ticket, source_links, corners, roots, blocks, bounds, slots, areas):
     """Worker: write the rows, the bounds and the triangles' total area of each block."""
-    # In: source_links, corners, of the `Bvh`; roots, (b,) link of each block
-    # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64, zeros on entry
-    links, values, rows, found = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
-    for at in items(ticket):
-        n = slots_below(roots[at], links, found)
-        _bound_block(values, found, n, bounds, at)
+    # In: source_links, corners, of the `Bvh`; roots, (b,) source link of each block
+    # Out: blocks, bounds, slots, as in `BlockTree`; areas, (b,) float64, zero on entry
+    links, values, rows, block_slots = ptr(source_links), ptr(corners), ptr(blocks), stack_i32(64)
+    for block in items(ticket):
+        n = slots_below(roots[block], links, block_slots)
+        _bound_block(values, block_slots, n, bounds, block)
         for i in range(n):
-            areas[at] += triangle_area(values, np.int64(get(found, i)))
+            areas[block] += triangle_area(values, np.int64(get(block_slots, i)))
         for lane in range(16):
-            there = lane < n
-            slot = np.int64(get(found, lane if there else 0)) * 9 if n > 0 else np.int64(0)
-            put(ptr(slots), slot_at(at, lane), get(found, lane) if there else np.int32(-1))
+            is_used = lane < n
+            slot = np.int64(get(block_slots, lane if is_used else 0)) * 9 if n > 0 else np.int64(0)
+            put(ptr(slots), slot_at(block, lane), get(block_slots, lane) if is_used else np.int32(-1))
             for k in range(3):
                 v0 = get(values, slot + k) if n > 0 else np.float32(0.0)
                 v1 = get(values, slot + 3 + k) if n > 0 else np.float32(0.0)
                 v2 = get(values, slot + 6 + k) if n > 0 else np.float32(0.0)
-                put(rows, row_at(at, k) + lane, v0)
-                put(rows, row_at(at, 3 + k) + lane, v1 - v0)
-                put(rows, row_at(at, 6 + k) + lane, v2 - v0)
+                put(rows, row_at(block, k) + lane, v0)
+                put(rows, row_at(block, 3 + k) + lane, v1 - v0)
+                put(rows, row_at(block, 6 + k) + lane, v2 - v0)
 
 
-def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
-    """The `BlockTree` of a `Bvh`: all leaves, and subtrees of at most `block` (1 to 16) triangles, become blocks."""
+def block_tree(bvh: Bvh, threads: int | None = None, block: int = BLOCK) -> BlockTree:
+    """The `BlockTree` of a `Bvh`: leaves and subtrees of at most `block` (1 to 16) triangles become blocks."""
     count = len(bvh.nodes)
     below = np.empty(count, np.int32)
     _count_below(bvh.links, parents_first(bvh.links), below)
@@ -189,5 +200,5 @@ def block_tree(bvh, threads=None, block: int = BLOCK) -> BlockTree:
         slots,
         areas,
     )
-    sooner_for_bundles(nodes, nodes.view(np.int32), areas)
+    order_for_bundles(nodes, nodes.view(np.int32), areas)
     return BlockTree(nodes, nodes.view(np.int32), blocks, bounds, slots, bvh.prim_ids, bvh.corners)

@@ -1,23 +1,25 @@
-"""Order the children of nodes for any-hit rays: the child that is likelier to block a ray, or blocks it for less work.
+"""Child orders for any-hit rays: first the child that is likelier to block a ray, or blocks it for less work.
 
 An any-hit ray ends at its first hit, so a good order saves the work after the hit. The order is fixed when the tree is
-made, and costs nothing when it is walked [Ize and Hansen 2011].
+built and costs nothing during traversal [Ize and Hansen 2011].
 
-Consider a convex body of surface S with triangles of total area A inside. A line through the body meets 2 A / S
-triangles on average. If the triangles lie at random, a fraction 1 - exp(-2 A / S) of the lines meets one. A node's
-probability follows from its children's probabilities. Rays enter children in proportion to their surfaces.
+Consider a convex body of surface area S that contains triangles of total area A. A line through the body meets 2 A / S
+triangles on average. If the triangles are randomly placed, a fraction 1 - exp(-2 A / S) of the lines meets at least
+one. A node's probability follows from those of its children, which rays enter in proportion to their surface areas.
 
 Three functions apply this:
 
-- `sooner_for_bundles`: in a `BlockTree`, the child that blocks more of the node's rays for its cost to a bundle comes
-  first, unless the builder has chosen one.
+- `order_for_bundles`: in a `BlockTree`, the child that blocks more of the node's rays for its cost to a bundle comes
+  first, unless the builder has chosen the order.
 - `sooner_first`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
-- `soonest_last`: in a `WideBvh`, the same, with the first child in the last lane.
+- `order_wide_children`: the same in a `WideBvh`, with the first child in the last lane.
 
-The cost of a child is the expected number of steps in it. Only rays that a child lets pass take the steps after it.
+A child's cost is the expected number of traversal steps in it. Only rays that pass through a child go on to the steps
+after it.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get, ptr, put, stack_array
@@ -41,13 +43,13 @@ from .nodes import (
     wide_leaf,
 )
 
-_BUNDLE = 0.01  # width of a bundle, as a share of the scene's diagonal
-_BLOCK_COST = 2.0  # of a block to a bundle, in visits of a node
+_BUNDLE = 0.01  # width of a bundle relative to the scene's diagonal
+_BLOCK_COST = 2.0  # cost of a block to a bundle, in node visits
 
 
 @inlined
 def _edge(corners, at, corner):
-    """The edge of a triangle from its first corner to another one."""
+    """The edge from a triangle's first corner to another one."""
     return (
         np.float64(get(corners, at + corner)) - get(corners, at),
         np.float64(get(corners, at + corner + 1)) - get(corners, at + 1),
@@ -72,7 +74,7 @@ def surface(nodes, at, other):
 
 @inlined
 def widened_surface(nodes, at, other, width):
-    """`surface` of the union with all its sides longer by `width`, a float64."""
+    """`surface` of the union with every side lengthened by `width`, a float64."""
     x, y, z = sides(nodes, at, other)
     x, y, z = np.float64(x) + width, np.float64(y) + width, np.float64(z) + width
     return x * y + y * z + z * x
@@ -80,11 +82,11 @@ def widened_surface(nodes, at, other, width):
 
 @inlined
 def swap_children(words, node):
-    """Exchange the two children of a node."""
+    """Swap the two children of a node."""
     for k in range(0, ORDER, 2):
-        left, right = get(words, line_at(node) + k), get(words, line_at(node) + k + 1)
-        put(words, line_at(node) + k, right)
-        put(words, line_at(node) + k + 1, left)
+        left_word, right_word = get(words, line_at(node) + k), get(words, line_at(node) + k + 1)
+        put(words, line_at(node) + k, right_word)
+        put(words, line_at(node) + k + 1, left_word)
 
 
 @inlined
@@ -95,20 +97,22 @@ def _leaf_blocks(surface, area):
 
 @inlined
 def _child_for_bundles(nodes, links, node, side, width, areas, inner, cost):
-    """(fraction of the node's rays that a child blocks, expected cost of the child to a bundle at the node)."""
+    """(fraction of the node's rays blocked by a child, expected cost of the child to a bundle at the node)."""
     link, at = np.int64(links[node, LINK + side]), line_at(node)
-    size, whole = surface(nodes, at + side, at + side), surface(nodes, at, at + 1)
-    blocked = inner[link] if link >= 0 else _leaf_blocks(size, areas[block_leaf(link).block])
+    child_surface, node_surface = surface(nodes, at + side, at + side), surface(nodes, at, at + 1)
+    blocked = inner[link] if link >= 0 else _leaf_blocks(child_surface, areas[block_leaf(link).block])
     enter = widened_surface(nodes, at + side, at + side, width) / widened_surface(nodes, at, at + 1, width)
     price = cost[link] if link >= 0 else _BLOCK_COST
-    return blocked * min(size / whole, 1.0) if whole > 0.0 else 0.0, (enter if enter < 1.0 else 1.0) * price
+    return blocked * min(child_surface / node_surface, 1.0) if node_surface > 0.0 else 0.0, (
+        enter if enter < 1.0 else 1.0
+    ) * price
 
 
 @kernel
 def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
-    """`sooner_for_bundles`; `order` has parents first.
+    """`order_for_bundles`; `order` has parents first.
 
-    inner, cost : scratch memory for the fraction of rays that each node blocks, and its cost to a bundle in it
+    inner, cost : scratch memory for the fraction of rays that each node blocks, and for its cost to a bundle inside
     """
     boxes, words = ptr(nodes), ptr(links)
     for i in range(len(order) - 1, -1, -1):
@@ -122,11 +126,11 @@ def _order_for_bundles(nodes, links, order, width, areas, inner, cost):
             swap_children(words, node)
 
 
-def sooner_for_bundles(nodes, links, areas) -> None:
-    """In all nodes of a `blocks.BlockTree`, put the child first that blocks more rays for its cost to a bundle.
+def order_for_bundles(nodes: NDArray[np.float32], links: NDArray[np.int32], areas: NDArray[np.float64]) -> None:
+    """In all nodes of a `BlockTree`, put the child that blocks more rays for its cost to a bundle first.
 
-    A bundle is wide, so small boxes cost it more than their surface says: it enters each box that is as near as its
-    width. The width is a 100th of the scene's diagonal.
+    A bundle is wide, so small boxes cost it more than their surface suggests: it enters every box closer than its
+    width, which is assumed to be 1/100 of the scene's diagonal.
 
     areas : (b,) total area of each block's triangles
     """
@@ -136,7 +140,7 @@ def sooner_for_bundles(nodes, links, areas) -> None:
 
 @inlined
 def _leaf(corners, link, surface):
-    """(fraction of the rays through a leaf's box that it blocks, boxes and triangles tested by a ray)."""
+    """(fraction of the rays through a leaf's box that it blocks, boxes and triangles that a ray tests)."""
     if link == EMPTY:
         return 0.0, 1.0
     leaf, area = bvh_leaf(link), 0.0
@@ -149,18 +153,18 @@ def _leaf(corners, link, surface):
 def _order_by_cost(bvh, order, blocked, cost):
     """In all nodes, put the child with the larger chance to block a ray for its cost first.
 
-    blocked, cost : scratch memory for the fraction of rays that each node blocks, and the cost of a ray in it
+    blocked, cost : scratch memory for the fraction of rays that each node blocks, and for the cost of a ray inside
     """
     nodes, words, corners = ptr(bvh.nodes), ptr(bvh.links), ptr(bvh.corners)
     block, price, enter = stack_array(np.float64, 2), stack_array(np.float64, 2), stack_array(np.float64, 2)
     for i in range(len(order) - 1, -1, -1):
         node = np.int64(order[i])
         at = line_at(node)
-        whole = surface(nodes, at, at + 1)
+        node_surface = surface(nodes, at, at + 1)
         for side in range(2):
-            link, size = np.int64(bvh.links[node, LINK + side]), surface(nodes, at + side, at + side)
-            enter[side] = min(size / whole, 1.0) if whole > 0.0 else 1.0
-            block[side], price[side] = (blocked[link], cost[link]) if link >= 0 else _leaf(corners, link, size)
+            link, child_surface = np.int64(bvh.links[node, LINK + side]), surface(nodes, at + side, at + side)
+            enter[side] = min(child_surface / node_surface, 1.0) if node_surface > 0.0 else 1.0
+            block[side], price[side] = (blocked[link], cost[link]) if link >= 0 else _leaf(corners, link, child_surface)
         right_first = block[1] * price[0] > block[0] * price[1]
         first, second = (1, 0) if right_first else (0, 1)
         cost[node] = 1.0 + enter[first] * price[first]
@@ -171,11 +175,10 @@ def _order_by_cost(bvh, order, blocked, cost):
 
 
 def sooner_first(bvh: Bvh) -> Bvh:
-    """The same tree with children in the order of RTSAH, chosen from the leaves up [Ize and Hansen 2011].
+    """The same tree with its children in RTSAH order, chosen bottom-up [Ize and Hansen 2011].
 
-    Let C be the cost of a child, and b the fraction of its rays that it blocks. For a ray that enters both boxes and
-    visits the left child first, the expected cost is C_l + (1 - b_l) C_r. So the child with the larger b / C comes
-    first.
+    Let C be the cost of a child and b the fraction of its rays that it blocks. A ray that enters both boxes and visits
+    the left child first has the expected cost C_l + (1 - b_l) C_r, so the child with the larger b / C comes first.
     """
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     nodes[:] = bvh.nodes
@@ -186,6 +189,7 @@ def sooner_first(bvh: Bvh) -> Bvh:
 
 @inlined
 def _extent(words, at, first, last):
+    """The extent, along the axis at word `at`, of the union of the boxes in lanes `first` to `last` - 1."""
     low, high = np.float64(get(words, at + first)), np.float64(get(words, at + WIDTH + first))
     for lane in range(first + 1, last):
         low, high = min(low, get(words, at + lane)), max(high, get(words, at + WIDTH + lane))
@@ -203,7 +207,7 @@ def _surface_of_lanes(words, at, first, last):
 
 @inlined
 def _arrange(words, at, lanes, n, copy):
-    """Put the n children of the wide node at word `at` in the order of `lanes`."""
+    """Reorder the n children of the wide node at word `at` by `lanes`."""
     for row in range(0, LINKS + 1, WIDTH):
         for k in range(n):
             copy[k] = get(words, at + row + lanes[k])
@@ -213,7 +217,7 @@ def _arrange(words, at, lanes, n, copy):
 
 @kernel
 def _sort_by_cost(nodes, links, areas, blocked, cost):
-    """`soonest_last`; `blocked` and `cost` are scratch memory, as in `_order_by_cost`."""
+    """`order_wide_children`; `blocked` and `cost` are scratch memory, as in `_order_by_cost`."""
     words, lanes, copy = ptr(nodes), stack_array(np.int64, WIDTH), stack_array(np.float32, WIDTH)
     enter, block = stack_array(np.float64, WIDTH), stack_array(np.float64, WIDTH)  # of the children
     price = stack_array(np.float64, WIDTH)
@@ -221,10 +225,10 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
         at, n = node * NODE_WORDS, 0
         while n < WIDTH and links[node, LINKS + n] != NO_CHILD:
             n += 1
-        whole = _surface_of_lanes(words, at, 0, n)
+        node_surface = _surface_of_lanes(words, at, 0, n)
         for lane in range(n):
             link, surface = links[node, LINKS + lane], _surface_of_lanes(words, at, lane, lane + 1)
-            enter[lane] = min(surface / whole, 1.0) if whole > 0.0 else 1.0
+            enter[lane] = min(surface / node_surface, 1.0) if node_surface > 0.0 else 1.0
             block[lane] = blocked[link] if link >= 0 else _leaf_blocks(surface, areas[wide_leaf(link).group])
             price[lane] = cost[link] if link >= 0 else 1.0
             k = lane
@@ -240,8 +244,8 @@ def _sort_by_cost(nodes, links, areas, blocked, cost):
         _arrange(words, at, lanes, n, copy)
 
 
-def soonest_last(nodes, areas) -> None:
-    """Sort the children of all nodes of a `wide.WideBvh` by their chance to block a ray for its cost, best last.
+def order_wide_children(nodes: NDArray[np.float32], areas: NDArray[np.float64]) -> None:
+    """Sort the children of every node of a `WideBvh` by their chance to block a ray for its cost, best last.
 
     areas : (n_groups,) total area of each group's triangles
     """

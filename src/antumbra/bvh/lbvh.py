@@ -1,16 +1,18 @@
-"""`lbvh`: the tree of Morton codes, built in parallel [Karras 2012], after [Lauterbach et al. 2009].
+"""`lbvh`: a BVH from Morton codes, built in parallel [Karras 2012], after [Lauterbach et al. 2009].
 
-Triangles are sorted by the Morton codes of their centroids. A node is a range of triangles, cut at the highest bit that
-differs. Positions tell equal codes apart, as in the paper. The first levels are cut top-down.
+Triangles are sorted by the Morton codes of their centroids. A node is a range of triangles, split at the highest
+differing bit. As in the paper, positions break ties between equal codes. The top levels are split top-down.
 
-Threads build the subtrees below apart, each from its last triangle to its first, bottom-up as [Apetrei 2014]. The part
-right of a gap waits on a stack until a higher gap closes it. So boxes are joined as nodes are made. Nodes are counted
-first. Then they are written from a subtree's last position to its first, which is depth-first order in the final array.
+Threads then build the subtrees independently, each bottom-up from its last triangle to its first [Apetrei 2014]. The
+part to the right of a gap waits on a stack until a higher gap closes it, so boxes are joined as nodes are created.
+Nodes are counted first, and then written backwards from a subtree's last position, which puts them in depth-first order
+in the final array.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -27,52 +29,52 @@ from ..kernels.simd import (
     stack_i64,
     store,
 )
-from .morton_sort import grid_of, radix_sort, write_codes
+from .morton_sort import Codes, grid_of, radix_sort, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, bvh_link, link_at, tree_of
 from .top_down import largest_subtree
 from .top_levels import UpperLevels, join_boxes, place, top_lines
 from .triangle_bounds import TRIANGLES_PER_SHARE, checked, scene_bounds, tiny, triangle_box, write_boxes
 
-_LEVELS = 96  # of any tree, at most: 63 bits of a code and 28 of a position
+_LEVELS = 96  # more than any tree has: 63 bits of a code and 28 of a position
 _RANGES = _LEVELS + 1
-_WAITING = 4 * _LEVELS
+_STACK_SIZE = 4 * _LEVELS
 _BOXES = 8 * _LEVELS
 _NO_LEVEL = np.int64(2**63 - 1)
-_AHEAD = 64  # triangles fetched in advance
+_AHEAD = 64  # prefetch distance in triangles
 
 
 class SortedTriangles(NamedTuple):
     """Triangles in the order of their codes."""
 
-    codes: np.ndarray  # (n,) int32 or int64
-    ids: np.ndarray  # (n,) int32: the triangle of each slot
-    drop: np.int64  # number of lowest bits of the codes that make no nodes
+    codes: NDArray[Codes]  # (n,) int32 or int64
+    ids: NDArray[np.int32]  # (n,) int32: the triangle of each slot
+    drop: np.int64  # number of low bits of the codes to ignore
 
 
 class MortonForest(NamedTuple):
-    """The subtrees below the top."""
+    """The subtrees below the top levels."""
 
-    ranges: np.ndarray  # (s, 2) int64: first and last slot
-    counts: np.ndarray  # (s,) int64: number of nodes
-    places: np.ndarray  # (s,) int64: first node
-    roots: np.ndarray  # (s, 8) float32: box of the root
-    links: np.ndarray  # (s,) int64: link to the root
-    heights: np.ndarray  # (s,) int64: nodes on the longest path
+    ranges: NDArray[np.int64]  # (s, 2) int64: first and last slot
+    counts: NDArray[np.int64]  # (s,) int64: number of nodes
+    places: NDArray[np.int64]  # (s,) int64: first node
+    roots: NDArray[np.float32]  # (s, 8) float32: box of the root
+    links: NDArray[np.int64]  # (s,) int64: link to the root
+    heights: NDArray[np.int64]  # (s,) int64: nodes on the longest path
 
 
 @inlined
 def _level(codes, i, k, drop):
-    """The height in the tree at which the slots `i` and `k` part, as a number that only orders.
+    """The height in the tree at which slots `i` and `k` separate. Only the order of these numbers is meaningful.
 
-    It is the exclusive or of the two codes, since compared gaps differ in its highest bit. Equal codes are below all
-    others, ordered by the exclusive or of their positions.
+    It is the exclusive or of the two codes, since the gaps that are compared differ in its highest bit. Equal codes
+    come below all others, ordered by the exclusive or of their positions.
     """
     differing = (np.int64(get(codes, i)) ^ np.int64(get(codes, k))) >> drop
     return differing if differing != 0 else (i ^ k) - np.int64(1 << 32)
 
 
 @kernel
-def _cut(codes, first, last, drop):
+def _split_position(codes, first, last, drop):
     """The first slot of the right child of a range."""
     differing = (np.int64(codes[first]) ^ np.int64(codes[last - 1])) >> drop
     if differing == 0:
@@ -92,12 +94,12 @@ def _cut(codes, first, last, drop):
 @kernel
 def _cut_top(codes, drop, largest, children, ranges):
     """Fill the arrays of `cut_top`, and return (number of nodes, number of ranges)."""
-    waiting = stack_array(np.int64, _RANGES, 4)  # first and last slot, parent, side
-    waiting[0] = 0, len(codes), -1, 0
+    stack = stack_array(np.int64, _RANGES, 4)  # first and last slot, parent, side
+    stack[0] = 0, len(codes), -1, 0
     height, t, s = 1, 0, 0
     while height > 0:
         height -= 1
-        first, last, parent, side = waiting[height]
+        first, last, parent, side = stack[height]
         is_node = last - first > largest
         if parent >= 0:
             children[parent, side] = t if is_node else ~s
@@ -105,25 +107,25 @@ def _cut_top(codes, drop, largest, children, ranges):
             ranges[s, 0], ranges[s, 1] = first, last
             s += 1
             continue
-        middle = _cut(codes, first, last, drop)
-        waiting[height] = middle, last, t, 1
-        waiting[height + 1] = first, middle, t, 0
+        middle = _split_position(codes, first, last, drop)
+        stack[height] = middle, last, t, 1
+        stack[height + 1] = first, middle, t, 0
         height += 2
         t += 1
     return t, s
 
 
-def cut_top(codes: np.ndarray, drop: np.int64, largest: int) -> tuple[np.ndarray, np.ndarray]:
-    """(children, ranges) of the nodes over more than `largest` triangles, as in `UpperLevels`, parents first."""
-    room = len(codes) // largest * _LEVELS + 1
-    children, ranges = np.empty((room, 2), np.int64), np.empty((room + 1, 2), np.int64)
+def cut_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(children, ranges) of the nodes over more than `largest` triangles, as in `UpperLevels`; parents first."""
+    capacity = len(codes) // largest * _LEVELS + 1
+    children, ranges = np.empty((capacity, 2), np.int64), np.empty((capacity + 1, 2), np.int64)
     t, s = _cut_top(codes, drop, largest, children, ranges)
     return children[:t].copy(), ranges[:s].copy()
 
 
 @kernel
 def _count_nodes(ticket, source, max_leaf, forest):
-    """Worker: count the nodes of each subtree. A node has more than `max_leaf` triangles."""
+    """Worker: count the nodes of each subtree, which are its ranges of more than `max_leaf` triangles."""
     codes = ptr(source.codes)
     levels, ends = stack_i64(_LEVELS), stack_i64(_LEVELS)
     for s in items(ticket):
@@ -144,44 +146,45 @@ def _count_nodes(ticket, source, max_leaf, forest):
 
 @inlined
 def _copy_triangle(vertices, id_, corners, slot):
+    """Copy the corners of triangle `id_` to a slot."""
     store(corners, slot * 9, load8(vertices, id_ * 9))
     put(corners, slot * 9 + 8, get(vertices, id_ * 9 + 8))
 
 
 @kernel
 def _build_subtree(vertices, codes, drop, max_leaf, first, last, end_node, out):
-    """Build the subtree of a range of slots, with its nodes before `end_node`; returns (box, link, height)."""
-    # In: vertices, float32 *, 9 a triangle; codes, sorted, pointer; drop, max_leaf; first, last, slots
+    """Build the subtree of a range of slots, with its nodes just before `end_node`, and return (box, link, height)."""
+    # In: vertices, float32 *, 9 per triangle; codes, pointer, sorted; drop, max_leaf; first, last, slots
     # Out: out, a `Tree`: nodes, links, and corners of the slots
-    levels, waiting, boxes = stack_i64(_LEVELS), stack_i64(_WAITING), stack_f32(_BOXES)
-    ids, node, height, box, link, deep = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
+    levels, stack, boxes = stack_i64(_LEVELS), stack_i64(_STACK_SIZE), stack_f32(_BOXES)
+    ids, node, height, box, link, depth = out.prim_ids, end_node, 0, triangle_box(vertices, 0), np.int64(0), np.int64(0)
     for i in range(last - 1, first - 1, -1):
         prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9)
         prefetch(vertices, np.int64(get(ids, max(i - _AHEAD, 0))) * 9 + 8)
         level = _level(codes, i - 1, i, drop) if i > first else _NO_LEVEL
         id_ = np.int64(get(ids, i))
         _copy_triangle(vertices, id_, out.corners, i)
-        box, link, deep, end = triangle_box(vertices, id_), bvh_link(i, 1), np.int64(0), i + 1
+        box, link, depth, end = triangle_box(vertices, id_), bvh_link(i, 1), np.int64(0), i + 1
         while height > 0 and get(levels, height - 1) <= level:  # equal only if it is _NO_LEVEL
             height -= 1
-            other = load8(boxes, height * 8)
-            end = get(waiting, height * 4)
+            right_box = load8(boxes, height * 8)
+            end = get(stack, height * 4)
             if end - i > max_leaf:
                 node -= 1
-                write_boxes(out.nodes, node, box, other)
+                write_boxes(out.nodes, node, box, right_box)
                 put(out.links, link_at(node, 0), link)
-                put(out.links, link_at(node, 1), get(waiting, height * 4 + 1))
-                link, deep = node, max(deep, get(waiting, height * 4 + 2)) + 1
+                put(out.links, link_at(node, 1), get(stack, height * 4 + 1))
+                link, depth = node, max(depth, get(stack, height * 4 + 2)) + 1
             else:
                 link = bvh_link(i, end - i)
-            box = minimum(box, other)
+            box = minimum(box, right_box)
         put(levels, height, level)
-        put(waiting, height * 4, end)
-        put(waiting, height * 4 + 1, link)
-        put(waiting, height * 4 + 2, deep)
+        put(stack, height * 4, end)
+        put(stack, height * 4 + 1, link)
+        put(stack, height * 4 + 2, depth)
         store(boxes, height * 8, box)
         height += 1
-    return box, link, deep
+    return box, link, depth
 
 
 @kernel
@@ -191,16 +194,22 @@ def _build_subtrees(ticket, vertices, source, max_leaf, forest, bvh):
     for s in items(ticket):
         first, last = forest.ranges[s]
         box, link, height = _build_subtree(
-            ptr(vertices), ptr(source.codes), source.drop, max_leaf, first, last,
-            forest.places[s] + forest.counts[s], out,
-        )  # fmt: skip
+            ptr(vertices),
+            ptr(source.codes),
+            source.drop,
+            max_leaf,
+            first,
+            last,
+            forest.places[s] + forest.counts[s],
+            out,
+        )
         store(forest.roots, s * 8, box)
         forest.links[s], forest.heights[s] = link, height
 
 
 @kernel
 def _depth(children, forest, heights):
-    """The depth of the whole tree: nodes on its longest path. `heights` has a zero for each node of the top."""
+    """The depth of the whole tree: nodes on its longest path. `heights` has a zero for each node of the top levels."""
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
             child = children[t, side]
@@ -208,7 +217,9 @@ def _depth(children, forest, heights):
     return heights[0] if len(children) else forest.heights[0]
 
 
-def _emit(flat, source: SortedTriangles, max_leaf: int, threads: int):
+def _build_from_codes(
+    flat: NDArray[np.float32], source: SortedTriangles, max_leaf: int, threads: int
+) -> tuple[Bvh, int]:
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
     children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
@@ -223,46 +234,47 @@ def _emit(flat, source: SortedTriangles, max_leaf: int, threads: int):
     top = UpperLevels(np.empty((t, 2, 8), np.float32), children, ranges, forest.roots)
     join_boxes(children, forest.roots, top.boxes)
     nodes[node_at] = top_lines(top, node_at, forest.links)
-    return bvh, _depth(children, forest, np.zeros(t, np.int64))
+    return bvh, int(_depth(children, forest, np.zeros(t, np.int64)))
 
 
-def build(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
-    """Build a BVH by Morton codes; the same, bit for bit, for any number of threads.
+def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4, bits: int = 10) -> Bvh:
+    """Build a BVH from Morton codes. The tree is bitwise identical for any number of threads.
 
     Parameters
     ----------
     vertices, threads, max_leaf
-        As for `binned_sah.build`. So are the errors and the result.
+        As for `binned_sah.build`, as are the errors and the result.
     bits : int
-        Bits of a code for each axis: 10 or 21.
+        Bits of a code per axis: 10 or 21.
 
     Notes
     -----
-    Every subtree of at most `max_leaf` triangles is a leaf, except the root. Codes of 63 bits can make a tree deeper
-    than MAX_DEPTH. Then only the first bits make nodes, as many as are safe.
+    Every subtree of at most `max_leaf` triangles is a leaf, except the root. 63-bit codes can make a tree deeper than
+    MAX_DEPTH; then only as many leading bits are used as are safe.
     """
     flat, threads = checked(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     if n < 2:
         return tiny(flat)
-    max_leaf = np.int64(min(max_leaf, n - 1))  # the root is never a leaf
+    max_leaf = min(max_leaf, n - 1)  # the root is never a leaf
     codes, ids = by_codes(flat, bits, threads)
-    bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
+    bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
         safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a position has bits
-        bvh, depth = _emit(flat, SortedTriangles(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
+        bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(3 * bits - safe)), max_leaf, threads)
     return bvh
 
 
-def by_codes(flat, bits: int, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(codes, ids), (n,) each: triangles `flat`, (n, 9) float32, in the order of their codes of `bits` an axis."""
+def by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[NDArray[Codes], NDArray[np.int32]]:
+    """(codes, ids), (n,) each: the triangles `flat`, (n, 9) float32, sorted by codes of `bits` bits per axis."""
     n = len(flat)
-    codes, ids = np.empty(n, np.int32 if bits == 10 else np.int64), np.empty(n, np.int32)
+    codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)
+    ids = np.empty(n, np.int32)
     centroids = scene_bounds(flat, threads)[1]
     run(write_codes, threads, new_ticket(n, TRIANGLES_PER_SHARE), flat, grid_of(centroids, bits), codes, ids)
     return radix_sort(codes, ids, 3 * bits, threads)
 
 
-def build63(vertices: np.ndarray, threads: int | None = None, max_leaf: int = 4) -> Bvh:
-    """`build` with codes of 63 bits."""
+def build63(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: int = 4) -> Bvh:
+    """`build` with 63-bit codes."""
     return build(vertices, threads, max_leaf, 21)

@@ -1,19 +1,19 @@
-"""Derive a tree from the last frame's: refit it to moved triangles, or filter it to the triangles that culling keeps.
+"""Derive a tree from the previous frame's: refit it to moved triangles, or filter it to those that survive culling.
 
-Refit. The tree is rebuilt when its SAH cost has grown too much. The same pass bounds some of a tree's triangles only
-(`boxes_of_subset`). Threads refit parts of the tree apart, from the last node to the first. Nodes are in depth-first
-order, so the boxes of a node's children are the last two that were made. [Lauterbach et al. 2006, "RT-DEFORM:
-interactive ray tracing of dynamic scenes using BVHs"] rebuild by a similar measure.
+Refitting recomputes the boxes. `DeformingTree` rebuilds the tree once its SAH cost has grown too much; [Lauterbach et
+al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a similar measure. Threads refit
+parts of the tree independently, from the last node to the first. Nodes are in depth-first order, so a node's child
+boxes are the two computed last. The same pass can bound a subset of the triangles (`boxes_of_subset`).
 
-Filter. A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame.
-A rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
-
-Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
+Filtering serves a cached tree of all triangles in the scene, from which culling leaves a different subset in each
+frame. It is faster than building a tree of the subset, because the splits are reused and only boxes change. Nodes and
+slots keep their order, so their new numbers are prefix sums, and threads write them independently.
 """
 
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
@@ -39,23 +39,18 @@ from .tree_layout import children_of_top, cut_tree
 from .tree_quality import sah_cost
 from .triangle_bounds import checked, scene_bounds, tiny, triangle_box, write_boxes
 
-# --- Refit a BVH to triangles that have moved, and rebuild it when its SAH cost has grown too much --------------------
-#
-# The same pass bounds some of a tree's triangles only (`boxes_of_kept`). Threads refit parts of the tree apart, from
-# the last node to the first. Nodes are in depth-first order, so the boxes of a node's children are the last two that
-# were made. [Lauterbach et al. 2006, "RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs"] rebuild by a
-# similar measure.
+# --- Refitting and rebuilding -----------------------------------------------------------------------------------------
 
 
-LIMIT = 1.1  # a tree is rebuilt if its cost exceeds this factor of its cost when built
-_AHEAD = 32  # slots whose triangles are fetched in advance
+LIMIT = 1.1  # a tree is rebuilt once its cost exceeds this multiple of its cost when built
+_AHEAD = 32  # prefetch distance in slots
 _INF = np.float32(np.inf)
 _BOXES = 8 * (MAX_DEPTH + 2)
 
 
 @inlined
 def _refit_leaf(vertices, link, out):
-    """Copy the corners of a leaf's triangles, and return their box."""
+    """Copy the corners of a leaf's triangles and return their box."""
     box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
     for slot in range(leaf.first + leaf.count - 1, leaf.first - 1, -1):
         ahead = np.int64(get(out.prim_ids, max(slot - _AHEAD, 0))) * 9
@@ -69,40 +64,40 @@ def _refit_leaf(vertices, link, out):
 
 
 @inlined
-def _kept_box(link, old, kept):
-    """The box of a leaf's kept triangles; lower = +inf and upper = -inf if none is kept."""
+def _filtered_leaf_box(link, old, flags):
+    """The box of a leaf's flagged triangles; lower = +inf and upper = -inf if there are none."""
     box, leaf = splat8(_INF), bvh_leaf(np.int64(link))
     for slot in range(leaf.first, leaf.first + leaf.count):
-        if kept[slot]:
+        if flags[slot]:
             box = minimum(box, triangle_box(old.corners, slot))
     return box
 
 
 @inlined
-def _leaf_box(vertices, link, old, out, kept):
-    """`_refit_leaf`, or, with flags `kept`, the box of the triangles that are kept."""
-    return _refit_leaf(vertices, link, out) if kept is None else _kept_box(link, old, kept)
+def _leaf_box(vertices, link, old, out, flags):
+    """`_refit_leaf`; with `flags`, the box of the flagged triangles instead."""
+    return _refit_leaf(vertices, link, out) if flags is None else _filtered_leaf_box(link, old, flags)
 
 
 @kernel
-def _refit_part(vertices, old, first, last, out, kept):
-    """Refit the nodes from `last` - 1 to `first`, a whole subtree, and return its box."""
+def _refit_part(vertices, old, first, last, out, flags):
+    """Refit the subtree of nodes `last` - 1 down to `first`, and return its box."""
     boxes, height = stack_f32(_BOXES), 0
     for node in range(last - 1, first - 1, -1):
-        left, right = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
-        if left >= 0:
+        left_link, right_link = get(old.links, link_at(node, 0)), get(old.links, link_at(node, 1))
+        if left_link >= 0:
             height -= 1
             left_box = load8(boxes, height * 8)
-        if right >= 0:
+        if right_link >= 0:
             height -= 1
             right_box = load8(boxes, height * 8)
         else:
-            right_box = _leaf_box(vertices, right, old, out, kept)
-        if left < 0:
-            left_box = _leaf_box(vertices, left, old, out, kept)
+            right_box = _leaf_box(vertices, right_link, old, out, flags)
+        if left_link < 0:
+            left_box = _leaf_box(vertices, left_link, old, out, flags)
         write_boxes(out.nodes, node, left_box, right_box)
-        put(out.links, link_at(node, 0), left)
-        put(out.links, link_at(node, 1), right)
+        put(out.links, link_at(node, 0), left_link)
+        put(out.links, link_at(node, 1), right_link)
         put(out.links, order_at(node), get(old.links, order_at(node)))
         store(boxes, height * 8, minimum(left_box, right_box))
         height += 1
@@ -110,33 +105,33 @@ def _refit_part(vertices, old, first, last, out, kept):
 
 
 @kernel
-def _refit_parts(ticket, vertices, bvh, parts, new, kept, boxes):
-    """Worker: refit the nodes and corners of each part, and store its box; `kept` as in `_refitted`."""
+def _refit_parts(ticket, vertices, bvh, parts, new, flags, boxes):
+    """Worker: refit the nodes and corners of each part, and store its box; `flags` as in `_refit_triangles`."""
     v, old, out = ptr(vertices), tree_of(bvh), tree_of(new)
     for p in items(ticket):
         root, end, _ = parts[p]
         if root >= 0:
-            box = _refit_part(v, old, root, end, out, kept)
+            box = _refit_part(v, old, root, end, out, flags)
         else:
-            box = _leaf_box(v, root, old, out, kept)
+            box = _leaf_box(v, root, old, out, flags)
         store(boxes, p * 8, box)
 
 
-def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
-    """The same tree with boxes of the moved triangles; the same, bit for bit, for any number of threads.
+def refit(bvh: Bvh, vertices: NDArray[np.float32], threads: int | None = None) -> Bvh:
+    """The same tree with the boxes of moved triangles. The result is bitwise identical for any number of threads.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes are in depth-first order, as every builder makes them. It is not changed. The new tree shares its
+        Its nodes must be in depth-first order, as from every builder. It is not modified. The new tree shares its
         `prim_ids`.
     vertices : (n, 3, 3) float32
-        As for a builder: as many triangles as `bvh` has, in the same order.
+        As for a builder, with as many triangles as `bvh`, in the same order.
 
     Raises
     ------
     InputError
-        As for a builder; also on another number of triangles.
+        As for a builder, or if the number of triangles differs.
     """
     flat, threads = checked(vertices, 1), thread_count(threads)
     n = len(flat)
@@ -148,23 +143,25 @@ def refit(bvh: Bvh, vertices: np.ndarray, threads: int | None = None) -> Bvh:
     return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 
-def boxes_of_subset(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
-    """The same tree of two triangles or more, whose boxes bound only the triangles that are kept.
+def boxes_of_subset(bvh: Bvh, flags: NDArray[np.bool_], threads: int) -> Bvh:
+    """The same tree, of two triangles or more, with boxes that bound only the flagged triangles.
 
-    kept : (n,) bool, by slot
+    flags : (n,) bool, by slot
 
-    The box of a child without such triangles has lower = +inf and upper = -inf, which no ray enters.
+    The box of a child without flagged triangles has lower = +inf and upper = -inf, which no ray enters.
     """
-    return _refit_triangles(bvh, bvh.corners, bvh.corners, kept, threads)
+    return _refit_triangles(bvh, bvh.corners, bvh.corners, flags, threads)
 
 
-def _refit_triangles(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
-    """`refit`, or `boxes_of_kept` unless `kept` is None. `corners` become those of the new tree."""
+def _refit_triangles(
+    bvh: Bvh, flat: NDArray[np.float32], corners: NDArray[np.float32], flags: NDArray[np.bool_] | None, threads: int
+) -> Bvh:
+    """`refit`, or `boxes_of_subset` if `flags` is not None. The new tree takes over `corners`."""
     pieces = cut_tree(bvh)
     nodes = aligned_empty(bvh.nodes.shape, "f4")
     new = Bvh(nodes, nodes.view(np.int32), bvh.prim_ids, corners)
     part_boxes = np.empty((len(pieces.parts), 8), np.float32)
-    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, kept, part_boxes)
+    run(_refit_parts, threads, new_ticket(len(part_boxes), 1), flat, bvh, pieces.parts, new, flags, part_boxes)
     children, boxes = children_of_top(pieces), np.empty((len(pieces.numbers), 2, 8), np.float32)
     join_boxes(children, part_boxes, boxes)
     roots = pieces.parts[:, 0]
@@ -174,24 +171,24 @@ def _refit_triangles(bvh: Bvh, flat, corners, kept, threads) -> Bvh:
 
 
 class DeformingTree:
-    """The BVH of a deforming mesh: refitted while its SAH cost stays low, else rebuilt.
+    """The BVH of a deforming mesh: refitted while its SAH cost stays low, otherwise rebuilt.
 
-    build : a builder (`methods.py`)
-    limit : the largest SAH cost of a refitted tree, relative to its cost when built
+    build : a builder (`engine.method_registry`)
+    limit : the maximum SAH cost of a refitted tree, relative to its cost when built
 
-    A refit is exact: it changes the speed of a query, never an answer.
+    Refitting is exact: it affects the speed of a query, never its result.
     """
 
-    def __init__(self, build: Callable, limit: float = LIMIT):
+    def __init__(self, build: Callable[[NDArray[np.float32], int | None], Bvh], limit: float = LIMIT) -> None:
         self.build, self.limit = build, limit
         self.bvh: Bvh | None = None
         self.cost = 0.0  # of the tree when it was built
 
-    def update(self, vertices: np.ndarray, threads: int | None = None) -> Bvh:
-        """The BVH of these triangles. Errors are as for a builder."""
-        kept = self.bvh  # read once: another thread may replace it
-        if kept is not None and len(kept.prim_ids) == len(vertices):
-            bvh = refit(kept, vertices, threads)
+    def update(self, vertices: NDArray[np.float32], threads: int | None = None) -> Bvh:
+        """The BVH of these triangles. Raises the same errors as a builder."""
+        old = self.bvh  # read once: another thread may replace it
+        if old is not None and len(old.prim_ids) == len(vertices):
+            bvh = refit(old, vertices, threads)
             if sah_cost(bvh, threads=threads) <= self.limit * self.cost:
                 self.bvh = bvh
                 return bvh
@@ -200,26 +197,21 @@ class DeformingTree:
         return bvh
 
 
-# --- The part of a tree that holds some of its triangles: the tree without all others ---------------------------------
-#
-# A tree that is kept from frame to frame has all triangles of the scene, and culling leaves others in each frame. A
-# rebuilt tree of these takes longer than this part: the splits are there, and only boxes change.
-#
-# Nodes stay in their order, and so do slots. So their new numbers are running sums, and threads write them apart.
+# --- Filtering --------------------------------------------------------------------------------------------------------
 
 
-_NODES_PER_SHARE = 4096  # nodes that a thread writes at a time
+_NODES_PER_SHARE = 4096  # nodes that a thread processes at a time
 
 
 @inlined
 def _is_empty(nodes, node, side):
-    """Whether the box of a child is the empty one."""
+    """Whether a child's box is empty."""
     return get(nodes, box_at(node, side)) == np.float32(np.inf)
 
 
 @kernel
 def _find_branches(ticket, bvh, branches):
-    """Worker: mark the nodes both of whose children have triangles that are kept."""
+    """Worker: mark the nodes whose children both have flagged triangles."""
     tree = tree_of(bvh)
     for node in items(ticket):
         branches[node] = not (_is_empty(tree.nodes, node, 0) or _is_empty(tree.nodes, node, 1))
@@ -227,7 +219,7 @@ def _find_branches(ticket, bvh, branches):
 
 @inlined
 def _new_link(tree, link, node_at, slot_at):
-    """The link to the first node with two children, or to the leaf, that `link` leads to."""
+    """The new link to the first node with two children, or to the leaf, that `link` leads to."""
     while link >= 0 and (_is_empty(tree.nodes, link, 0) or _is_empty(tree.nodes, link, 1)):
         link = np.int64(get(tree.links, link_at(link, 1 if _is_empty(tree.nodes, link, 0) else 0)))
     if link >= 0:
@@ -240,7 +232,7 @@ def _new_link(tree, link, node_at, slot_at):
 @kernel
 def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
     """Worker: write the marked nodes to their new places, with new links."""
-    # In: bvh, of `boxes_of_kept`; branches, bool; node_at, slot_at, int32: new number of each node and slot
+    # In: bvh, of `boxes_of_subset`; branches, bool; node_at, slot_at, int32: new number of each node and slot
     tree, out = tree_of(bvh), tree_of(new)
     for node in items(ticket):
         if branches[node]:
@@ -251,36 +243,36 @@ def _write_branches(ticket, bvh, branches, node_at, slot_at, new):
                 put(out.links, link_at(new_node, side), link)
 
 
-def _numbers(chosen: np.ndarray) -> np.ndarray:
-    """(n + 1,) int32: how many of the flags before each place are set."""
-    numbers = np.zeros(len(chosen) + 1, np.int32)
-    np.cumsum(chosen, out=numbers[1:])
+def _numbers(flags: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """(n + 1,) int32: the number of set flags before each position."""
+    numbers = np.zeros(len(flags) + 1, np.int32)
+    np.cumsum(flags, out=numbers[1:])
     return numbers
 
 
-def filter_tree(bvh: Bvh, kept: np.ndarray, threads: int) -> Bvh:
-    """The tree without the triangles that are not kept, and without the nodes that then have less than two children.
+def filter_tree(bvh: Bvh, triangles: NDArray[np.integer], threads: int) -> Bvh:
+    """The tree of a subset of the triangles, without the nodes that then have fewer than two children.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes are in depth-first order. It is not changed.
-    kept : (m,) int
-        Indices of triangles of the tree.
+        Its nodes must be in depth-first order. It is not modified.
+    triangles : (m,) int
+        Indices of the triangles to keep.
 
     Returns
     -------
     Bvh
-        Its `prim_ids` are indices in the whole scene, as those of `bvh`. Splits and orders of children are those of
-        `bvh`. A part of few triangles is built anew by `bsah`.
+        Like those of `bvh`, its `prim_ids` are indices in the whole scene. Splits and child orders are those of `bvh`.
+        Small subsets get a new tree from `bsah` instead.
     """
-    chosen = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
-    chosen[kept] = True
-    slots = chosen[bvh.prim_ids]
+    flags = np.zeros(bvh.prim_ids.max(initial=-1) + 1, np.bool_)
+    flags[triangles] = True
+    slots = flags[bvh.prim_ids]
     prim_ids, corners = bvh.prim_ids[slots], bvh.corners[slots]
-    if len(prim_ids) <= MAX_LEAF:  # they may lie in one leaf, which cannot be a tree
-        few = binned_sah.build(corners.reshape(-1, 3, 3), threads)
-        return few._replace(prim_ids=prim_ids[few.prim_ids])
+    if len(prim_ids) <= MAX_LEAF:  # they may all lie in one leaf, which is not a tree
+        small = binned_sah.build(corners.reshape(-1, 3, 3), threads)
+        return small._replace(prim_ids=prim_ids[small.prim_ids])
     bounded = boxes_of_subset(bvh, slots, threads)
     branches = np.empty(len(bvh.nodes), np.bool_)
     run(_find_branches, threads, new_ticket(len(branches), _NODES_PER_SHARE), bounded, branches)

@@ -1,17 +1,19 @@
-"""Insertion-based optimisation of a finished BVH [Bittner et al. 2013, "Fast insertion-based optimization of bounding
-volume hierarchies"], in its parallel form [Meister and Bittner 2018, "Parallel reinsertion for bounding volume
-hierarchy optimization"].
+"""Optimise a finished BVH by reinsertion [Bittner et al. 2013] [Meister and Bittner 2018].
 
-For each subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All threads search at
-once, in a tree that does not change. Then the moves are made, the most profitable first. This repeats for some rounds.
+Insertion-based optimisation is from [Bittner et al. 2013, "Fast insertion-based optimization of bounding volume
+hierarchies"], its parallel form from [Meister and Bittner 2018, "Parallel reinsertion for bounding volume hierarchy
+optimization"]. For each subtree, branch and bound finds the place in the tree that lowers the SAH cost most. All
+threads search at once, while the tree stays unchanged. Then the moves are made, the most profitable first. This repeats
+for a few rounds.
 
-Departure from the papers: no locks exclude conflicting moves beforehand. Moves are made one after the other, and a move
-that does not pay any more is undone. So the result has the same bits for any number of threads.
+Departure from the papers: conflicting moves are not excluded by locks. Instead, moves are made one after the other, and
+a move that no longer pays off is undone. So the result is bitwise identical for any number of threads.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -36,42 +38,42 @@ from .tree_layout import cheapest_leaves, cut_tree, relayout
 from .tree_quality import sah_cost
 from .triangle_bounds import half_area, scale_of, write_boxes
 
-_STACK = 2 * MAX_DEPTH + 2
-_WAITING = MAX_DEPTH + 2
+_SEARCH_STACK = 2 * MAX_DEPTH + 2
+_STACK_SIZE = MAX_DEPTH + 2
 _COORDINATES = 0x77  # lanes of a box
-_AREA = 3  # lane of a box that holds half its area
+_AREA = 3  # lane of a box with half its area
 _CHUNK = 1024  # items that a thread takes at a time
-_FEW = 0.002  # fraction of the items: fewer moves end the rounds
-_MANY = 256  # places tried for each item: costlier rounds are the last. Ordinary scenes take 20 to 65
-_LEAST = np.float32(2.0**-16)  # least gain of a move, relative to the subtree's area
-
-
-class Loose(NamedTuple):
-    """A tree of m nodes and m + 1 leaves in a form for moves. Items are the nodes, then the leaves."""
-
-    parents: np.ndarray  # (2 m + 1,) int32: item; -1 for the root, item 0
-    children: np.ndarray  # (m, 2) int32: items
-    heights: np.ndarray  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
-    boxes: np.ndarray  # (2 m + 1, 8) float32: as in `bounds`, with half the area in the fourth lane
-    links: np.ndarray  # (m + 1,) int32: links to the leaves
-    scale: np.float32  # see `subtree.Settings`
+_FEW = 0.002  # fraction of the items; fewer moves end the rounds
+_MANY = 256  # places tried per item; a round that tries more is the last. Ordinary scenes take 20 to 65
+_LEAST = np.float32(2.0**-16)  # minimum gain of a move, relative to the subtree's area
 
 
 class LooseTree(NamedTuple):
-    """Pointers to the arrays of a `Loose`, for hot kernels."""
+    """A tree of m nodes and m + 1 leaves in a form that allows moves. Items are the nodes, then the leaves."""
+
+    parents: NDArray[np.int32]  # (2 m + 1,) int32: item; -1 for the root, item 0
+    children: NDArray[np.int32]  # (m, 2) int32: items
+    heights: NDArray[np.int32]  # (2 m + 1,) int32: nodes on the longest path down; 0 for a leaf
+    boxes: NDArray[np.float32]  # (2 m + 1, 8) float32: as in `triangle_bounds`, with half the area in the fourth lane
+    links: NDArray[np.int32]  # (m + 1,) int32: links to the leaves
+    scale: np.float32  # see `top_down.Settings`
+
+
+class LoosePointers(NamedTuple):
+    """Pointers to the arrays of a `LooseTree`, for hot kernels."""
 
     parents: I32Ptr  # int32 *
-    children: I32Ptr  # int32 *, 2 a node
+    children: I32Ptr  # int32 *, 2 per node
     heights: I32Ptr  # int32 *
-    boxes: F32Ptr  # float32 *, 8 an item
+    boxes: F32Ptr  # float32 *, 8 per item
     n_nodes: int
     scale: np.float32
 
 
 @inlined
-def _tree_of(loose):
-    """Pointers to the arrays of a `Loose`, which must outlive them."""
-    return LooseTree(
+def _pointers_of(loose):
+    """Pointers to the arrays of a `LooseTree`, which must outlive them."""
+    return LoosePointers(
         ptr(loose.parents), ptr(loose.children), ptr(loose.heights), ptr(loose.boxes), len(loose.children), loose.scale
     )
 
@@ -90,16 +92,16 @@ def _set_box(tree, item, box):
 @inlined
 def _sibling(tree, item):
     parent = np.int64(get(tree.parents, item))
-    left = get(tree.children, 2 * parent)
-    return np.int64(get(tree.children, 2 * parent + 1) if left == item else left)
+    left_child = get(tree.children, 2 * parent)
+    return np.int64(get(tree.children, 2 * parent + 1) if left_child == item else left_child)
 
 
 @inlined
-def _join(tree, node):
-    """Update box and height of a node from its children; returns (growth of its area, whether anything changed)."""
-    left, right = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
-    box = minimum(load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-    height = 1 + max(get(tree.heights, left), get(tree.heights, right))
+def _update_node(tree, node):
+    """Update a node's box and height from its children, and return (growth of its area, whether anything changed)."""
+    left_child, right_child = np.int64(get(tree.children, 2 * node)), np.int64(get(tree.children, 2 * node + 1))
+    box = minimum(load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
+    height = 1 + max(get(tree.heights, left_child), get(tree.heights, right_child))
     same = bits(box == load8(tree.boxes, node * 8)) & _COORDINATES == _COORDINATES
     before = _area(tree, node)
     changed = not same or height != get(tree.heights, node)
@@ -110,8 +112,8 @@ def _join(tree, node):
 
 @kernel
 def _loosen(bvh, loose):
-    """Fill a loose tree from a BVH whose nodes are in depth-first order."""
-    nodes, tree, n, pair, leaves = ptr(bvh.nodes), _tree_of(loose), len(bvh.nodes), stack_f32(16), 0
+    """Convert a BVH with nodes in depth-first order to a loose tree."""
+    nodes, tree, n, pair, leaves = ptr(bvh.nodes), _pointers_of(loose), len(bvh.nodes), stack_f32(16), 0
     for node in range(n):
         line = shuffle(load16(nodes, line_at(node)), 0, 4, 8, 0, 2, 6, 10, 2, 1, 5, 9, 1, 3, 7, 11, 3)
         store(pair, 0, select(mask_from_bits16(0xF0F0), -line, line))
@@ -127,88 +129,88 @@ def _loosen(bvh, loose):
             put(tree.children, 2 * node + side, item)
     put(tree.parents, 0, -1)
     for node in range(n - 1, -1, -1):
-        _join(tree, node)
+        _update_node(tree, node)
 
 
 class InsertionPlace(NamedTuple):
     """The best place found for an item."""
 
     gain: np.float32  # decrease of the tree's SAH cost, times half the area of its root
-    place: int  # its new sibling; -1: it stays
-    visits: int  # places that were tried
+    place: np.int64  # its new sibling; -1 if it stays
+    visits: np.int64  # number of places tried
 
 
 @kernel
-def _search(tree, item, root, gain, found, waiting, gains):
-    """The best of `found` and of all places below `root`."""
-    # In: tree, item, root; gain, float32, cost saved by the removal of the item; found, the best `Found` so far
-    # Scratch: waiting, int32 *, and gains, float32 *, _STACK each
+def _search(tree, item, root, gain, best, stack, gains):
+    """The better of `best` and the best place below `root`."""
+    # In: tree, item, root; gain, float32, cost saved by removing the item; best, the best `InsertionPlace` so far
+    # Scratch: stack, int32 *, and gains, float32 *, _SEARCH_STACK each
     box, area = load8(tree.boxes, item * 8), _area(tree, item)
-    put(waiting, 0, root)
+    put(stack, 0, root)
     put(gains, 0, gain)
-    height, visits = 1, found.visits
+    height, visits = 1, best.visits
     while height > 0:
         height -= 1
         visits += 1
-        here, gain = np.int64(get(waiting, height)), get(gains, height)
-        merged = half_area(minimum(load8(tree.boxes, here * 8), box), tree.scale)
-        if gain - merged > found.gain:
-            found = InsertionPlace(gain - merged, here, visits)
-        below = gain + _area(tree, here) - merged  # `here` grows
-        if here < tree.n_nodes and below - area > found.gain:  # the new node is at least as large as the item
+        place, gain = np.int64(get(stack, height)), get(gains, height)
+        merged = half_area(minimum(load8(tree.boxes, place * 8), box), tree.scale)
+        if gain - merged > best.gain:
+            best = InsertionPlace(gain - merged, place, visits)
+        below = gain + _area(tree, place) - merged  # `place` grows
+        if place < tree.n_nodes and below - area > best.gain:  # the new node is at least as large as the item
             for side in range(2):
-                put(waiting, height, get(tree.children, 2 * here + side))
+                put(stack, height, get(tree.children, 2 * place + side))
                 put(gains, height, below)
                 height += 1
-    return InsertionPlace(found.gain, found.place, visits)
+    return InsertionPlace(best.gain, best.place, visits)
 
 
 @kernel
-def _find(tree, item, waiting, gains):
-    """The best place of an item, below all its ancestors' other children [Meister and Bittner 2018, Alg. 1]."""
+def _best_place(tree, item, stack, gains):
+    """The best place of an item below the siblings of its ancestors [Meister and Bittner 2018, Alg. 1]."""
     path = np.int64(get(tree.parents, item))
     sibling, gain = _sibling(tree, item), _area(tree, path)
     shrunk = load8(tree.boxes, sibling * 8)
-    found = _search(
-        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), waiting, gains
+    best = _search(
+        tree, item, sibling, gain, InsertionPlace(_LEAST * _area(tree, item), np.int64(-1), np.int64(0)), stack, gains
     )
     while path > 0:
         other = _sibling(tree, path)
-        found = _search(tree, item, other, gain, found, waiting, gains)
+        best = _search(tree, item, other, gain, best, stack, gains)
         path = np.int64(get(tree.parents, path))
         shrunk = minimum(shrunk, load8(tree.boxes, other * 8))
         gain += _area(tree, path) - half_area(shrunk, tree.scale)
-        if path > 0 and gain - _area(tree, path) > found.gain:
-            found = InsertionPlace(gain - _area(tree, path), path, found.visits)
-    return found
+        if path > 0 and gain - _area(tree, path) > best.gain:
+            best = InsertionPlace(gain - _area(tree, path), path, best.visits)
+    return best
 
 
 @kernel
 def _find_places(ticket, loose, gains, places, visits):
-    """Worker: find the best place of each item, or -1, and count the places tried. Children of the root stay."""
-    tree = _tree_of(loose)
-    waiting, scratch = stack_i32(_STACK), stack_f32(_STACK)
+    """Worker: find each item's best place, or -1, and count the places tried. The root's children stay."""
+    tree = _pointers_of(loose)
+    stack, scratch = stack_i32(_SEARCH_STACK), stack_f32(_SEARCH_STACK)
     for item in items(ticket):
-        found = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
+        best = InsertionPlace(np.float32(0.0), np.int64(-1), np.int64(0))
         if item > 0 and get(tree.parents, item) > 0:
-            found = _find(tree, item, waiting, scratch)
-        gains[item], places[item], visits[item] = found
+            best = _best_place(tree, item, stack, scratch)
+        gains[item], places[item], visits[item] = best
 
 
 @kernel
-def _join_upwards(tree, node):
-    """Update the changed nodes from `node` up, and return the growth of all areas."""
-    grown = np.float32(0.0)
+def _update_ancestors(tree, node):
+    """Update the changed nodes from `node` upwards, and return the total growth of their areas."""
+    growth = np.float32(0.0)
     while node >= 0:
-        more, changed = _join(tree, node)
-        grown += more
+        node_growth, changed = _update_node(tree, node)
+        growth += node_growth
         node = np.int64(get(tree.parents, node)) if changed else np.int64(-1)
-    return grown
+    return growth
 
 
 @inlined
-def _put_in_place(tree, new, old):
-    """Make `new` a child in place of `old`, and return their parent."""
+def _replace_child(tree, new, old):
+    """Replace the child `old` by `new`, and return their parent."""
     parent = np.int64(get(tree.parents, old))
     put(tree.children, 2 * parent + (0 if get(tree.children, 2 * parent) == old else 1), new)
     put(tree.parents, new, parent)
@@ -217,22 +219,22 @@ def _put_in_place(tree, new, old):
 
 @kernel
 def _move(tree, item, place):
-    """Make `item` the sibling of `place`, reuse its parent node as their parent, and return the growth of all areas."""
+    """Make `item` the sibling of `place` under its reused parent node, and return the total growth of areas."""
     node, sibling = np.int64(get(tree.parents, item)), _sibling(tree, item)
-    grown = -_area(tree, node)
-    grown += _join_upwards(tree, _put_in_place(tree, sibling, node))
-    above = _put_in_place(tree, node, place)
+    growth = -_area(tree, node)
+    growth += _update_ancestors(tree, _replace_child(tree, sibling, node))
+    parent = _replace_child(tree, node, place)
     put(tree.children, 2 * node, place)
     put(tree.children, 2 * node + 1, item)
     put(tree.parents, place, node)
     put(tree.parents, item, node)
-    _join(tree, node)
-    return grown + _area(tree, node) + _join_upwards(tree, above)
+    _update_node(tree, node)
+    return growth + _area(tree, node) + _update_ancestors(tree, parent)
 
 
 @kernel
 def _can_move(tree, item, place):
-    """Whether the move changes the tree, `place` is not below the item, and depth stays within MAX_DEPTH."""
+    """Whether the move changes the tree, `place` is not below the item, and the depth stays within MAX_DEPTH."""
     if get(tree.parents, item) <= 0 or place <= 0 or place == get(tree.parents, item) or place == _sibling(tree, item):
         return False
     node, depth = np.int64(place), 0
@@ -246,74 +248,74 @@ def _can_move(tree, item, place):
 
 @kernel
 def _make_moves(loose, items, places):
-    """Make the moves that still pay, in this order, and return how many."""
-    tree, made = _tree_of(loose), 0
+    """Make the moves that still pay off, in this order, and return their number."""
+    tree, n_moves = _pointers_of(loose), 0
     for k in range(len(items)):
         item, place = np.int64(items[k]), np.int64(places[items[k]])
         if _can_move(tree, item, place):
             sibling = _sibling(tree, item)
             if _move(tree, item, place) < np.float32(0.0):
-                made += 1
+                n_moves += 1
             else:
                 _move(tree, item, sibling)
-    return made
+    return n_moves
 
 
 @kernel
-def _write(loose, bvh):
+def _write_nodes(loose, bvh):
     """Write the nodes of a loose tree, depth first."""
-    tree, nodes, links = _tree_of(loose), ptr(bvh.nodes), ptr(bvh.links)
-    waiting, n = stack_array(np.int64, _WAITING, 2), 0
-    waiting[0, 0], waiting[0, 1], height = 0, -1, 1
+    tree, nodes, links = _pointers_of(loose), ptr(bvh.nodes), ptr(bvh.links)
+    stack, n = stack_array(np.int64, _STACK_SIZE, 2), 0
+    stack[0, 0], stack[0, 1], height = 0, -1, 1
     while height > 0:
         height -= 1
-        item, where = waiting[height]
-        if where >= 0:
-            put(links, where, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
+        item, word = stack[height]
+        if word >= 0:
+            put(links, word, n if item < tree.n_nodes else loose.links[item - tree.n_nodes])
         if item >= tree.n_nodes:
             continue
-        left, right = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
-        write_boxes(nodes, n, load8(tree.boxes, left * 8), load8(tree.boxes, right * 8))
-        waiting[height, 0], waiting[height, 1] = right, link_at(n, 1)
-        waiting[height + 1, 0], waiting[height + 1, 1] = left, link_at(n, 0)
+        left_child, right_child = np.int64(get(tree.children, 2 * item)), np.int64(get(tree.children, 2 * item + 1))
+        write_boxes(nodes, n, load8(tree.boxes, left_child * 8), load8(tree.boxes, right_child * 8))
+        stack[height, 0], stack[height, 1] = right_child, link_at(n, 1)
+        stack[height + 1, 0], stack[height + 1, 1] = left_child, link_at(n, 0)
         height, n = height + 2, n + 1
 
 
-def _loose(bvh: Bvh) -> Loose:
+def _make_loose(bvh: Bvh) -> LooseTree:
     m = len(bvh.nodes)
     numbers = np.empty((2, 2 * m + 1), np.int32)
     boxes = aligned_empty((2 * m + 1, 8), "f4")
     scale = scale_of(bvh)
-    loose = Loose(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
+    loose = LooseTree(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
     _loosen(bvh, loose)
     return loose
 
 
-def _largest_leaf(links) -> int:
+def _largest_leaf(links: NDArray[np.int32]) -> int:
     ends = links[:, CHILDREN]
     return int(bvh_leaf(ends[is_leaf(ends)]).count.max())
 
 
 def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
-    """A tree of the same triangles with lower SAH cost, or `bvh` itself; the same for any number of threads.
+    """A tree of the same triangles with a lower SAH cost, or `bvh` itself; identical for any number of threads.
 
     Parameters
     ----------
     bvh : Bvh
-        Its nodes are in depth-first order, as every builder makes them. It is not changed.
+        Its nodes must be in depth-first order, as from every builder. It is not modified.
     rounds : int
-        The most rounds. They end sooner when they move few subtrees, or where bounds exclude few places, as among
-        triangles with one centroid.
+        Maximum number of rounds. They end earlier once they move few subtrees, or when the bounds exclude few places,
+        as among triangles with a common centroid.
 
     Notes
     -----
-    Leaves move as they are. In the end, subtrees become leaves where this is cheaper. These leaves have at most as many
+    Leaves are moved unchanged. Finally, subtrees become leaves where this is cheaper. These leaves have at most as many
     triangles as the largest leaf of `bvh`.
     """
     threads, m = thread_count(threads), len(bvh.nodes)
     if m < 3:
         return bvh
-    loose, n = _loose(bvh), 2 * m + 1
+    loose, n = _make_loose(bvh), 2 * m + 1
     gains, places, visits = np.empty(n, np.float32), np.empty(n, np.int64), np.empty(n, np.int64)
     for _ in range(rounds):
         run(_find_places, threads, new_ticket(n, _CHUNK), loose, gains, places, visits)
@@ -323,7 +325,7 @@ def reinsert(bvh: Bvh, threads: int | None = None, rounds: int = 4) -> Bvh:
             break
     nodes = aligned_empty((m, 16), "f4")
     changed = bvh._replace(nodes=nodes, links=nodes.view(np.int32))
-    _write(loose, changed)
+    _write_nodes(loose, changed)
     pieces = cut_tree(changed)
     better = relayout(changed, pieces, cheapest_leaves(changed, pieces, _largest_leaf(bvh.links), threads), threads)
     return better if sah_cost(better, threads=threads) < sah_cost(bvh, threads=threads) else bvh

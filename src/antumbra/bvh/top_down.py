@@ -1,17 +1,18 @@
-"""The frame of top-down builders: the subtrees that one thread builds alone, depth first and in place.
+"""The common part of top-down builders: subtrees that one thread each builds depth first, in place.
 
-All threads split the first levels together (`top_levels`). Then each thread builds ranges alone, largest first.
-`top_levels.assemble` puts the nodes in one array. The method splits ranges (`binned_split`).
+All threads split the top levels together (`top_levels`). Then each thread builds ranges alone, the largest first, and
+`top_levels.assemble` puts all nodes into one array. The builder's method splits ranges (`binned_split`).
 
-Optimal subtrees. Over up to four records, the tree of least SAH cost out of all trees is found. Most of a tree's nodes
-have at most four triangles below them. There binning is slow and finds little. With n <= 4 there are at most 11 subsets
-of two or more records. The best tree over each subset follows from the best trees over smaller ones [Karras and Aila
-2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
+Optimal subtrees. Most of a tree's nodes have at most four triangles below them, where binning is slow and finds little.
+For up to four records, the tree of minimum SAH cost among all trees is found instead. There are at most 11 subsets of
+two or more records, and the optimal tree over each follows from those over smaller subsets [Karras and Aila 2013, "Fast
+parallel construction of high-quality bounding volume hierarchies"].
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I32Ptr, kernel, overload, overloaded
 from ..kernels.parallel import items, new_ticket, run
@@ -36,21 +37,17 @@ from .nodes import LINK, MAX_DEPTH, Bvh, Tree, aligned_empty, bvh_link, line_at,
 from .top_levels import Subtrees, UpperLevels
 from .triangle_bounds import INF, half_area, range_bounds, record_id, write_boxes
 
-# --- The tree of least SAH cost over up to four records, out of all trees ---------------------------------------------
-#
-# Most of a tree's nodes have at most four triangles below them. There binning is slow and finds little. With n <= 4
-# there are at most 11 subsets of two or more records. The best tree over each subset follows from the best trees over
-# smaller ones [Karras and Aila 2013, "Fast parallel construction of high-quality bounding volume hierarchies"].
+# --- Optimal subtrees -------------------------------------------------------------------------------------------------
 
 
-OPTIMAL_SIZE = 4  # records, at most
+OPTIMAL_SIZE = 4  # maximum records below an optimal subtree
 _SUBSETS = 1 << OPTIMAL_SIZE
 _SUBSET_BOXES = 8 * _SUBSETS
 _TODO = 2 * OPTIMAL_SIZE
 
 
 class SubsetPlans(NamedTuple):
-    """The best tree over each subset of the records. The bits of a subset's index are its records."""
+    """The optimal tree over each subset of the records. The bits of a subset's index are its records."""
 
     boxes: F32Ptr  # (16, 8) float32
     cost: F32Ptr  # (16,) float32
@@ -59,47 +56,47 @@ class SubsetPlans(NamedTuple):
 
 @kernel
 def _cheapest_halves(cost, subset):
-    """(cost, left child) of the cheapest division of a subset of two or more."""
+    """(cost, left child) of the cheapest division of a subset of two or more records."""
     low = subset & -subset
-    rest = subset ^ low
-    best, best_left = INF, low
-    part = (rest - 1) & rest
+    others = subset ^ low
+    best, best_half = INF, low
+    part = (others - 1) & others
     while True:
-        left = low | part
-        both = get(cost, left) + get(cost, subset ^ left)
+        half = low | part
+        both = get(cost, half) + get(cost, subset ^ half)
         if both < best:
-            best, best_left = both, left
+            best, best_half = both, half
         if part == 0:
-            return best, best_left
-        part = (part - 1) & rest
+            return best, best_half
+        part = (part - 1) & others
 
 
 @kernel
 def _plan(records, first, n, max_leaf, scale, plans):
     """Fill `plans` for `n` records from `first` on. Visiting a node and testing a triangle cost 1 each."""
     for subset in range(1, 1 << n):
-        rest = subset & (subset - 1)
+        others = subset & (subset - 1)
         box = load8(records, (first + lowest_bit(subset)) * 8)
-        if rest != 0:
-            box = minimum(box, load8(plans.boxes, rest * 8))
+        if others != 0:
+            box = minimum(box, load8(plans.boxes, others * 8))
         store(plans.boxes, subset * 8, box)
         area, size = half_area(box, scale), popcount(subset)
-        cost, left = np.float32(size) * area, np.int64(0)
+        cost, half = np.float32(size) * area, np.int64(0)
         if size > 1:
             divided, halves = _cheapest_halves(plans.cost, subset)
             if size > max_leaf or divided + area < cost:
-                cost, left = divided + area, halves
+                cost, half = divided + area, halves
         put(plans.cost, subset, cost)
-        put(plans.left, subset, left)
+        put(plans.left, subset, half)
 
 
 @kernel
 def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_root):
-    """Write the best tree over 1 to SMALLEST records, and return the index of the next free node.
+    """Write the optimal tree over 1 to OPTIMAL_SIZE records, and return the index of the next free node.
 
-    A root is never a leaf.
+    The root of the whole tree is never a leaf.
     """
-    # In: records, float32 *, from which `n` count from `first` on; settings, max_leaf and scale; is_root, bool
+    # In: records, float32 *, of which `n` from `first` on are used; settings, max_leaf and scale; is_root, bool
     # Out: out, a `Tree`, nodes from `next_node` on; out.links[slot], the link to the tree
     plans = SubsetPlans(stack_f32(_SUBSET_BOXES), stack_f32(_SUBSETS), stack_i32(_SUBSETS))
     todo = stack_i32(_TODO)
@@ -113,8 +110,8 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
     while height > 0:
         height -= 1
         subset, slot = np.int64(get(todo, 2 * height)), np.int64(get(todo, 2 * height + 1))
-        left = np.int64(get(plans.left, subset))
-        if left == 0:
+        left_half = np.int64(get(plans.left, subset))
+        if left_half == 0:
             put(out.links, slot, bvh_link(cursor, popcount(subset)))
             while subset != 0:
                 put(out.prim_ids, cursor, record_id(records, first + lowest_bit(subset)))
@@ -122,42 +119,43 @@ def build_optimal_subtree(records, first, n, settings, out, next_node, slot, is_
                 subset &= subset - 1
             continue
         put(out.links, slot, next_node)
-        right = subset ^ left
-        write_boxes(out.nodes, next_node, load8(plans.boxes, left * 8), load8(plans.boxes, right * 8))
-        put(todo, 2 * height, right)
+        right_half = subset ^ left_half
+        write_boxes(out.nodes, next_node, load8(plans.boxes, left_half * 8), load8(plans.boxes, right_half * 8))
+        put(todo, 2 * height, right_half)
         put(todo, 2 * height + 1, link_at(next_node, 1))
-        put(todo, 2 * height + 2, left)
+        put(todo, 2 * height + 2, left_half)
         put(todo, 2 * height + 3, link_at(next_node, 0))
         height += 2
         next_node += 1
     return next_node
 
 
-# --- One thread's share of a build: the subtree of a range of records, depth first and in place -----------------------
+# --- The subtree of a range, depth first and in place -----------------------------------------------------------------
 
 
-_WAITING = MAX_DEPTH + 1  # waiting ranges: the right child at each level, and a left one
-_NUMBERS = 4 * _WAITING
-_BOXES = 16 * _WAITING
-_AHEAD = 8  # slots whose corners are fetched in advance
+_STACK_SIZE = MAX_DEPTH + 1  # ranges: one right child per level, and one left child
+_NUMBERS = 4 * _STACK_SIZE
+_BOXES = 16 * _STACK_SIZE
+_AHEAD = 8  # prefetch distance in slots
 
 
 class Settings(NamedTuple):
     """Settings for all ranges of a scene."""
 
-    max_leaf: int
-    scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
+    max_leaf: np.int64
+    scale: np.float32  # a power of two that scales the largest coordinate to about 1, so that no area overflows
 
 
 class Ranges(NamedTuple):
     """A stack of ranges to build."""
 
-    numbers: I32Ptr  # int32 *, 4 a range: first, last, depth, word of `links`
-    boxes: F32Ptr  # float32 *, 16 a range: box, centroid box
+    numbers: I32Ptr  # int32 *, 4 per range: first, last, depth, word of `links`
+    boxes: F32Ptr  # float32 *, 16 per range: box, centroid box
 
 
 @kernel
 def push_range(ranges, height, first, last, depth, slot, box, centroids):
+    """Push a range on the stack, and return the new height."""
     put(ranges.numbers, height * 4, first)
     put(ranges.numbers, height * 4 + 1, last)
     put(ranges.numbers, height * 4 + 2, depth)
@@ -169,7 +167,7 @@ def push_range(ranges, height, first, last, depth, slot, box, centroids):
 
 @kernel
 def _leaf_is_cheaper(n, depth, box, split, settings):
-    """Whether a leaf costs less than the split of a range; never for the root."""
+    """Whether a leaf is cheaper than the split of a range; never for the root."""
     if n > settings.max_leaf or depth == 0:
         return False
     area = half_area(box, settings.scale)
@@ -178,6 +176,7 @@ def _leaf_is_cheaper(n, depth, box, split, settings):
 
 @kernel
 def write_leaf(records, first, last, out, slot):
+    """Write the link to a leaf, and the triangles of its slots."""
     put(out.links, slot, bvh_link(first, last - first))
     for i in range(first, last):
         put(out.prim_ids, i, record_id(records, i))
@@ -197,7 +196,7 @@ def copy_corners(vertices, first, last, out):
 def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
     """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
 
-    Its nodes start at `next_node`, depth first. n records make at most n - 1 nodes.
+    Its nodes start at `next_node`, in depth-first order. n records make at most n - 1 nodes.
     """
     # In: source, of `source_of`; first, last, depth; box, centroids, f32x8; settings, `Settings`
     # Out: out, a `Tree`: nodes, links, prim_ids; out.links[word], the link to the tree
@@ -211,30 +210,30 @@ def grow(source, first, last, depth, box, centroids, settings, out, next_node, w
         if e - b <= OPTIMAL_SIZE and d + e - b - 1 <= MAX_DEPTH:
             next_node = build_optimal_subtree(records, b, e - b, settings, out, next_node, slot, d == 0)
             continue
-        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        range_box, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         split = find_split(source, b, e, centroids, d, settings.scale)
-        if _leaf_is_cheaper(e - b, d, here, split, settings):
+        if _leaf_is_cheaper(e - b, d, range_box, split, settings):
             write_leaf(records, b, e, out, slot)
             continue
         m = divide(source, b, e, centroids, split)
-        left, left_centroids = range_bounds(records, b, m)
-        right, right_centroids = range_bounds(records, m, e)
+        left_box, left_centroids = range_bounds(records, b, m)
+        right_box, right_centroids = range_bounds(records, m, e)
         put(out.links, slot, next_node)
-        write_boxes(out.nodes, next_node, left, right)
-        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right, right_centroids)
-        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left, left_centroids)
+        write_boxes(out.nodes, next_node, left_box, right_box)
+        height = push_range(ranges, height, m, e, d + 1, link_at(next_node, 1), right_box, right_centroids)
+        height = push_range(ranges, height, b, m, d + 1, link_at(next_node, 0), left_box, left_centroids)
         next_node += 1
     return next_node
 
 
 @overloaded("top_down")
 def build_range(vertices, source, first, last, depth, box, centroids, settings, s, out):
-    """In kernels: build the tree over range s of the ranges that one thread builds, and return its number of nodes.
+    """In kernels: build the tree over range s of those below the top levels, and return its number of nodes.
 
-    The type of `settings` chooses the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
-    the link to the tree. The rest of node 0 is not written.
+    The type of `settings` selects the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
+    the link to the tree; nothing else of node 0 is written.
     """
-    # In: vertices, float32 *, 9 a triangle; source, first, last, depth, box, centroids, settings, as for `grow`
+    # In: vertices, float32 *, 9 per triangle; source, first, last, depth, box, centroids, settings, as for `grow`
     # Out: out, a `Tree`: nodes, links, prim_ids, corners
 
 
@@ -250,36 +249,33 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
         return build
 
 
-# --- The common frame of top-down builders ----------------------------------------------------------------------------
-#
-# All threads split the first levels together (`top`). Then each thread builds ranges alone, largest first (`subtree`).
-# `assemble` puts the nodes in one array. The method splits ranges (`splits`).
+# --- All subtrees -----------------------------------------------------------------------------------------------------
 
 
-_SUBTREES = 64  # the top splits ranges of more than a 64th of all records, so threads finish together
-_SMALL = 4096  # the top splits no range of fewer records: one thread builds it before others are awake
+_SUBTREES = 64  # the top levels split ranges of more than 1/64 of all records, so that threads finish together
+_SMALL = 4096  # the top levels split no smaller range: one thread builds it before others wake up
 
 
 def largest_subtree(n: int) -> int:
-    """The most records of a range that one thread builds alone, for `n` records in all."""
+    """The maximum number of records in a range that one thread builds alone, for `n` records in total."""
     return max(_SMALL, n // _SUBTREES)
 
 
 class _Memory(NamedTuple):
-    """A thread's memory for building a subtree."""
+    """One thread's memory for building a subtree."""
 
-    nodes: np.ndarray  # (largest, 16) float32: nodes of a subtree
-    scratch: np.ndarray  # (words,) float32, for `source_of`
+    nodes: NDArray[np.float32]  # (largest, 16) float32: the subtree's nodes
+    scratch: NDArray[np.float32]  # (words,) float32, for `source_of`
 
 
 @kernel
 def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtrees, next_free, memory):
     """Worker: build the subtrees in `order`, and copy the nodes of each to the next free place."""
-    # In: vertices; method, `Binned` or `Swept`; top, `UpperLevels`; order, (s,) int64; settings, of `build_range`
+    # In: vertices; method, `Binned` or `SortedRecords`; top, `UpperLevels`; order, (s,) int64; settings
     # Out: bvh, prim_ids and corners; subtrees, `Subtrees`; next_free, (1,) int64, counts nodes
-    # Scratch: memory, the thread's own `_Memory`
-    room, scratch = memory.nodes, memory.scratch
-    out = Tree(ptr(room), as_i32(room), ptr(bvh.prim_ids), ptr(bvh.corners))
+    # Scratch: memory, the per-thread `_Memory`
+    part_nodes, scratch = memory.nodes, memory.scratch
+    out = Tree(ptr(part_nodes), as_i32(part_nodes), ptr(bvh.prim_ids), ptr(bvh.corners))
     for k in items(ticket):
         s = order[k]
         first, last, depth = top.ranges[s]
@@ -288,14 +284,18 @@ def _build_subtrees(ticket, vertices, method, top, order, settings, bvh, subtree
         count = build_range(ptr(vertices), source, first, last, depth, box, centroids, settings, s, out)
         at = atomic_add(next_free, 0, count)
         for i in range(count):
-            store(subtrees.nodes, line_at(at + i), load16(room, line_at(i + 1)))
+            store(subtrees.nodes, line_at(at + i), load16(part_nodes, line_at(i + 1)))
         subtrees.shares[s, 0], subtrees.shares[s, 1], subtrees.shares[s, 2] = at, count, get(out.links, LINK)
 
 
-def build_below(flat, method, words: int, top: UpperLevels, settings, threads: int) -> tuple[Bvh, Subtrees]:
-    """Build the subtrees below the top over the triangles `flat`, (n, 9) float32. `assemble` completes the tree.
+def build_below(
+    flat: NDArray[np.float32], method: Any, words: int, top: UpperLevels, settings: Any, threads: int
+) -> tuple[Bvh, Subtrees]:
+    """Build the subtrees below the top levels over triangles `flat`, (n, 9) float32. `assemble` completes the tree.
 
-    words : float32 of scratch memory that `source_of` needs
+    method : `Binned`, `SortedRecords` or another method (`binned_split`)
+    settings : of a type for which `build_range` is implemented
+    words : number of float32 of scratch memory that `source_of` needs
     """
     n, s = len(flat), len(top.ranges)
     subtrees = Subtrees(aligned_empty((n, 16), "f4"), np.empty((s, 3), np.int64))
@@ -303,6 +303,6 @@ def build_below(flat, method, words: int, top: UpperLevels, settings, threads: i
     sizes = top.ranges[:, 1] - top.ranges[:, 0]
     order, largest = np.argsort(-sizes, kind="stable"), int(sizes.max())
     next_free, args = np.zeros(1, np.int64), (flat, method, top, order, settings, bvh, subtrees)
-    own = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
-    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=own)
+    make_memory = lambda: (_Memory(aligned_empty((largest, 16), "f4"), np.empty(words, np.float32)),)
+    run(_build_subtrees, threads, new_ticket(s, 1), *args, next_free, own=make_memory)
     return bvh, subtrees

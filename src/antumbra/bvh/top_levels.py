@@ -1,15 +1,17 @@
-"""The first levels of a build, by all threads together [Wald 2007], and their assembly with the subtrees below.
+"""The top levels of a build, split by all threads together [Wald 2007], and their assembly with the subtrees below.
 
-The ranges of one level are cut into blocks of a fixed size. Threads bin the blocks. The bins of a range's blocks are
-joined, and its split is chosen. Then threads move each block's records, in order, to another array, at positions
-counted beforehand. The tree does not depend on which thread takes which block.
+The ranges of one level are cut into blocks of a fixed size, which threads bin. The bins of a range's blocks are joined
+to choose its split. Then threads move each block's records, in order, to another array, at positions counted
+beforehand. The tree does not depend on which thread processes which block.
 
-`assemble` joins the nodes of the top and of the subtrees in one array, in depth-first order.
+`assemble` joins the nodes of the top levels and of the subtrees in one array, in depth-first order.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -46,46 +48,49 @@ from .binned_split import (
 from .nodes import CHILDREN, LINK, ORDER, Bvh, aligned_empty, line_at
 from .triangle_bounds import INF, double_centroid
 
-# --- The first levels of a build, by all threads together [Wald 2007] -------------------------------------------------
-#
-# The ranges of one level are cut into blocks of a fixed size. Threads bin the blocks. The bins of a range's blocks are
-# joined, and its split is chosen. Then threads move each block's records, in order, to another array, at positions
-# counted beforehand. The tree does not depend on which thread takes which block.
+# --- Splitting level by level -----------------------------------------------------------------------------------------
 
 
 BLOCK = 4096  # records
+
+SplitLevel: TypeAlias = Callable[
+    [NDArray[np.int64], NDArray[np.float32], int], tuple[NDArray[np.int64], NDArray[np.float32]]
+]
+"""A function that splits the ranges of a level, see `build_top`."""
 
 
 class Level(NamedTuple):
     """The ranges of records that are split at one level, and their blocks. `last` is one past the end."""
 
-    ranges: np.ndarray  # (k, 3) int64: first, last, first block
-    boxes: np.ndarray  # (k, 16) float32: box, centroid box
-    splits: np.ndarray  # (k, 3) int64: axis or -1, bin, first record on the right
-    blocks: np.ndarray  # (m, 3) int64: range, first, last
-    bins: np.ndarray  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
-    places: np.ndarray  # (m, 2) int64: new positions of the block's first left and first right record
-    sides: np.ndarray  # (m, 32) float32: box and centroid box of the left records, then of the right
+    ranges: NDArray[np.int64]  # (k, 3) int64: first, last, first block
+    boxes: NDArray[np.float32]  # (k, 16) float32: box, centroid box
+    splits: NDArray[np.int64]  # (k, 3) int64: axis or -1, bin, first record on the right
+    blocks: NDArray[np.int64]  # (m, 3) int64: range, first, last
+    bins: NDArray[np.float32]  # (m, BIN_WORDS) float32: the bins of each block, counts as int32
+    places: NDArray[np.int64]  # (m, 2) int64: new positions of the block's first left and first right record
+    sides: NDArray[np.float32]  # (m, 32) float32: box and centroid box of the left records, then of the right
 
 
 class UpperLevels(NamedTuple):
-    """The nodes of the first levels, and the ranges that remain to build."""
+    """The nodes of the top levels, and the ranges below them that remain to be built."""
 
-    boxes: np.ndarray  # (t, 2, 8) float32: boxes of both children
-    children: np.ndarray  # (t, 2) int64: index of a node of the top, or ~subtree
-    ranges: np.ndarray  # (s, 3) int64: first, last, depth of each subtree
-    range_boxes: np.ndarray  # (s, 16) float32: box, centroid box
-    orders: np.ndarray | None = None  # (t,) int32: the first child, as in `Bvh`; None: UNORDERED
+    boxes: NDArray[np.float32]  # (t, 2, 8) float32: boxes of both children
+    children: NDArray[np.int64]  # (t, 2) int64: index of a node of the top levels, or ~subtree
+    ranges: NDArray[np.int64]  # (s, 3) int64: first, last, depth of each subtree
+    range_boxes: NDArray[np.float32]  # (s, 16) float32: box, centroid box
+    orders: NDArray[np.int32] | None = None  # (t,) int32: child orders, as in `Bvh`; None means UNORDERED
 
 
 @kernel
 def _bins_of_block(level, block):
+    """The `Bins` of a block."""
     row = ptr_at(level.bins, block * BIN_WORDS)
     return Bins(row, as_i32(ptr_at(row, BIN_BOXES)))
 
 
 @kernel
 def mapping_of_range(level, r):
+    """The `Mapping` of range r."""
     return make_mapping(load8(level.boxes, r * 16 + 8), level.ranges[r, 1] - level.ranges[r, 0])
 
 
@@ -112,7 +117,7 @@ def join_bins(level, first, last, n_bins, total):
 
 @kernel
 def _count_left(level, block, split, n_bins, middle):
-    """The number of a block's records that go left."""
+    """The number of records in a block that go left."""
     if split.axis < 0:
         return min(max(middle - level.blocks[block, 1], 0), level.blocks[block, 2] - level.blocks[block, 1])
     bins, count = _bins_of_block(level, block), np.int64(0)
@@ -129,20 +134,20 @@ def blocks_of(level, r):
 
 @kernel
 def set_split(level, r, split):
-    """Store the split of range r, and the new positions of its blocks' records."""
+    """Store the split of range r, and the new positions of the records in its blocks."""
     n_bins, middle = mapping_of_range(level, r).n_bins, (level.ranges[r, 0] + level.ranges[r, 1]) >> 1
     block, end = blocks_of(level, r)
-    left = level.ranges[r, 0]
+    next_left = level.ranges[r, 0]
     for b in range(block, end):
         count = _count_left(level, b, split, n_bins, middle)
-        level.places[b, 0], level.places[b, 1] = left, count
-        left += count
-    right = left
+        level.places[b, 0], level.places[b, 1] = next_left, count
+        next_left += count
+    next_right = next_left
     for b in range(block, end):
         count = level.blocks[b, 2] - level.blocks[b, 1] - level.places[b, 1]
-        level.places[b, 1] = right
-        right += count
-    level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, left
+        level.places[b, 1] = next_right
+        next_right += count
+    level.splits[r, 0], level.splits[r, 1], level.splits[r, 2] = split.axis, split.place, next_left
 
 
 @kernel
@@ -160,6 +165,7 @@ def _choose_splits(level, depth, scale):
 
 @kernel
 def _move_block(source, target, level, block):
+    """Move one block's records, and bound both sides."""
     r, first, last = level.blocks[block]
     axis, bin_, middle = level.splits[r]
     mapping, limit = mapping_of_range(level, r), np.float32(bin_)
@@ -167,16 +173,16 @@ def _move_block(source, target, level, block):
     to_left, to_right = level.places[block]
     left_box, left_centroids, right_box, right_centroids = splat8(INF), splat8(INF), splat8(INF), splat8(INF)
     for i in range(first, last):
-        left = goes_left(source, i, axis, origin, factor, limit) if axis >= 0 else i < middle
+        is_left = goes_left(source, i, axis, origin, factor, limit) if axis >= 0 else i < middle
         record = load8(source, i * 8)
-        centroid, side = double_centroid(record), splat8(left)
+        centroid, side = double_centroid(record), splat8(is_left)
         left_box = minimum(left_box, select(side, record, INF))
         left_centroids = minimum(left_centroids, select(side, centroid, INF))
         right_box = minimum(right_box, select(side, INF, record))
         right_centroids = minimum(right_centroids, select(side, INF, centroid))
-        store(target, (to_left if left else to_right) * 8, record)
-        to_left += np.int64(left)
-        to_right += np.int64(not left)
+        store(target, (to_left if is_left else to_right) * 8, record)
+        to_left += np.int64(is_left)
+        to_right += np.int64(not is_left)
     row = block * 32
     store(level.sides, row, left_box)
     store(level.sides, row + 8, left_centroids)
@@ -191,7 +197,7 @@ def _move_blocks(ticket, source, target, level):
         _move_block(source, target, level, block)
 
 
-def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
+def _cut_into_blocks(ranges: NDArray[np.int64], boxes: NDArray[np.float32]) -> Level:
     """The `Level` of ranges, (k, 2) first and last record, cut into blocks."""
     counts = -(-(ranges[:, 1] - ranges[:, 0]) // BLOCK)
     start = np.cumsum(counts) - counts
@@ -209,26 +215,37 @@ def _cut(ranges: np.ndarray, boxes: np.ndarray) -> Level:
     )
 
 
-def split_by_bins(method: Binned, scale, threads):
-    """The `split_level` for `build_top` in which all threads bin the ranges of a level together."""
+def split_by_bins(method: Binned, scale: np.float32, threads: int) -> SplitLevel:
+    """The `split_level` of `build_top` that bins the ranges of a level by all threads together."""
 
-    def split_level(ranges, boxes, depth):
+    def split_level(
+        ranges: NDArray[np.int64], boxes: NDArray[np.float32], depth: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         return split_blocks(method, ranges, boxes, depth, threads, lambda level: _choose_splits(level, depth, scale))
 
     return split_level
 
 
-def split_blocks(method: Binned, ranges, boxes, depth, threads, choose):
-    """Bin the ranges of a level, let `choose` set their splits, and move their records. It returns as `split_level`."""
+def split_blocks(
+    method: Binned,
+    ranges: NDArray[np.int64],
+    boxes: NDArray[np.float32],
+    depth: int,
+    threads: int,
+    choose: Callable[[Level], object],
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Bin the ranges of a level, set their splits by `choose`, and move their records; return as `split_level` does."""
     source, target = (method.spare, method.records) if depth & 1 else (method.records, method.spare)
-    level = _cut(ranges, boxes)
+    level = _cut_into_blocks(ranges, boxes)
     run(_bin_blocks, threads, new_ticket(len(level.blocks), 1), source, level)
     choose(level)
     run(_move_blocks, threads, new_ticket(len(level.blocks), 1), source, target, level)
     return level.splits[:, 2], np.minimum.reduceat(level.sides, level.ranges[:, 2], axis=0)
 
 
-def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
+def build_top(
+    n: int, box: NDArray[np.float32], centroids: NDArray[np.float32], largest: int, split_level: SplitLevel
+) -> UpperLevels:
     """Split `n` records until each range has at most `largest`.
 
     Parameters
@@ -236,7 +253,7 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     box, centroids : (8,) float32
         Box and centroid box of all records.
     split_level : function of (k, 2) ranges, (k, 16) boxes, depth -> (k,) int64, (k, 32) float32
-        Splits these ranges. It returns the first right record of each, and the box and centroid box of both sides.
+        Splits these ranges. Returns the first right record of each, and the box and centroid box of both sides.
     """
     ranges, boxes = np.array([[0, n]]), np.concatenate([box, centroids])[None]
     depth, n_nodes, n_done = 0, 0, 0
@@ -244,7 +261,7 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     while True:
         large = ranges[:, 1] - ranges[:, 0] > largest
         children.append(np.where(large, n_nodes + np.cumsum(large) - 1, ~(n_done + np.cumsum(~large) - 1)))
-        k, small = np.count_nonzero(large), np.count_nonzero(~large)
+        k, small = int(np.count_nonzero(large)), int(np.count_nonzero(~large))
         done.append(np.column_stack([ranges[~large], np.full(small, depth)]))
         done_boxes.append(boxes[~large])
         n_nodes, n_done = n_nodes + k, n_done + small
@@ -263,52 +280,56 @@ def build_top(n, box, centroids, largest, split_level) -> UpperLevels:
     )
 
 
-# --- Join the nodes of the top and of the subtrees in one array, in depth-first order ---------------------------------
+# --- Assembly ---------------------------------------------------------------------------------------------------------
 
 
 class Subtrees(NamedTuple):
-    """The subtrees that threads have built below the top."""
+    """The subtrees that threads have built below the top levels."""
 
-    nodes: np.ndarray  # (m, 16) float32: subtree by subtree, depth first; in links, a subtree's first node is 1
-    shares: np.ndarray  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
+    nodes: NDArray[
+        np.float32
+    ]  # (m, 16) float32: subtree by subtree, depth first; links number a subtree's nodes from 1
+    shares: NDArray[np.int64]  # (s, 3) int64: first node, number of nodes (0 for a leaf), link to it, of each subtree
 
 
 @kernel
-def _place(children, counts, node_at, subtree_at, waiting):
-    """`place`; `waiting` is scratch memory for one link more than the top has nodes."""
-    waiting[0] = 0 if len(children) else -1
+def _place(children, counts, node_at, subtree_at, stack):
+    """`place`; `stack` is scratch memory for one more link than the top levels have nodes."""
+    stack[0] = 0 if len(children) else -1
     height, position = 1, 0
     while height > 0:
         height -= 1
-        child = waiting[height]
+        child = stack[height]
         if child < 0:
             subtree_at[~child] = position
             position += counts[~child]
             continue
         node_at[child] = position
         position += 1
-        waiting[height], waiting[height + 1] = children[child, 1], children[child, 0]
+        stack[height], stack[height + 1] = children[child, 1], children[child, 0]
         height += 2
     return position
 
 
-def place(children, counts, node_at, subtree_at) -> int:
-    """Number all nodes in depth-first order, and return how many they are.
+def place(
+    children: NDArray[np.int64], counts: NDArray[np.int64], node_at: NDArray[np.int64], subtree_at: NDArray[np.int64]
+) -> int:
+    """Number all nodes in depth-first order, and return their total number.
 
-    children : links of the top, as in `UpperLevels`
+    children : links of the top levels, as in `UpperLevels`
     counts : (s,) nodes of each subtree
-    node_at, subtree_at : filled with the index of each node of the top, and of the first node of each subtree
+    node_at, subtree_at : output; the index of each node of the top levels, and of each subtree's first node
     """
-    return _place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64))
+    return int(_place(children, counts, node_at, subtree_at, np.empty(len(children) + 1, np.int64)))
 
 
 @kernel
 def join_boxes(children, roots, boxes):
-    """Fill the boxes of the top's children from the boxes of the subtrees' roots.
+    """Compute the child boxes of the top levels from the boxes of the subtrees' roots.
 
     children : as in `UpperLevels`, parents first
     roots : (s, 8) float32
-    boxes : (t, 2, 8) float32, filled
+    boxes : (t, 2, 8) float32, output
     """
     for t in range(len(children) - 1, -1, -1):
         for side in range(2):
@@ -322,7 +343,7 @@ def join_boxes(children, roots, boxes):
 
 @kernel
 def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
-    """Worker: copy the nodes of each subtree to their place, and shift their links."""
+    """Worker: copy each subtree's nodes to their place, and shift their links."""
     source, target = ptr(subtrees.nodes), ptr(nodes)
     for s in items(ticket):
         first, count, at = subtrees.shares[s, 0], subtrees.shares[s, 1], subtree_at[s]
@@ -333,8 +354,8 @@ def _copy_subtrees(ticket, subtrees, subtree_at, nodes, links):
                     links[at + i, LINK + side] += at - 1
 
 
-def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
-    """(t, 16) float32: the nodes of the top."""
+def top_lines(top: UpperLevels, node_at: NDArray[np.int64], subtree_links: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(t, 16) float32: the nodes of the top levels."""
     t = len(top.children)
     lines = np.zeros((t, 16), np.float32)
     corners = np.concatenate([top.boxes[:, :, 0:3], -top.boxes[:, :, 4:7]], axis=1)
@@ -350,7 +371,7 @@ def top_lines(top: UpperLevels, node_at, subtree_links) -> np.ndarray:
 
 
 def assemble(bvh: Bvh, top: UpperLevels, subtrees: Subtrees, threads: int) -> Bvh:
-    """`bvh` with all nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
+    """`bvh` with all its nodes, aligned to 64 bytes. Every left child follows its parent in memory."""
     node_at, subtree_at = np.empty(len(top.children), np.int64), np.empty(len(subtrees.shares), np.int64)
     count = place(top.children, subtrees.shares[:, 1], node_at, subtree_at)
     nodes = aligned_empty((count, 16), "f4")

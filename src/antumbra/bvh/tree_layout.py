@@ -1,15 +1,16 @@
-"""The final layout of a changed tree, and the frontier that cuts a tree into parts for threads.
+"""The final layout of a modified tree, and the frontier that cuts a tree into parts for threads.
 
-`relayout` turns a changed tree into a `Bvh` in depth-first order, with cheaper leaves, by all threads. Optimisers of
-finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best trees
-of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their positions.
+`relayout` turns a modified tree into a `Bvh` in depth-first order with cheaper leaves, by all threads; optimisers of
+finished trees use it. A subtree of few triangles becomes a leaf if that costs no more, by SAH, than the best trees of
+its children [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part determine the parts' positions.
 
-`cut_tree` cuts a tree into a top and many parts below it, on which threads can work apart.
+`cut_tree` cuts a tree into a top and many parts below it, which threads process independently.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run
@@ -31,31 +32,31 @@ from .nodes import (
 )
 from .top_levels import place
 
-# --- Cut a tree into a top and many parts below it, on which threads can work apart -----------------------------------
+# --- Frontiers --------------------------------------------------------------------------------------------------------
 
 
-PART = 4096  # nodes in a part, at most; they fit in a second-level cache
+PART = 4096  # maximum nodes in a part, which fit in an L2 cache
 _FRONTIER_STACK = MAX_DEPTH + 2
 
 
 class TreeFrontier(NamedTuple):
-    """The top of a tree. It is a tree itself, whose leaves are the parts: ``links.bvh_link(part, 1)``."""
+    """The top of a tree: itself a tree, whose leaves are the parts, with the links ``bvh_link(part, 1)``."""
 
-    numbers: np.ndarray  # (t,) int64: nodes of the top, parents first; empty if there is one part
-    top: np.ndarray  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
-    parts: np.ndarray  # (s, 3) int64: link to the part's root (< 0: a leaf), end of its nodes, depth
+    numbers: NDArray[np.int64]  # (t,) int64: nodes of the top, parents first; empty if there is only one part
+    top: NDArray[np.float32]  # (t, 16) float32, 64-byte aligned: copies of these nodes, with links within the top
+    parts: NDArray[np.int64]  # (s, 3) int64: link to the part's root (a leaf if < 0), end of its nodes, depth
 
 
 @kernel
 def _cut_tree(bvh, sizes, largest, cut):
     """Fill `cut`, and return (number of nodes of the top, number of parts)."""
     nodes, lines, links = ptr(bvh.nodes), ptr(cut.top), cut.top.view(np.int32)
-    waiting = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
-    waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = 0, len(bvh.nodes), 0, -1
+    stack = stack_array(np.int64, _FRONTIER_STACK, 4)  # link, end of nodes, depth, 2 * parent in the top + side
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, len(bvh.nodes), 0, -1
     height, n_top, n_parts = 1, 0, 0
     while height > 0:
         height -= 1
-        node, end, depth, place = waiting[height]
+        node, end, depth, place = stack[height]
         large = node >= 0 and (end - node if sizes is None else sizes[node]) > largest
         if place >= 0:
             links[place >> 1, LINK + (place & 1)] = n_top if large else bvh_link(n_parts, 1)
@@ -67,60 +68,58 @@ def _cut_tree(bvh, sizes, largest, cut):
         store(lines, line_at(n_top), load16(nodes, line_at(node)))
         right = np.int64(bvh.links[node, LINK + 1])
         for side in (1, 0):
-            waiting[height, 0] = bvh.links[node, LINK + side]
-            waiting[height, 1] = right if side == 0 and right >= 0 else end
-            waiting[height, 2], waiting[height, 3] = depth + 1, 2 * n_top + side
+            stack[height, 0] = bvh.links[node, LINK + side]
+            stack[height, 1] = right if side == 0 and right >= 0 else end
+            stack[height, 2], stack[height, 3] = depth + 1, 2 * n_top + side
             height += 1
         n_top += 1
     return n_top, n_parts
 
 
-def cut_tree(bvh: Bvh, sizes: np.ndarray | None = None) -> TreeFrontier:
+def cut_tree(bvh: Bvh, sizes: NDArray[np.integer] | None = None) -> TreeFrontier:
     """Cut a BVH into parts of at most `PART` nodes.
 
-    sizes : (n_nodes,) number of nodes in each node's subtree, or None if nodes are in depth-first order
+    sizes : (n_nodes,) number of nodes in each node's subtree; None if the nodes are in depth-first order
 
     With None, a part's nodes are consecutive, from its root to its end.
     """
     n = len(bvh.nodes)
-    room = min(n, MAX_DEPTH * (n // PART))  # for the top: the large subtrees of one depth have at most n nodes together
-    top = aligned_empty((room, 16), "f4")
-    frontier = TreeFrontier(np.empty(room, np.int64), top, np.empty((room + 1, 3), np.int64))
+    capacity = min(
+        n, MAX_DEPTH * (n // PART)
+    )  # for the top: the large subtrees of one depth have at most n nodes together
+    top = aligned_empty((capacity, 16), "f4")
+    frontier = TreeFrontier(np.empty(capacity, np.int64), top, np.empty((capacity + 1, 3), np.int64))
     n_top, n_parts = _cut_tree(bvh, sizes, PART, frontier)
     return TreeFrontier(frontier.numbers[:n_top], top[:n_top], frontier.parts[:n_parts])
 
 
-def children_of_top(cut: TreeFrontier) -> np.ndarray:
+def children_of_top(cut: TreeFrontier) -> NDArray[np.int64]:
     """(t, 2) int64: children of the top's nodes, each a node of the top or ~part."""
     links = cut.top.view(np.int32)[:, CHILDREN].astype(np.int64)
     return np.where(links >= 0, links, ~bvh_leaf(links).first)
 
 
-# --- Turn a changed tree into a `Bvh` in its final form: cheaper leaves, depth-first order, by all threads ------------
-#
-# Optimisers of finished trees use it. A subtree of few triangles becomes a leaf if that costs no more than the best
-# trees of its children, by SAH [Wald 2007, Sec. 2]. The numbers of nodes and triangles in each part decide their
-# positions.
+# --- Relayout ---------------------------------------------------------------------------------------------------------
 
 
 _ZERO = np.float32(0.0)
 _LEVELS = MAX_DEPTH + 2
-_WAITING = 2 * MAX_DEPTH + 2
+_STACK_SIZE = 2 * MAX_DEPTH + 2
 
 
 class LeafChoice(NamedTuple):
-    """The leaves and sizes chosen for a tree that is cut into s parts."""
+    """The chosen leaves and the resulting sizes of a tree that is cut into s parts."""
 
-    is_leaf: np.ndarray  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
-    sizes: np.ndarray  # (s, 2) int64: nodes and triangles of each part with these leaves
+    is_leaf: NDArray[np.bool_]  # (n_nodes,) bool: the subtree becomes a leaf; undefined below such a node
+    sizes: NDArray[np.int64]  # (s, 2) int64: nodes and triangles of each part with these leaves
 
 
-class _Best(NamedTuple):
-    """A stack of subtrees: least SAH cost, triangles, nodes."""
+class _CostStack(NamedTuple):
+    """A stack of subtrees: minimum SAH cost, triangles, nodes."""
 
-    costs: np.ndarray  # (k,) float64: SAH cost times half the area of the tree's root
-    triangles: np.ndarray  # (k,) int64
-    nodes: np.ndarray  # (k,) int64
+    costs: NDArray[np.float64]  # (k,) float64: SAH cost times half the area of the tree's root
+    triangles: NDArray[np.int64]  # (k,) int64
+    nodes: NDArray[np.int64]  # (k,) int64
 
 
 @kernel
@@ -147,22 +146,22 @@ def _price_node(tree, node, best, top, max_leaf):
 
 @kernel
 def _price(tree, root, max_leaf, is_leaf):
-    """Choose the nodes of a subtree that become leaves, and return its (nodes, triangles) with them."""
-    waiting, height = stack_array(np.int64, _WAITING), 1
+    """Choose which nodes of a subtree become leaves, and return its resulting (nodes, triangles)."""
+    stack, height = stack_array(np.int64, _STACK_SIZE), 1
     costs, triangles = stack_array(np.float64, _LEVELS), stack_array(np.int64, _LEVELS)
-    best, top = _Best(costs, triangles, stack_array(np.int64, _LEVELS)), 0
-    waiting[0] = root
+    best, top = _CostStack(costs, triangles, stack_array(np.int64, _LEVELS)), 0
+    stack[0] = root
     while height > 0:
-        node = waiting[height - 1]
+        node = stack[height - 1]
         if node < 0:
             height -= 1
             is_leaf[~node], top = _price_node(tree, ~node, best, top, max_leaf)
             continue
-        waiting[height - 1] = ~node  # visited again when its children are done
+        stack[height - 1] = ~node  # to be visited again after its children
         for side in range(2):
             link = np.int64(get(tree.links, link_at(node, side)))
             if link >= 0:
-                waiting[height] = link
+                stack[height] = link
                 height += 1
     return best.nodes[0], best.triangles[0]
 
@@ -187,17 +186,20 @@ def _copy_slot(source, old, target, new):
 
 
 @kernel
-def _copy_leaf(source, link, waiting, height, target, slot):
-    """Copy the triangles below a link to slots from `slot` on; returns the next free slot. Stacks above `height`."""
+def _copy_leaf(source, link, stack, height, target, slot):
+    """Copy the triangles below a link to the slots from `slot` on, and return the next free slot.
+
+    It uses the stack above `height`.
+    """
     base = height
-    waiting[height, 0] = link
+    stack[height, 0] = link
     height += 1
     while height > base:
         height -= 1
-        link = waiting[height, 0]
+        link = stack[height, 0]
         if link >= 0:
-            waiting[height, 0] = get(source.links, link_at(link, 1))
-            waiting[height + 1, 0] = get(source.links, link_at(link, 0))
+            stack[height, 0] = get(source.links, link_at(link, 1))
+            stack[height + 1, 0] = get(source.links, link_at(link, 0))
             height += 2
             continue
         first, count = bvh_leaf(link)
@@ -209,7 +211,7 @@ def _copy_leaf(source, link, waiting, height, target, slot):
 
 @kernel
 def _fetch_part(source, root, queue):
-    """Prefetch a part's memory breadth first, long before `_copy_part` needs it."""
+    """Prefetch a part's memory breadth first, well before `_copy_part` needs it."""
     queue[0] = root
     n, done = 1 if root >= 0 else 0, 0
     while done < n:
@@ -230,15 +232,15 @@ def _fetch_part(source, root, queue):
 
 @kernel
 def _copy_part(source, root, is_leaf, target, node, slot):
-    """Write a part from this node and this slot on, and return the link to it."""
-    waiting = stack_array(np.int64, _WAITING, 2)  # link, where the new link goes
-    waiting[0, 0], waiting[0, 1] = root, -1
+    """Write a part from the given node and slot on, and return the link to it."""
+    stack = stack_array(np.int64, _STACK_SIZE, 2)  # link; word that takes the new link
+    stack[0, 0], stack[0, 1] = root, -1
     height, first = 1, np.int64(node)
     while height > 0:
         height -= 1
-        link, where = waiting[height]
+        link, word = stack[height]
         if link < 0 or is_leaf[link]:
-            end = _copy_leaf(source, link, waiting, height, target, slot)
+            end = _copy_leaf(source, link, stack, height, target, slot)
             new = bvh_link(slot, end - slot)
             slot = end
         else:
@@ -246,12 +248,12 @@ def _copy_part(source, root, is_leaf, target, node, slot):
             store(target.nodes, line_at(node), load16(source.nodes, line_at(link)))
             store(target.nodes, link_at(node, 0), splat4(_ZERO))
             for side in (1, 0):
-                waiting[height, 0] = get(source.links, link_at(link, side))
-                waiting[height, 1] = link_at(node, side)
+                stack[height, 0] = get(source.links, link_at(link, side))
+                stack[height, 1] = link_at(node, side)
                 height += 1
             node += 1
-        if where >= 0:
-            put(target.links, where, new)
+        if word >= 0:
+            put(target.links, word, new)
         else:
             first = new
     return first
@@ -260,26 +262,28 @@ def _copy_part(source, root, is_leaf, target, node, slot):
 @kernel
 def _copy_parts(ticket, bvh, parts, choice, at, new, links, queue):
     """Worker: write each part to its place, and store the link to it."""
-    # In: bvh; parts, of `Cut`; choice; at, (s, 2) first node and first slot of each part
+    # In: bvh; parts, of `TreeFrontier`; choice; at, (s, 2) first node and first slot of each part
     # Out: new, `Bvh`; links, (s,) int64 link to each part
-    # Scratch: queue, the thread's own int32, as many as a part has triangles
+    # Scratch: queue, per thread, an int32 for each triangle of the largest part
     source, target, is_leaf = tree_of(bvh), tree_of(new), choice.is_leaf
     for p in items(ticket):
         _fetch_part(source, parts[p, 0], queue)
         links[p] = _copy_part(source, parts[p, 0], is_leaf, target, at[p, 0], at[p, 1])
 
 
-def _slots_before(children, triangles):
-    """The first slot of each part, depth first."""
-    turn = np.empty(len(triangles), np.int64)
-    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), turn)
-    order = np.argsort(turn)
+def _slots_before(children: NDArray[np.int64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The first slot of each part, in depth-first order."""
+    ranks = np.empty(len(triangles), np.int64)
+    place(children, np.ones(len(triangles), np.int64), np.empty(len(children), np.int64), ranks)
+    order = np.argsort(ranks)
     slots = np.empty_like(triangles)
     slots[order] = np.cumsum(triangles[order]) - triangles[order]
     return slots
 
 
-def _links_of_top(children, node_at, to_parts):
+def _links_of_top(
+    children: NDArray[np.int64], node_at: NDArray[np.int64], to_parts: NDArray[np.int64]
+) -> NDArray[np.int64]:
     links = np.empty(children.shape, np.int64)
     links[children >= 0] = node_at[children[children >= 0]]
     links[children < 0] = to_parts[~children[children < 0]]
@@ -287,21 +291,21 @@ def _links_of_top(children, node_at, to_parts):
 
 
 def cheapest_leaves(bvh: Bvh, cut: TreeFrontier, max_leaf: int, threads: int) -> LeafChoice:
-    """The leaves of at most `max_leaf` triangles that give a tree of two triangles or more its least cost."""
+    """The leaves of at most `max_leaf` triangles that minimise the cost of a tree of two triangles or more."""
     choice = LeafChoice(np.empty(len(bvh.nodes), np.bool_), np.empty((len(cut.parts), 2), np.int64))
     run(_price_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, max_leaf, choice)
     return choice
 
 
 def relayout(bvh: Bvh, cut: TreeFrontier, choice: LeafChoice, threads: int) -> Bvh:
-    """The final form of a tree of two triangles or more, depth first.
+    """The final form of a tree of two triangles or more, in depth-first order.
 
     Parameters
     ----------
     bvh : Bvh
         Its nodes may be in any order. Unused words may have any value.
-    cut : Cut
-        The cut of this tree. The nodes within a part, or within the top, may have been rearranged since.
+    cut : TreeFrontier
+        The frontier of this tree. The nodes within a part, or within the top, may have been rearranged since.
     """
     children = children_of_top(cut)
     node_at, nodes_at = np.empty(len(children), np.int64), np.empty(len(cut.parts), np.int64)
@@ -311,8 +315,8 @@ def relayout(bvh: Bvh, cut: TreeFrontier, choice: LeafChoice, threads: int) -> B
     nodes = aligned_empty((count, 16), "f4")
     new = Bvh(nodes, nodes.view(np.int32), np.empty(n, np.int32), np.empty((n, 9), np.float32))
     to_parts = np.empty(len(cut.parts), np.int64)
-    own = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
-    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=own)
+    make_queue = lambda: (np.empty(choice.sizes[:, 1].max(), np.int32),)
+    run(_copy_parts, threads, new_ticket(len(cut.parts), 1), bvh, cut.parts, choice, at, new, to_parts, own=make_queue)
     nodes[node_at] = cut.top
     new.links[node_at, CHILDREN] = _links_of_top(children, node_at, to_parts)
     new.links[node_at, ORDER:] = 0

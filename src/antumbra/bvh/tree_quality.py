@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
 from ..kernels.parallel import CHUNK, new_ticket, run, shares, thread_count
@@ -10,20 +11,20 @@ from ..kernels.simd import ptr, stack_array
 from .nodes import EMPTY, LINK, MAX_DEPTH, MAX_LEAF, Bvh, box_at, bvh_leaf, line_at
 
 _CHUNK = 8192  # nodes whose areas a thread sums at a time
-_WAITING = MAX_DEPTH + 1
+_STACK_SIZE = MAX_DEPTH + 1
 _OK = 0
 _FAULTS = (
     "",
     "node {node}: the {side} link, {link}, leads to no node",
     "node {node}: the {side} link, {link}, leads to a node that has another parent, or to the root",
-    "node {node}: more than MAX_DEPTH = {max_depth} inner nodes on the way to it",
+    "node {node}: more than MAX_DEPTH = {max_depth} inner nodes on the path to it",
     "node {node}: the {side} child is missing, though the tree has more than one triangle or more than one node",
-    "node {node}: the {side} child is missing, but has not the box +inf to -inf",
+    "node {node}: the {side} child is missing, but its box is not +inf to -inf",
     "node {node}: the {side} leaf has slots beyond the last",
-    "node {node}: the {side} leaf has a slot that another leaf has too",
+    "node {node}: the {side} leaf has a slot that another leaf also has",
     "node {node}: the {side} box is not the bounds of the triangles in its leaf",
     "node {node}: the {side} box is not the bounds of the two boxes below it",
-)  # fmt: skip
+)
 _NO_NODE, _SHARED, _DEEP, _MISSING, _NOT_EMPTY, _BEYOND, _TWICE, _LEAF_BOX, _INNER_BOX = range(1, len(_FAULTS))
 
 
@@ -33,7 +34,7 @@ class TreeStatistics(NamedTuple):
     nodes: int  # inner nodes
     leaves: int
     depth: int  # inner nodes on the longest path from the root
-    leaf_sizes: np.ndarray  # (MAX_LEAF + 1,) int64: [k] leaves have k triangles
+    leaf_sizes: NDArray[np.int64]  # (MAX_LEAF + 1,) int64: [k] leaves have k triangles
     bytes_per_triangle: float
 
 
@@ -68,6 +69,7 @@ def _bounds_node(bvh, box, node):
 
 @kernel
 def _is_empty_box(bvh, box):
+    """Whether the child box whose first word is `box` is the box of a missing child."""
     words = ptr(bvh.nodes)
     for k in range(3):
         if words[box + 4 * k] != np.inf or words[box + 4 * k + 2] != -np.inf:
@@ -104,14 +106,14 @@ def _check_child(bvh, node, side, reached, used):
 
 @kernel
 def _check_tree(bvh, reached, used):
-    """(fault, node, side) of the first fault on a walk from the root; (_OK, 0, 0) if there is none."""
-    waiting = stack_array(np.int64, _WAITING, 2)
-    waiting[0, 0], waiting[0, 1] = 0, 1
+    """(fault, node, side) of the first fault in a traversal from the root; (_OK, 0, 0) if there is none."""
+    stack = stack_array(np.int64, _STACK_SIZE, 2)
+    stack[0, 0], stack[0, 1] = 0, 1
     reached[0] = True
     height = 1
     while height > 0:
         height -= 1
-        node, depth = waiting[height, 0], waiting[height, 1]
+        node, depth = stack[height, 0], stack[height, 1]
         if depth > MAX_DEPTH:
             return _DEEP, node, 0
         for side in (1, 0):
@@ -120,19 +122,19 @@ def _check_tree(bvh, reached, used):
                 return fault, node, side
             link = bvh.links[node, LINK + side]
             if link >= 0:
-                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                stack[height, 0], stack[height, 1] = link, depth + 1
                 height += 1
     return _OK, 0, 0
 
 
 @kernel
-def _check_slots(bvh, vertices, seen):
+def _check_slots(bvh, vertices, used):
     """The first slot whose triangle does not exist, is in an earlier slot, or has other corners; -1 if none."""
     for slot in range(len(bvh.prim_ids)):
         prim = np.int64(bvh.prim_ids[slot])
-        if prim < 0 or prim >= len(vertices) or seen[prim]:
+        if prim < 0 or prim >= len(vertices) or used[prim]:
             return slot
-        seen[prim] = True
+        used[prim] = True
         for k in range(9):
             if bvh.corners[slot, k] != vertices[prim, k]:  # NaN too
                 return slot
@@ -140,6 +142,7 @@ def _check_slots(bvh, vertices, seen):
 
 
 def _check_arrays(bvh: Bvh, n: int) -> None:
+    """Check the shapes, dtypes and memory of the arrays of a BVH of n triangles."""
     shapes = {
         "nodes": (bvh.nodes, (max(len(bvh.nodes), 1), 16), np.float32),
         "links": (bvh.links, (len(bvh.nodes), 16), np.int32),
@@ -155,10 +158,10 @@ def _check_arrays(bvh: Bvh, n: int) -> None:
         raise ValueError("links and nodes must be the same memory, aligned to 64 bytes")
 
 
-def validate(bvh: Bvh, vertices: np.ndarray) -> None:
-    """Check that `bvh` is a correct BVH of the triangles `vertices`, (n, 3, 3) float32.
+def validate(bvh: Bvh, vertices: NDArray[np.float32]) -> None:
+    """Check that `bvh` is a valid BVH of the triangles `vertices`, (n, 3, 3) float32.
 
-    In a correct BVH:
+    In a valid BVH:
 
     - every node but the root has one parent;
     - no path has more than MAX_DEPTH inner nodes;
@@ -168,7 +171,7 @@ def validate(bvh: Bvh, vertices: np.ndarray) -> None:
     Raises
     ------
     ValueError
-        With the first fault, and its node or slot.
+        For the first fault; the message names its node or slot.
     """
     flat = np.ascontiguousarray(vertices, np.float32).reshape(-1, 9)
     n = len(flat)
@@ -199,7 +202,7 @@ def _half_area(words, a, b):
 
 @kernel
 def _areas(ticket, bvh, sums):
-    """Worker: per chunk of nodes, sum half their areas, and half their leaves' areas times the triangles."""
+    """Worker: per chunk of nodes, sum half the areas of the nodes, and of their leaves weighted by triangle count."""
     words = ptr(bvh.nodes)
     for first, last in shares(ticket):
         nodes, leaves = 0.0, 0.0
@@ -213,11 +216,11 @@ def _areas(ticket, bvh, sums):
 
 
 def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, threads: int | None = 1) -> float:
-    """The SAH cost: expected cost of a ray that meets the root's box, in float64.
+    """The SAH cost in float64: the expected cost of a ray that hits the root's box.
 
-    An inner node that the ray enters costs `c_traverse`. Each triangle in a leaf that it enters costs `c_intersect`.
-    The chance to enter a box is its area over the root's area, or 1 if the root has no area. A tree without triangles
-    costs 0. The result is the same, bit for bit, for any number of threads.
+    An inner node that the ray enters costs `c_traverse`, and each triangle in a leaf that it enters costs
+    `c_intersect`. The probability of entering a box is its area divided by the root's area, or 1 if the root has no
+    area. A tree without triangles costs 0. The result is bitwise identical for any number of threads.
     """
     if len(bvh.prim_ids) == 0:
         return 0.0
@@ -232,17 +235,17 @@ def sah_cost(bvh: Bvh, c_traverse: float = 1.0, c_intersect: float = 1.0, thread
 @kernel
 def _shape(links, sizes):
     """Fill the histogram of leaf sizes, and return the depth."""
-    waiting = stack_array(np.int64, _WAITING, 2)
-    waiting[0, 0], waiting[0, 1] = 0, 1
+    stack = stack_array(np.int64, _STACK_SIZE, 2)
+    stack[0, 0], stack[0, 1] = 0, 1
     height, deepest = 1, 0
     while height > 0:
         height -= 1
-        node, depth = waiting[height, 0], waiting[height, 1]
+        node, depth = stack[height, 0], stack[height, 1]
         deepest = max(deepest, depth)
         for side in range(2):
             link = np.int64(links[node, LINK + side])
             if link >= 0:
-                waiting[height, 0], waiting[height, 1] = link, depth + 1
+                stack[height, 0], stack[height, 1] = link, depth + 1
                 height += 1
             elif link != EMPTY:
                 sizes[bvh_leaf(link).count] += 1
@@ -250,7 +253,7 @@ def _shape(links, sizes):
 
 
 def statistics(bvh: Bvh) -> TreeStatistics:
-    """Nodes, leaves, depth, leaf sizes and memory of a correct BVH (see `validate`)."""
+    """Nodes, leaves, depth, leaf sizes and memory of a valid BVH (see `validate`)."""
     sizes = np.zeros(MAX_LEAF + 1, np.int64)
     depth = _shape(bvh.links, sizes)
     size = bvh.nodes.nbytes + bvh.prim_ids.nbytes + bvh.corners.nbytes

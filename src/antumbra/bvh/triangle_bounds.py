@@ -1,13 +1,14 @@
-"""Boxes and records of triangles: the input checks, bounds and records from which every builder starts.
+"""Boxes and records of triangles: input checks, bounds and records, the first steps of every builder.
 
-The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``. The upper corner is negated, so both
-corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth lane. A
-*centroid box* has the same form, and bounds twice the centroids (lower + upper) of some records.
+A box is one 8-wide register, ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``. The upper corner is negated,
+so one `minimum` joins two boxes. A *record* is the box of one triangle with the triangle's index in the fourth lane. A
+*centroid box* has the same form, and bounds twice the centroids (lower + upper) of a set of records.
 """
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import inlined, kernel
@@ -34,22 +35,18 @@ from ..kernels.simd import (
 )
 from .nodes import CHILDREN, EMPTY, LINK, MAX_LEAF, Bvh, aligned_empty, bvh_link, line_at
 
-# --- Boxes for builders: one 8-wide register a box, so one instruction joins two boxes --------------------------------
-#
-# The register holds ``lower.x lower.y lower.z -- -upper.x -upper.y -upper.z --``. The upper corner is negated, so both
-# corners grow by `minimum`. A *record* is the box of one triangle with the triangle's index in the fourth lane. A
-# *centroid box* has the same form, and bounds twice the centroids (lower + upper) of some records.
+# --- Boxes and records in registers -----------------------------------------------------------------------------------
 
 
 INF = np.float32(np.inf)
 _ZERO = np.float32(0.0)
 _ID_BIT = np.int32(1 << 30)
-# The bit makes any index a float between 2 and 2**33. Small integers are denormal floats. In arithmetic, each can cost
-# an x86 processor a hundred cycles, even in an unused lane.
+# The bit makes every index a float between 2 and 2**33. Small integers would be denormal floats, and arithmetic with
+# one can cost an x86 processor a hundred cycles, even in an unused lane.
 
 MAX_COORDINATE = np.float32(2.0**125)  # keeps the difference of two sums of two coordinates finite
 MAX_TRIANGLES = 1 << 28  # a leaf's link holds 8 times the slot of its first triangle
-PART = 20  # float32 of one chunk of triangles: box, centroid box, 0 or NaN
+PART = 20  # float32 per chunk of triangles: box, centroid box, 0 or NaN
 
 
 @kernel
@@ -66,9 +63,9 @@ def double_centroid(box):
 
 @kernel
 def half_area(box, scale):
-    """Half the surface area of a box whose sides are multiplied by `scale`; inf or NaN for an empty box."""
+    """Half the surface area of a box scaled by `scale`; inf or NaN for an empty box."""
     scaled = box * scale
-    sides = scaled + swap_halves(scaled)  # negated; products of pairs have the right sign
+    sides = scaled + swap_halves(scaled)  # negated, but products of pairs have the right sign
     x, y, z = extract(sides, 0), extract(sides, 1), extract(sides, 2)
     return x * (y + z) + y * z
 
@@ -92,23 +89,23 @@ def range_bounds(records, first, last):
 
 
 @inlined
-def write_boxes(nodes, node, left, right):
+def write_boxes(nodes, node, left_box, right_box):
     """Write the boxes of both children to a node. Words 12 to 15 become 0."""
-    line = shuffle(join(left, right), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
+    line = shuffle(join(left_box, right_box), 0, 8, 4, 12, 1, 9, 5, 13, 2, 10, 6, 14, 3, 11, 7, 15)
     line = select(mask_from_bits16(0x0CCC), -line, line)  # the upper corners
     store(nodes, line_at(node), select(mask_from_bits16(0x0FFF), line, _ZERO))
 
 
 @kernel
 def corners_of(vertices, i):
-    """The three corners of triangle `i`. Each fourth lane holds another coordinate of the same triangle."""
+    """The three corners of triangle `i`. Their fourth lanes hold other coordinates of the same triangle."""
     a, b, c = load4(vertices, i * 9), load4(vertices, i * 9 + 3), load4(vertices, i * 9 + 5)
-    return a, b, shuffle(c, 1, 2, 3, 0)  # a read from + 6 would overrun the last triangle
+    return a, b, shuffle(c, 1, 2, 3, 0)  # reading from + 6 would overrun the last triangle
 
 
 @inlined
 def _box(a, b, c):
-    """The box of three corners, with 0 in the lanes that are no coordinates."""
+    """The box of three corners, with 0 in the unused lanes."""
     coordinates = mask_from_bits4(7)
     lower = select(coordinates, minimum(minimum(a, b), c), _ZERO)
     return join(lower, select(coordinates, -maximum(maximum(a, b), c), _ZERO))
@@ -137,8 +134,8 @@ def bound_triangles(ticket, vertices, parts):
         for i in range(first, last):
             a, b, c = corners_of(v, i)
             faults += a * _ZERO + b * _ZERO + c * _ZERO  # stays NaN once a coordinate is NaN or infinite
-            here = _box(a, b, c)
-            box, centroids = minimum(box, here), minimum(centroids, double_centroid(here))
+            triangle = _box(a, b, c)
+            box, centroids = minimum(box, triangle), minimum(centroids, double_centroid(triangle))
         row = first // ticket[CHUNK] * PART
         store(rows, row, box)
         store(rows, row + 8, centroids)
@@ -165,19 +162,18 @@ def write_records(ticket, vertices, records, parts):
         store(rows, row + 16, faults)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The first steps of every builder: input checks, bounds of all triangles, and scenes of less than two triangles.
+# --- Input checks, scene bounds, scenes of fewer than two triangles ---------------------------------------------------
 
 
 TRIANGLES_PER_SHARE = 4096  # triangles that a thread bounds at a time
 PAIR = np.array([[0, 0, 0, 1, 0, 0, 0, 1, 0], [2, 2, 2, 3, 2, 2, 2, 3, 2]], np.float32)
-"""Two triangles, the fewest that can be split. Builders compile their kernels for large scenes with them."""
+"""Two triangles, the fewest that can be split. Builders compile their kernels for large scenes on them."""
 
-_CORNERS = [0, 1, 2, 4, 5, 6]  # the words of a box that are coordinates
+_CORNERS = [0, 1, 2, 4, 5, 6]  # the coordinate words of a box
 
 
-def checked(vertices, max_leaf) -> np.ndarray:
-    """The checked vertices as (n, 9) float32."""
+def checked(vertices: object, max_leaf: int) -> NDArray[np.float32]:
+    """The vertices, checked, as (n, 9) float32."""
     vertices = np.asarray(vertices)
     if vertices.ndim != 3 or vertices.shape[1:] != (3, 3) or vertices.dtype != np.float32:
         raise InputError(f"vertices is {vertices.dtype} {vertices.shape}; it must be float32 (n, 3, 3)")
@@ -188,8 +184,10 @@ def checked(vertices, max_leaf) -> np.ndarray:
     return np.ascontiguousarray(vertices).reshape(-1, 9)
 
 
-def _bounds(worker, flat, threads, *args):
-    """(box, centroid box) of all triangles; `worker` bounds them in chunks."""
+def _bounds(
+    worker: kernel, flat: NDArray[np.float32], threads: int, *args: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(box, centroid box) of all triangles, bounded in chunks by `worker`."""
     parts = np.empty((-(-len(flat) // TRIANGLES_PER_SHARE), PART), np.float32)
     run(worker, threads, new_ticket(len(flat), TRIANGLES_PER_SHARE), flat, *args, parts)
     bounds = parts[:, :16].min(axis=0, initial=np.inf)
@@ -199,17 +197,19 @@ def _bounds(worker, flat, threads, *args):
     return bounds[:8], bounds[8:]
 
 
-def scene_bounds(flat, threads):
+def scene_bounds(flat: NDArray[np.float32], threads: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(box, centroid box) of all triangles `flat`, (n, 9) float32."""
     return _bounds(bound_triangles, flat, threads)
 
 
-def make_records(flat, records, threads):
-    """Fill `records`, (n, 8) float32, and return (box, centroid box) of all."""
+def make_records(
+    flat: NDArray[np.float32], records: NDArray[np.float32], threads: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Fill `records`, (n, 8) float32, and return (box, centroid box) of all triangles."""
     return _bounds(write_records, flat, threads, records)
 
 
-def power_of_two_for(box) -> np.float32:
+def power_of_two_for(box: NDArray[np.float32]) -> np.float32:
     """A power of two that scales the largest coordinate to about 1."""
     largest = float(np.abs(box[_CORNERS]).max())
     return np.float32(2.0 ** min(126, -math.frexp(largest)[1]))
@@ -221,8 +221,8 @@ def scale_of(bvh: Bvh) -> np.float32:
     return power_of_two_for(np.resize(np.append(largest, 0), 8))
 
 
-def tiny(flat) -> Bvh:
-    """The BVH of no triangle or one, (n, 9) float32. Coordinates are checked as in larger scenes."""
+def tiny(flat: NDArray[np.float32]) -> Bvh:
+    """The BVH of at most one triangle, (n, 9) float32. Coordinates are checked as in larger scenes."""
     scene_bounds(flat, 1)
     n = len(flat)
     nodes = aligned_empty((1, 16), "f4")

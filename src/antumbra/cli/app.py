@@ -1,9 +1,10 @@
-"""The program ``antumbra``: its commands, and the groups of options in their help.
+"""The program ``antumbra``: its commands, and the option groups in their help.
 
-Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them, so ``--help`` appears at once.
+Heavy packages (Numba, trimesh, Rich) are imported only when a command needs them, so ``--help`` appears at once.
 """
 
 import re
+from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any
 
@@ -11,28 +12,23 @@ import typer
 from typer.core import TyperCommand
 
 from ..errors import InputError
-from . import bake_command as bake
-from . import bench_command as bench
-from . import compare_command as compare
-from . import dataset_command as dataset
-from . import explain_commands as culling
-from . import explain_commands as explain
-from . import installation_commands as doctor
-from . import installation_commands as plans
-from . import installation_commands as warmup
-from . import render_command as render
-from . import scene_commands as build
-from . import scene_commands as info
-from . import scene_commands as scenes
-from . import shards as merge
-from . import sight_commands as los
-from . import sight_commands as matrix
-from . import sight_commands as viewshed
-from . import sun_command as sun
-from . import view_command as view
+from . import (
+    bake_command,
+    bench_command,
+    compare_command,
+    dataset_command,
+    explain_commands,
+    installation_commands,
+    render_command,
+    scene_commands,
+    shards,
+    sight_commands,
+    sun_command,
+    view_command,
+)
 from .shards import command_line
 
-# --- Options of a command in groups, such as Camera and Light. Help is plain text, which needs no Rich ----------------
+# --- Option groups of the help, which is plain text without Rich ------------------------------------------------------
 
 
 PANELS: dict[str, tuple[str, ...]] = {
@@ -45,18 +41,18 @@ PANELS: dict[str, tuple[str, ...]] = {
     "Machines": ("shard", "ray"),
     "Output": ("output", "html", "json", "quiet"),
 }
-"""Title -> parameters below it, besides those that name a title themselves. Others stand below "Options"."""
+"""Title -> its parameters, besides those that name a title themselves. All others are listed under "Options"."""
 
-_LEAST = 12  # options from which groups help
+_LEAST = 12  # least number of options that are grouped
 
 
 class Grouped(TyperCommand):
-    """A command whose help shows its options in groups, if it has many."""
+    """A command whose help groups its options if there are many."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         params = self.get_params(ctx)
         grouped = sum(param.param_type_name == "option" for param in params) >= _LEAST
-        sections: dict[str, list] = {title: [] for title in ("Arguments", *PANELS, "Options")}
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Arguments", *PANELS, "Options")}
         for param in params:
             record = param.get_help_record(ctx)
             if record is not None:
@@ -70,14 +66,36 @@ class Grouped(TyperCommand):
 def _title(param: Any) -> str:
     if param.param_type_name == "argument":
         return "Arguments"
-    own = getattr(param, "rich_help_panel", None)
-    return own or next((title for title, names in PANELS.items() if param.name in names), "Options")
+    panel = getattr(param, "rich_help_panel", None)
+    return panel or next((title for title, names in PANELS.items() if param.name in names), "Options")
 
 
-# --- The program ``antumbra``: its commands. Each command has a file of its own ---------------------------------------
-#
-# Heavy packages (Numba, trimesh, Rich) are not imported before a command needs them. So ``--help`` appears at once.
+# --- The program and its commands -------------------------------------------------------------------------------------
 
+
+COMMANDS: dict[str, Callable[..., Any]] = {
+    "render": render_command.render,
+    "sun": sun_command.sun,
+    "view": view_command.view,
+    "bake": bake_command.bake,
+    "los": sight_commands.los,
+    "viewshed": sight_commands.viewshed,
+    "matrix": sight_commands.matrix,
+    "dataset": dataset_command.dataset,
+    "merge": shards.merge,
+    "build": scene_commands.build,
+    "info": scene_commands.info,
+    "scenes": scene_commands.scenes,
+    "plans": installation_commands.plans,
+    "warmup": installation_commands.warmup,
+    "culling": explain_commands.culling,
+    "explain": explain_commands.explain,
+    "compare": compare_command.compare,
+    "doctor": installation_commands.doctor,
+}
+"""Name -> function, in the order of the help."""
+
+_UNGROUPED = "bake", "los", "viewshed", "matrix", "merge"  # commands whose help lists all options under one title
 
 app = typer.Typer(
     name="antumbra",
@@ -86,40 +104,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("render")(render.render)
-app.command("sun")(sun.sun)
-app.command("view", cls=Grouped)(view.view)
-app.command("bake")(bake.bake)
-app.command("los")(los.los)
-app.command("viewshed")(viewshed.viewshed)
-app.command("matrix")(matrix.matrix)
-app.command("dataset")(dataset.dataset)
-app.command("merge")(merge.merge)
-app.command("build")(build.build)
-app.command("info")(info.info)
-app.command("scenes")(scenes.scenes)
-app.command("plans")(plans.plans)
-app.command("warmup")(warmup.warmup)
-app.command("culling")(culling.culling)
-app.command("explain")(explain.explain)
-app.command("compare")(compare.compare)
-app.command("render", cls=Grouped)(render.render)
-app.command("build", cls=Grouped)(build.build)
-app.command("dataset", cls=Grouped)(dataset.dataset)
-app.command("info", cls=Grouped)(info.info)
-app.command("scenes", cls=Grouped)(scenes.scenes)
-app.command("plans", cls=Grouped)(plans.plans)
-app.command("warmup", cls=Grouped)(warmup.warmup)
-app.command("doctor", cls=Grouped)(doctor.doctor)
-app.command("sun", cls=Grouped)(sun.sun)
-app.command("culling", cls=Grouped)(culling.culling)
-app.command("explain", cls=Grouped)(explain.explain)
-app.command("compare", cls=Grouped)(compare.compare)
-app.add_typer(bench.app, name="bench")
+for _name, _command in COMMANDS.items():
+    app.command(_name, cls=TyperCommand if _name in _UNGROUPED else Grouped)(_command)
+app.add_typer(bench_command.app, name="bench")
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_set: bool) -> None:
+    if is_set:
         from ..version import VERSION as __version__
 
         print(f"antumbra {__version__}")
@@ -130,7 +121,7 @@ def _version(wanted: bool) -> None:
 def _top(
     context: typer.Context,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
     debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks (also: ANTUMBRA_DEBUG=1).")] = False,
 ) -> None:
@@ -140,12 +131,12 @@ def _top(
 
 @cache
 def _commands() -> Any:
-    """All commands, as Typer makes them of their functions."""
+    """The Click command that Typer builds from the program."""
     return typer.main.get_command(app)
 
 
 def run(arguments: list[str]) -> object:
-    """Run the command that the arguments name; return its exit code or its return value."""
+    """Run the command named by the arguments; return its exit code or its return value."""
     command_line.set(tuple(arguments))
     command = _commands()
     try:
@@ -158,10 +149,10 @@ _PARAMETER = re.compile(r"(\w+)(?= ('[^']*' |\([^)]*\) )?(is|belongs|needs) )")
 
 
 def _as_option(message: str, group: Any, arguments: list[str]) -> str:
-    """The message of a function that names a parameter, with the option of the command in its place."""
-    found = _PARAMETER.match(message)
+    """An error message that starts with a parameter's name, with the command-line option in its place."""
+    match = _PARAMETER.match(message)
     command = next((group.commands[word] for word in arguments if word in group.commands), None)
     for param in getattr(command, "params", ()):
-        if found and param.name == found[1] and param.param_type_name == "option":
-            return f"{param.opts[0]}{message[found.end() :]}"
+        if match and param.name == match[1] and param.param_type_name == "option":
+            return f"{param.opts[0]}{message[match.end() :]}"
     return message

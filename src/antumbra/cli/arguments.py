@@ -1,4 +1,4 @@
-"""Parses command-line arguments, and opens the scene that they name.
+"""Parse command-line arguments, and open the scene they name.
 
 All arguments are checked before a scene is loaded.
 """
@@ -6,13 +6,14 @@ All arguments are checked before a scene is loaded.
 import math
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import parse_qsl
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..extras import import_extra
@@ -20,7 +21,14 @@ from ..scene.materials import srgb_to_linear
 from ..scene.scene_data import group_notes
 from .console import say
 
-# --- Parses command-line arguments. All of them are checked before a scene is loaded ----------------------------------
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..scene.camera import Camera
+    from ..scene.lights import AmbientOcclusion, Light
+    from ..techniques.srdh.representative_rays import SrdhRays
+
+
+# --- Parsing of arguments ---------------------------------------------------------------------------------------------
 
 
 PROCEDURAL = "procedural:"
@@ -46,10 +54,10 @@ LIGHT_FORMS = {
 """Kind of light -> its syntax."""
 
 CAMERA_KINDS = {"ortho": "orthographic", "top": "top", "panorama": "panoramic"}
-"""Word for a kind of camera -> its name in `Scene.default_camera`."""
+"""Word for a camera kind -> its name in `Scene.default_camera`."""
 
 CAMERA_FORMS = "ortho[:POSITION:TARGET:HEIGHT]", "top", "panorama[:POSITION:TARGET]"
-"""Their syntax."""
+"""Syntax of these cameras."""
 
 
 class SceneSpec(NamedTuple):
@@ -59,12 +67,12 @@ class SceneSpec(NamedTuple):
     name: str = ""
     triangles: int | None = None
     seed: int = 0
-    lod: str | None = None  # level of detail, of a CityJSON file
-    cutouts: bool = True  # False: faces have no holes
+    lod: str | None = None  # level of detail of a CityJSON file
+    cutouts: bool = True  # False: alpha cuts no holes
 
     @property
     def stem(self) -> str:
-        """The default name of a picture of the scene, without suffix."""
+        """The default name of the scene's pictures, without suffix."""
         if self.path is None:
             return "antumbra"
         folder = self.path.is_dir()
@@ -72,13 +80,13 @@ class SceneSpec(NamedTuple):
 
 
 class CameraSpec(NamedTuple):
-    """A camera written as position:target[:vfov], or as a kind, with or without a place."""
+    """A camera given as position:target[:vfov], or as a kind with or without a position."""
 
-    position: np.ndarray | None  # (3,) float64; None: the default camera of its kind
-    target: np.ndarray | None  # (3,) float64
+    position: NDArray[np.float64] | None  # (3,); None: the default camera of its kind
+    target: NDArray[np.float64] | None  # (3,)
     vfov: float = 60.0
     kind: str = "perspective"  # one of `scene.default_picture.KINDS`
-    extent: float | None = None  # height of the picture of an orthographic camera at a place
+    extent: float | None = None  # height of the view of an orthographic camera with a position
 
 
 class FrameSequence(NamedTuple):
@@ -107,7 +115,7 @@ def parse_scene(text: str) -> SceneSpec:
     options: dict[str, int] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in ("triangles", "seed") or key in options:
-            raise InputError(f"{text}: {key!r} is unknown or given twice; there are triangles=... and seed=...")
+            raise InputError(f"{text}: {key!r} is unknown or repeated; use triangles=... and seed=...")
         options[key] = parse_count(value, f"{text}: {key}")
     return SceneSpec(None, name, options.get("triangles"), options.get("seed", 0))
 
@@ -122,7 +130,7 @@ def parse_count(text: str, what: str) -> int:
 
 
 def parse_bytes(text: str, what: str) -> int:
-    """Parse a number of bytes with an optional suffix k, M, G or T, each 1024 times the one before: 512M, 4G."""
+    """Parse a number of bytes with an optional binary suffix k, M, G or T: 512M, 4G."""
     match = _BYTES.fullmatch(text.strip()) if len(text) < 40 else None
     value = float(match[1]) * 1024 ** ["", "k", "m", "g", "t"].index(match[2].lower()) if match else math.nan
     if not value < 1 << 60:
@@ -131,7 +139,7 @@ def parse_bytes(text: str, what: str) -> int:
 
 
 def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
-    """Parse width and height of a picture: ``1920x1080``, or ``512`` for a square."""
+    """Parse the width and height of a picture: ``1920x1080``, or ``512`` for a square."""
     match = _SIZE.fullmatch(text.strip())
     size = (int(match[1]), int(match[2] or match[1])) if match and len(text) < 20 else (0, 0)
     if not all(1 <= n <= _MAX_SIZE for n in size):
@@ -140,7 +148,7 @@ def parse_size(text: str, what: str = "--size") -> tuple[int, int]:
 
 
 def check_plot(path: Path, option: str = "--plot") -> None:
-    """Raise an InputError unless the plot of an option can be drawn and written to this file."""
+    """Raise an InputError unless a plot can be drawn and written to this file."""
     from ..files import checked_output
 
     checked_output(path, (".png",))
@@ -156,15 +164,15 @@ def parse_frames(text: str, time: float | None = None, fps: float | None = None)
             f"--frames is {text!r}; write FIRST:LAST or FIRST:LAST:STEP such as 0:240, with FIRST <= LAST and STEP >= 1"
         )
     if time is not None:
-        raise InputError("--time is for one picture; leave it out: frame k of --frames shows the moment k / fps")
+        raise InputError("--time is for a single picture; leave it out: frame k of --frames shows the time k / fps")
     fps = 24.0 if fps is None else fps
     if not 1e-6 <= fps <= 1e6:
-        raise InputError(f"--fps is {fps:g}; it must be a number of frames a second above 0, such as 24")
+        raise InputError(f"--fps is {fps:g}; it must be a positive number of frames per second, such as 24")
     return FrameSequence(range(first, last + 1, step), fps)
 
 
-def parse_srdh_rays(text: str):
-    """Parse `SrdhRays`: words with commas between them.
+def parse_srdh_rays(text: str) -> "SrdhRays":
+    """Parse `SrdhRays` from comma-separated words.
 
     The words are a number of pixels along each side of the picture, or ``all``; ``bounce``; ``last-frame``.
     """
@@ -174,10 +182,10 @@ def parse_srdh_rays(text: str):
             name = {"bounce": "bounce", "last-frame": "last_frame"}.get(part, "size")
             if name == "size" and part != "all" and not _WHOLE.fullmatch(part):
                 raise InputError(
-                    f"{part!r} is unknown; write 16, 32 or all, and ,bounce or ,last-frame after it if wanted"
+                    f"{part!r} is unknown; write 16, 32 or all, optionally followed by ,bounce or ,last-frame"
                 )
             if name in chosen:
-                raise InputError(f"{part!r} comes after another one of its kind; leave one of them out")
+                raise InputError(f"{part!r} repeats an earlier word of its kind; leave one of them out")
             chosen[name] = True if name != "size" else None if part == "all" else int(part)
 
         from ..techniques.srdh.representative_rays import SrdhRays
@@ -201,11 +209,11 @@ def parse_camera(text: str) -> int | CameraSpec:
 
 
 def _other_camera(word: str, fields: list[str]) -> CameraSpec:
-    """A camera that is not perspective: its kind, and then its place or nothing."""
-    kind, wanted = CAMERA_KINDS[word], 0 if word == "top" else 3 if word == "ortho" else 2
-    if len(fields) not in (0, wanted):
+    """A camera that is not perspective: its kind, optionally followed by its position and target."""
+    kind, count = CAMERA_KINDS[word], 0 if word == "top" else 3 if word == "ortho" else 2
+    if len(fields) not in (0, count):
         form = next(form for form in CAMERA_FORMS if form.startswith(word))
-        raise InputError(f"write {form}: the kind alone, or all that may follow it")
+        raise InputError(f"write {form}: the kind alone, or with all fields")
     if not fields:
         return CameraSpec(None, None, kind=kind)
     position, target = _vector(fields[0], "position"), _vector(fields[1], "target")
@@ -213,36 +221,41 @@ def _other_camera(word: str, fields: list[str]) -> CameraSpec:
     return CameraSpec(position, target, kind=kind, extent=extent)
 
 
-def make_camera(asked: int | CameraSpec | None, scene, time: float, size: tuple[int, int], moving: bool = False):
-    """The camera of a result of `parse_camera`.
+def make_camera(
+    spec: int | CameraSpec | None, scene: "AnyScene", time: float, size: tuple[int, int], moving: bool = False
+) -> "Camera":
+    """The camera for a result of `parse_camera`.
 
-    None is the scene's first camera, or one that shows the scene if it has none.
+    None stands for the scene's first camera or, without one, for a camera that shows the scene.
 
-    moving : whether the camera is of the frames of an animation, all of which it then shows
+    moving : whether the camera is for an animation; a default camera then shows all of its frames
     """
     fitted_to = None if moving else time
     from ..scene.camera import Camera
 
-    if asked is None and not scene.cameras:
+    if spec is None and not scene.cameras:
         return scene.default_camera(*size, time=fitted_to)
-    if not isinstance(asked, CameraSpec):
-        return scene.camera(asked or 0, time).resized(*size)
-    if asked.position is None:
-        if asked.kind == "panoramic" and scene.cameras:
+    if not isinstance(spec, CameraSpec):
+        return scene.camera(spec or 0, time).resized(*size)
+    if spec.position is None:
+        if spec.kind == "panoramic" and scene.cameras:
             return scene.camera(0, time).resized(*size).panoramic()
-        return scene.default_camera(*size, asked.kind, time=fitted_to)
+        return scene.default_camera(*size, spec.kind, time=fitted_to)
     up, instead = ((0, 0, 1), (0, 1, 0)) if scene.up == "z" else ((0, 1, 0), (0, 0, -1))
-    view = asked.target - asked.position
+    assert spec.target is not None  # given with the position
+    view = spec.target - spec.position
     with np.errstate(over="ignore", invalid="ignore"):  # `Camera` rejects positions that are too far away
         steep = np.linalg.norm(np.cross(view, up)) <= 1e-6 * np.linalg.norm(view)
-    if steep and asked.kind == "panoramic":
-        raise InputError("--camera panorama: its target is straight above or below; it is the heading in the middle")
-    if steep:  # the view is straight up or down, so the usual up vector has no direction in the picture
+    if steep and spec.kind == "panoramic":
+        raise InputError(
+            "--camera panorama: the target is straight above or below; it must set the heading of the centre"
+        )
+    if steep:  # the usual up vector is parallel to the view
         up = instead
-    return Camera(asked.position, asked.target, up, asked.vfov, *size, projection=asked.kind, extent=asked.extent)
+    return Camera(spec.position, spec.target, up, spec.vfov, *size, projection=spec.kind, extent=spec.extent)
 
 
-def parse_point(text: str, option: str) -> np.ndarray:
+def parse_point(text: str, option: str) -> NDArray[np.float64]:
     """Parse a point ``X,Y,Z``."""
     return _vector(text, option)
 
@@ -256,7 +269,7 @@ def parse_interval(text: str, option: str) -> tuple[float, float]:
         return _number(first, "the first number"), _number(last, "the second number")
 
 
-def parse_light(text: str):
+def parse_light(text: str) -> "int | Light":
     """Parse a light ``KIND:...[@INTENSITY]``, or the index of one of the scene's own lights."""
     if _INDEX.fullmatch(text):
         return int(text.strip())  # int() keeps some of the blanks that a pattern skips
@@ -267,12 +280,12 @@ def parse_light(text: str):
             raise InputError(f"unknown kind {kind!r}; write one of {'  '.join(LIGHT_FORMS.values())}")
         form = LIGHT_FORMS[kind]
         if not form.count(":") - form.count("[:") <= len(fields) <= form.count(":"):
-            raise InputError(f"write {form}, and @INTENSITY after it if wanted")
+            raise InputError(f"write {form}, optionally followed by @INTENSITY")
         return _light(kind, fields, {"intensity": _number(strength, "intensity")} if at else {})
 
 
-def parse_ambient(text: str):
-    """Parse ambient occlusion: ``RADIUS[@INTENSITY]``. A radius of inf has no limit."""
+def parse_ambient(text: str) -> "AmbientOcclusion":
+    """Parse ambient occlusion: ``RADIUS[@INTENSITY]``. The radius inf means no limit."""
     from ..scene.lights import AmbientOcclusion
 
     radius, at, strength = text.partition("@")
@@ -283,17 +296,17 @@ def parse_ambient(text: str):
         )
 
 
-def make_lights(asked: list, scene, time: float) -> list:
-    """The lights of results of `parse_light`.
+def make_lights(specs: "Sequence[int | Light]", scene: "AnyScene", time: float) -> "list[Light]":
+    """The lights for results of `parse_light`.
 
-    An empty list means the scene's default lights: its own ones, or daylight, or the lamp of a closed room.
+    An empty list stands for the scene's default lights: its own, or daylight, or a lamp in a closed room.
     """
-    if asked:
-        return [scene.light(a, time) if isinstance(a, int) else a for a in asked]
+    if specs:
+        return [scene.light(a, time) if isinstance(a, int) else a for a in specs]
     return scene.default_lights(time)
 
 
-def parse_sky(text: str) -> "str | Path | np.ndarray":
+def parse_sky(text: str) -> "str | Path | NDArray[np.float64]":
     """Parse a sky: "none", the path of an environment map, or a colour as (3,) linear radiance."""
     from ..scene.sky import ENVIRONMENT_SUFFIXES
 
@@ -305,7 +318,7 @@ def parse_sky(text: str) -> "str | Path | np.ndarray":
         return srgb_to_linear(parse_colour(text, f"a {' or '.join(ENVIRONMENT_SUFFIXES)} file, or none"))
 
 
-def parse_background(text: str) -> "str | np.ndarray":
+def parse_background(text: str) -> "str | NDArray[np.float64]":
     """Parse a background: "transparent", or a colour as (3,) sRGB in [0, 1]."""
     if text.strip().lower() == "transparent":
         return "transparent"
@@ -313,8 +326,8 @@ def parse_background(text: str) -> "str | np.ndarray":
         return parse_colour(text, "transparent")
 
 
-def parse_colour(text: str, instead: str) -> np.ndarray:
-    """(3,) float64 sRGB in [0, 1] of a colour as CSS writes it; `instead` is what else may be written."""
+def parse_colour(text: str, instead: str) -> NDArray[np.float64]:
+    """(3,) float64 sRGB in [0, 1] of a CSS colour; `instead`: alternatives for the error message."""
     from PIL import ImageColor
 
     try:
@@ -323,23 +336,25 @@ def parse_colour(text: str, instead: str) -> np.ndarray:
         raise InputError(f"write a colour such as white, #fa0 or #ffaa00, or {instead}") from None
 
 
-def make_picture_lights(asked: list, sky: "str | Path | np.ndarray | None", scene, time: float) -> list:
-    """The lights of a picture: those of results of `parse_light`, and the sky of a result of `parse_sky`.
+def make_picture_lights(
+    specs: "Sequence[int | Light]", sky: "str | Path | NDArray[np.float64] | None", scene: "AnyScene", time: float
+) -> "list[Light]":
+    """The lights of a picture, from results of `parse_light` and `parse_sky`.
 
-    Without both, they are the scene's default lights.
+    Without either, they are the scene's default lights.
     """
     from ..scene.sky import Sky
 
-    lights = make_lights(asked, scene, time)
+    lights = make_lights(specs, scene, time)
     if sky is None:
         return lights
     others = [light for light in lights if not isinstance(light, Sky)]
     if isinstance(sky, str):
         return others
-    return [*(others if asked or scene.lights else []), Sky(sky, up=scene.up)]
+    return [*(others if specs or scene.lights else []), Sky(sky, up=scene.up)]
 
 
-def _light(kind: str, fields: list[str], more: dict):
+def _light(kind: str, fields: list[str], more: dict[str, Any]) -> "Light":
     from ..scene import lights
 
     if kind == "point":
@@ -357,48 +372,45 @@ def _light(kind: str, fields: list[str], more: dict):
 
 
 @contextmanager
-def _named(what: str):
-    """Put `what` in front of the message of an InputError."""
+def _named(what: str) -> Iterator[None]:
+    """Prefix the message of an InputError with `what`."""
     try:
         yield
     except InputError as error:
         raise InputError(f"{what}: {error}") from None
 
 
-def _vector(text: str, name: str) -> np.ndarray:
-    return np.array(_numbers(text, 3, name, "three finite numbers with commas between them"))
+def _vector(text: str, name: str) -> NDArray[np.float64]:
+    return np.array(_numbers(text, 3, name, "three finite numbers separated by commas"))
 
 
 def _number(text: str, name: str) -> float:
     return _numbers(text, 1, name, "a finite number")[0]
 
 
-def _numbers(text: str, n: int, name: str, wanted: str) -> list[float]:
+def _numbers(text: str, n: int, name: str, requirement: str) -> list[float]:
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) != n or not all(map(math.isfinite, values)):
-        raise InputError(f"{name} is {text!r}; it must be {wanted}")
+        raise InputError(f"{name} is {text!r}; it must be {requirement}")
     return values
 
 
-# --- Opens the scene of a command, and shows the loader's notes -------------------------------------------------------
+# --- Opening of scenes ------------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
 
 _MOST_NOTES = 5
 
 
 def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs: str | None = None) -> "AnyScene":
-    """The scene that a `SceneSpec` names, with a CRS. The loader's notes appear on standard error."""
+    """Open the scene that a `SceneSpec` names, in a CRS. The loader's notes are printed on standard error."""
     if spec.path is None:
         from .. import procedural
 
         if up is not None or crs is not None:
-            raise InputError("--up and --crs belong to files; procedural scenes have +Y up and no CRS, leave them out")
+            raise InputError("--up and --crs are for files; procedural scenes have +Y up and no CRS, leave them out")
         return procedural(spec.name, triangles=spec.triangles, seed=spec.seed)
     from .. import load
     from ..store.store_format import STORE_SUFFIX
@@ -412,7 +424,7 @@ def open_scene(spec: SceneSpec, up: str | None = None, quiet: bool = False, crs:
         for note in notes[:_MOST_NOTES]:
             say(f"note: {note}")
         if len(notes) > _MOST_NOTES:
-            say(f"note: and {len(notes) - _MOST_NOTES} other kinds; antumbra info shows all of them")
+            say(f"note: {len(notes) - _MOST_NOTES} more kinds of notes; antumbra info shows all of them")
     return scene
 
 
@@ -425,7 +437,7 @@ def quietly() -> Iterator[None]:
 
 
 def limit_memory(scene: "AnyScene", max_memory: int | None) -> None:
-    """Limit the memory of all questions to a scene in a store; InputError if the scene is in memory."""
+    """Limit the memory used by queries of a scene in a store; InputError if the scene is in memory."""
     from ..engine.paged_scene import PagedScene
 
     if isinstance(scene, PagedScene):

@@ -1,4 +1,4 @@
-"""``antumbra bake``: bakes ambient occlusion, shadows or light of a scene into a glTF file."""
+"""``antumbra bake``: bake ambient occlusion, shadows or light of a scene into a glTF file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import open_scene, quietly
 from .console import ProgressDisplay
 from .options import (
@@ -26,10 +25,12 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
     from ..jobs.bake import Baked
+    from ..scene.lights import Light
 
 
 class BakedQuantity(StrEnum):
@@ -48,62 +49,62 @@ class BakeArguments:
     output: Annotated[
         Path, typer.Option("--output", "-o", help="The .glb file to write.", metavar="FILE", callback=writes(".glb"))
     ]
-    what: Annotated[BakedQuantity, typer.Option(help="What surfaces receive.")] = BakedQuantity.ao
-    vertex: Annotated[bool, typer.Option("--vertex", help="Values at vertices; this is the default.")] = False
+    what: Annotated[BakedQuantity, typer.Option(help="Quantity to bake.")] = BakedQuantity.ao
+    vertex: Annotated[bool, typer.Option("--vertex", help="Bake values at vertices (the default).")] = False
     attribute: Annotated[
         str | None,
         typer.Option(
-            help="Attribute of the vertices: COLOR_0, or an own name such as _AO.  [default: COLOR_0; of bent normals "
+            help="Vertex attribute: COLOR_0, or a custom name such as _AO.  [default: COLOR_0; for bent normals "
             "_BENT_NORMAL]",
             metavar="NAME",
             show_default=False,
         ),
     ] = None
-    multiply: Annotated[bool, typer.Option("--multiply", help="Multiply a COLOR_0 of the file, not replace it.")] = (
-        False
-    )
+    multiply: Annotated[
+        bool, typer.Option("--multiply", help="Multiply the file's COLOR_0 instead of replacing it.")
+    ] = False
     texture: Annotated[
         int | None,
         typer.Option(
-            help="A square texture of so many texels a side, not vertices.", metavar="SIZE", show_default=False
+            help="Bake a square texture of SIZE texels per side instead of vertices.",
+            metavar="SIZE",
+            show_default=False,
         ),
     ] = None
     uv: Annotated[
         int | None,
         typer.Option(
-            help="The file's UV set that the texture uses.  [default: a new atlas]", metavar="SET", show_default=False
+            help="UV set of the file for the texture.  [default: a new atlas]", metavar="SET", show_default=False
         ),
     ] = None
-    bits: Annotated[int, typer.Option(help="Bits of a channel of the texture: 8 or 16.")] = 8
-    exr: Annotated[bool, typer.Option("--exr", help="Write the texture as .exr beside FILE too.")] = False
-    denoise: Annotated[bool, typer.Option("--denoise", help="Smooth noise of ao or shadow over 4x4 texels.")] = False
+    bits: Annotated[int, typer.Option(help="Bits per texture channel: 8 or 16.")] = 8
+    exr: Annotated[bool, typer.Option("--exr", help="Also write the texture as .exr next to FILE.")] = False
+    denoise: Annotated[bool, typer.Option("--denoise", help="Smooth the noise of ao or shadow over 4x4 texels.")] = (
+        False
+    )
     radius: Annotated[
         float | None,
-        typer.Option(help="For ao: what is farther away blocks nothing.  [default: no limit]", show_default=False),
+        typer.Option(help="For ao: greatest distance of occluders.  [default: no limit]", show_default=False),
     ] = None
     light: PictureLightOption = None
     sky: Annotated[
         float | None,
-        typer.Option(
-            help="For light: irradiance of an open sky, besides the lights.", metavar="LUX", show_default=False
-        ),
+        typer.Option(help="For light: add the irradiance of an open sky.", metavar="LUX", show_default=False),
     ] = None
     exposure: Annotated[
         float | None,
         typer.Option(
-            help="Factor on light that is cut off at 1.  [default: 1; of light automatic]", show_default=False
+            help="Exposure factor; values are clipped at 1.  [default: 1; for light automatic]", show_default=False
         ),
     ] = None
-    spp: Annotated[int, typer.Option(help="Rays for each vertex or texel and light.", min=1, max=1024)] = 256
+    spp: Annotated[int, typer.Option(help="Rays per vertex or texel and light.", min=1, max=1024)] = 256
     sampler: SamplerOption = "hammersley"
-    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep the darkness of points inside solids.")] = (
-        False
-    )
+    keep_hidden: Annotated[bool, typer.Option("--keep-hidden", help="Keep points inside solids dark.")] = False
     time: TimeOption = 0.0
     up: UpOption = None
     plan: Annotated[
         str | None,
-        typer.Option(help="The methods that answer; see antumbra plans.  [default: auto]", show_default=False),
+        typer.Option(help="Plan; see antumbra plans.  [default: auto]", show_default=False),
     ] = None
     threads: Threads = None
     shard: ShardOption = None
@@ -113,34 +114,34 @@ class BakeArguments:
     quiet: Quiet = False
 
     def options(self) -> dict[str, Any]:
-        """The arguments of `antumbra.bake` that need no scene."""
+        """The arguments of `antumbra.bake` that do not depend on the scene."""
         names = "attribute", "multiply", "texture", "uv", "bits", "exr", "denoise", "radius", "exposure"
         more = "spp", "sampler", "keep_hidden", "time", "plan", "threads"
         return {name: getattr(self, name) for name in (*names, *more)}
 
 
 @takes(BakeArguments)
-def bake(given: BakeArguments) -> int:
-    """Bake what the surfaces of SCENE receive into a copy of its glTF file.
+def bake(args: BakeArguments) -> int:
+    """Bake occlusion, shadows or light of SCENE into a copy of its glTF file.
 
-    Everything else in the file stays: nodes, instances, materials, textures, animations. Any other scene is written as
-    glTF first, with its triangles and base colours.
+    Everything else in the file is kept: nodes, instances, materials, textures, animations. Other scenes are first
+    converted to glTF, with their triangles and base colours.
 
     \b
     WHAT
-      ao           the share of the sky that is open, weighted by the cosine
-      shadow       the mean share of the lights that is visible
-      sun          the irradiance of one sun over its intensity
-      light        the light of all lights and the sky, linear RGB
-      bent-normal  the mean open direction
+      ao           visible share of the sky, weighted by the cosine
+      shadow       mean visible share of the lights
+      sun          irradiance of one sun, divided by its intensity
+      light        light of all lights and the sky, linear RGB
+      bent-normal  mean unoccluded direction
 
-    A texture of ao becomes the occlusion texture of the materials. Viewers apply it to the light from all around.
-    Textures of shadow, sun and light take the place of the base colour, which is multiplied in, and the materials
-    become unlit (KHR_materials_unlit). COLOR_0 multiplies the base colour; of shadow, sun and light it makes materials
-    unlit too. A mesh that several nodes show is divided, since each node receives other light.
+    An ao texture becomes the occlusion texture of the materials, which viewers apply to ambient light. Textures of
+    shadow, sun and light are multiplied by the base colour and replace it, and the materials become unlit
+    (KHR_materials_unlit). COLOR_0 multiplies the base colour; for shadow, sun and light it also makes the materials
+    unlit. A mesh used by several nodes is duplicated, because each node receives different light.
 
-    Points inside solids are dark, and nobody sees them. Visible points nearby replace them. The corners of a face run
-    counter-clockwise around its outer side, as glTF says.
+    Points inside solids are dark but never visible; they get the values of visible points nearby. The front of a face
+    is the side on which its corners run counter-clockwise, as in glTF.
 
     \b
     LIGHT
@@ -154,59 +155,58 @@ def bake(given: BakeArguments) -> int:
       antumbra bake city.ply --up z -o city.glb --what sun --light sun:1,0.5,-1
       antumbra bake robot.glb -o robot.glb --attribute _AO --radius 0.5
     """
-    if given.vertex and given.texture is not None:
+    if args.vertex and args.texture is not None:
         raise InputError("--vertex and --texture exclude each other; leave one of them out")
-    if given.sky is not None and given.what is not BakedQuantity.light:
+    if args.sky is not None and args.what is not BakedQuantity.light:
         raise InputError("--sky belongs to --what light; leave it out")
-    spec = arguments.parse_scene(given.scene)
-    asked = [arguments.parse_light(text) for text in given.light or []]
+    spec = arguments.parse_scene(args.scene)
+    specs = [arguments.parse_light(text) for text in args.light or []]
 
-    from ..jobs.bake import bake_job as baking
+    from ..jobs.bake.bake_input import BakeSource, check_options, is_gltf
+    from ..jobs.bake.bake_job import bake as bake_source
 
-    engine = engine_for(given, given.output)
-    baking.check_options(
-        given.what.value, lights=[a for a in asked if not isinstance(a, int)] or None, **given.options()
-    )
-    with ProgressDisplay(given.quiet) as display:
+    executor = executor_for(args, args.output)
+    check_options(args.what.value, lights=[a for a in specs if not isinstance(a, int)] or None, **args.options())
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet)
-        lights = _lights(given, asked, scene)
-        source = baking.BakeSource(scene, spec.path if spec.path is not None and baking.is_gltf(spec.path) else None)
-        start, keep = perf_counter(), engine or given.output.with_suffix(".parts")
+        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
+        lights = _lights(args, specs, scene)
+        source = BakeSource(scene, spec.path if spec.path is not None and is_gltf(spec.path) else None)
+        start, keep = perf_counter(), executor or args.output.with_suffix(".parts")
         with quietly():
-            made = baking.bake(source, given.output, given.what.value, lights=lights, keep=keep, **given.options())
-        if made is None:
-            return report_shard(engine, given, perf_counter() - start)
-    if given.json:
-        report.print_json(made._asdict())
-    elif not given.quiet:
-        report.print_fields(_fields(made))
+            result = bake_source(source, args.output, args.what.value, lights=lights, keep=keep, **args.options())
+        if result is None:
+            return report_shard(executor, args, perf_counter() - start)
+    if args.json:
+        console.print_json(result._asdict())
+    elif not args.quiet:
+        console.print_fields(_fields(result))
     return 0
 
 
-def _lights(given: BakeArguments, asked: list, scene) -> list | None:
-    """The lights that were asked for; None: the bake chooses."""
+def _lights(args: BakeArguments, specs: "list[int | Light]", scene: "AnyScene") -> "list[Light] | None":
+    """The lights of the arguments; None: the bake chooses."""
     from ..scene.lights import AmbientOcclusion
     from ..scene.sky import Sky
 
-    sky = [] if given.sky is None else [AmbientOcclusion(intensity=given.sky)]
-    if not asked and not sky:
+    sky = [] if args.sky is None else [AmbientOcclusion(intensity=args.sky)]
+    if not specs and not sky:
         return None
-    own = arguments.make_lights(asked, scene, given.time) if asked or scene.lights else []
-    return [light for light in own if not isinstance(light, Sky)] + sky
+    lights = arguments.make_lights(specs, scene, args.time) if specs or scene.lights else []
+    return [light for light in lights if not isinstance(light, Sky)] + sky
 
 
-def _fields(made: "Baked") -> Iterator[tuple[str, str]]:
-    yield "file", str(made.path)
-    for path in made.images:
+def _fields(result: "Baked") -> Iterator[tuple[str, str]]:
+    yield "file", str(result.path)
+    for path in result.images:
         yield "image", str(path)
-    where = "texels" if made.attribute is None else f"vertices ({made.attribute})"
-    hidden = f", {made.hidden:,} inside solids" if made.hidden else ""
-    yield made.what, f"{made.receivers:,} {where} in {made.parts:,} parts, {made.mean:.3f} on average{hidden}"
-    if made.exposure != 1.0:
-        yield "exposure", f"{made.exposure:.4g}"
-    if made.seam is not None:
-        yield "seams", f"99 % differ by less than {made.seam:.3f}"
-    trace = made.seconds["trace"]
-    yield "rays", f"{made.rays:,}, {made.rays / max(trace, 1e-9) / 1e6:.1f} million a second"
-    yield "time", ", ".join(f"{name} {report.duration(s)}" for name, s in made.seconds.items())
+    where = "texels" if result.attribute is None else f"vertices ({result.attribute})"
+    hidden = f", {result.hidden:,} inside solids" if result.hidden else ""
+    yield result.what, f"{result.receivers:,} {where} in {result.parts:,} parts, {result.mean:.3f} on average{hidden}"
+    if result.exposure != 1.0:
+        yield "exposure", f"{result.exposure:.4g}"
+    if result.seam is not None:
+        yield "seams", f"99 % differ by less than {result.seam:.3f}"
+    trace = result.seconds["trace"]
+    yield "rays", f"{result.rays:,}, {result.rays / max(trace, 1e-9) / 1e6:.1f} million per second"
+    yield "time", ", ".join(f"{name} {console.duration(s)}" for name, s in result.seconds.items())

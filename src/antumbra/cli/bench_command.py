@@ -1,8 +1,8 @@
-"""``antumbra bench``: repeats the measurements of the papers, with the papers' figures beside ours.
+"""``antumbra bench``: repeat the measurements of the papers, with the published figures beside ours.
 
-Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. Other packages can
-announce more. They are looked up when the command is used. `benchmark` gives a command the options --quick and
---output, and `Results` writes its tables and plots. ``all`` passes the options on to the commands that have them.
+Its commands are the functions under the entry point ``antumbra.bench``, and ``all``, which runs them. `antumbra.papers`
+registers some, and other packages can add more; they are looked up when the command is used. `benchmark` gives a
+command the options --quick and --output, which ``all`` passes on, and `Results` writes its tables and plots.
 """
 
 import gc
@@ -24,67 +24,67 @@ from typer.core import TyperGroup
 from ..errors import InputError
 from ..extras import plugins_of
 from ..files import atomic_output, checked_output
-from . import console as report
+from . import console
 from .arguments import check_plot
 from .console import UNFORESEEN, Record, explained, say
 from .options import Quiet, writes_folder
 
-# --- Commands of ``antumbra bench``: their options --quick and --output, and the files of their results ---------------
+# --- Options --quick and --output, and result files -------------------------------------------------------------------
 
 
 OutputOption = Annotated[
     Path | None,
     typer.Option(
-        help="Write the tables (.md, .json) and plots (.png) to a folder too.",
+        help="Also write the tables (.md, .json) and plots (.png) to a folder.",
         metavar="FOLDER",
         show_default=False,
         callback=writes_folder(),
     ),
 ]
-_ELSEWHERE = "output", "json", "quiet"  # options that change no result
+_NEUTRAL = "output", "json", "quiet"  # options that do not affect results
 
 
 class Results:
-    """The results of one run of a bench: what is printed, and files in the folder of --output, if it is given."""
+    """The results of a benchmark run: printed, and written to the folder of --output, if any."""
 
     def __init__(self, name: str, command: str, folder: Path | None, as_json: bool, quiet: bool):
         self.name, self.command = name, command
         self._folder, self._json, self._quiet = folder, as_json, quiet
         self._draws = folder is not None and find_spec("matplotlib") is not None
 
-    def plots(self, asked: Path | None) -> list[Path]:
-        """The files for the plot: `asked`, from --plot, and one in the folder.
+    def plots(self, plot: Path | None) -> list[Path]:
+        """The files to draw the plot to: `plot`, from --plot, and one in the folder of --output.
 
         Raises
         ------
         InputError
-            If `asked` cannot be written, or Matplotlib is missing for it.
+            If `plot` cannot be written, or Matplotlib is missing.
         """
-        if asked is not None:
-            check_plot(asked)
-        own = self._folder / f"{self.name}.png" if self._folder and self._draws else None
-        return [path for path in (asked, own) if path is not None]
+        if plot is not None:
+            check_plot(plot)
+        extra = self._folder / f"{self.name}.png" if self._folder and self._draws else None
+        return [path for path in (plot, extra) if path is not None]
 
     def pictures(self) -> Path | None:
-        """The folder for further pictures; None if they cannot be drawn, or without --output."""
+        """The folder for further pictures; None without --output or Matplotlib."""
         return self._folder if self._draws else None
 
     @contextmanager
-    def told(self, answer: dict) -> Iterator[None]:
-        """Print the JSON object, or the tables that the block prints. Both are written to the folder."""
+    def told(self, answer: dict[str, Any]) -> Iterator[None]:
+        """Print the JSON object, or the tables printed by the block; write both to the folder."""
         record = Record(None if self._json or self._quiet else sys.stdout)
         with redirect_stdout(record):
             yield
         if self._folder is not None:
             self._write(self._folder, record, answer)
         if self._json:
-            report.print_json(answer)
+            console.print_json(answer)
 
-    def _write(self, folder: Path, record: Record, answer: dict) -> None:
+    def _write(self, folder: Path, record: Record, answer: dict[str, Any]) -> None:
         from .installation_commands import about
 
         header = {"command": self.command, "date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", **about()}
-        text = json.dumps(report.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
+        text = json.dumps(console.plain({"about": header, **answer}), allow_nan=False, indent=1) + "\n"
         top = Record(None)
         top.keep_fields((name, str(value)) for name, value in header.items())
         tables = f"# antumbra bench {self.name}\n\n{top.markdown()}\n{record.markdown()}"
@@ -96,49 +96,49 @@ class Results:
 
 
 def benchmark(**quick: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Decorator of a command ``f(results, ...)`` of ``antumbra bench``. It adds the options --quick and --output.
+    """Decorator of a command ``f(results, ...)`` of ``antumbra bench`` that adds --quick and --output.
 
-    quick : option -> its value with --quick. Options that the user gives keep their values.
+    quick : option -> its value with --quick, unless the user sets it
     """
 
-    def wrap(command: Callable[..., None]) -> Callable[..., None]:
-        def run(context: typer.Context, quick: bool, output: Path | None, **given) -> None:
+    def wrap(command: Callable[..., None]) -> Any:
+        def run(context: typer.Context, quick: bool, output: Path | None, **values: Any) -> None:
             if quick:
-                given |= {name: value for name, value in found.quick.items() if not _is_given(context, name)}
+                values |= {name: value for name, value in wrapper.quick.items() if not _is_given(context, name)}
             name = context.command.name or ""
             with results_folder(output):
-                command(Results(name, _command_line(context), output, given["json"], given["quiet"]), **given)
+                command(Results(name, _command_line(context), output, values["json"], values["quiet"]), **values)
 
-        found: Any = run
-        found.quick = dict(quick)
-        found.__doc__, found.__name__ = command.__doc__, command.__name__
-        found.__signature__ = inspect.Signature(_parameters(command, quick))
-        found.__annotations__ = {p.name: p.annotation for p in found.__signature__.parameters.values()}
-        return found
+        wrapper: Any = run
+        wrapper.quick = dict(quick)
+        wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
+        wrapper.__signature__ = inspect.Signature(_parameters(command, quick))
+        wrapper.__annotations__ = {p.name: p.annotation for p in wrapper.__signature__.parameters.values()}
+        return wrapper
 
     return wrap
 
 
 @contextmanager
 def results_folder(folder: Path | None) -> Iterator[None]:
-    """Make a folder, and remove it if it is empty at the end. None: there is no folder.
+    """Create a folder if it is missing, and then remove it again if it stays empty. None: no folder.
 
     Raises
     ------
     InputError
-        If it cannot be made, or nothing can be written in it.
+        If the folder cannot be created or written to.
     """
     if folder is None:
         yield
         return
-    if made := not folder.exists():
+    if is_new := not folder.exists():
         _make(folder)
     try:
         checked_output(folder / "results.md", (".md",))
         yield
     finally:
-        if made:
-            with suppress(OSError):  # it has files
+        if is_new:
+            with suppress(OSError):  # it is not empty
                 folder.rmdir()
 
 
@@ -150,8 +150,8 @@ def _make(folder: Path) -> None:
 
 
 def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[inspect.Parameter]:
-    """The parameters that Typer sees: those of the command but `results`, and the new ones before --json."""
-    _, *own = inspect.signature(command).parameters.values()
+    """The parameters for Typer: those of the command without `results`, and the new ones before --json."""
+    _, *parameters = inspect.signature(command).parameters.values()
     values = ((name, value if isinstance(value, list) else [value]) for name, value in quick.items())
     shorter = " ".join(f"--{name.replace('_', '-')} {each}" for name, several in values for each in several)
     option = Annotated[bool, typer.Option("--quick", help=f"Measure less, as with {shorter}.")]
@@ -160,9 +160,9 @@ def _parameters(command: Callable[..., None], quick: dict[str, Any]) -> list[ins
         inspect.Parameter("quick", keyword, default=False, annotation=option),
         inspect.Parameter("output", keyword, default=None, annotation=OutputOption),
     ]
-    at = next(i for i, p in enumerate(own) if p.name == "json")
-    own = [p.replace(kind=keyword) for p in own]
-    return [inspect.Parameter("context", keyword, annotation=typer.Context), *own[:at], *new, *own[at:]]
+    at = next(i for i, p in enumerate(parameters) if p.name == "json")
+    parameters = [p.replace(kind=keyword) for p in parameters]
+    return [inspect.Parameter("context", keyword, annotation=typer.Context), *parameters[:at], *new, *parameters[at:]]
 
 
 def _is_given(context: typer.Context, name: str) -> bool:
@@ -171,11 +171,11 @@ def _is_given(context: typer.Context, name: str) -> bool:
 
 
 def _command_line(context: typer.Context) -> str:
-    """The command as users type it, without the options that change no result."""
+    """The command as typed, without options that do not affect results."""
     words = ["antumbra", "bench", context.command.name or ""]
     for parameter in context.command.params:
         name = parameter.name or ""
-        if not _is_given(context, name) or name in _ELSEWHERE:
+        if not _is_given(context, name) or name in _NEUTRAL:
             continue
         value = context.params[name]
         if value is True:
@@ -186,52 +186,47 @@ def _command_line(context: typer.Context) -> str:
     return shlex.join(words)
 
 
-# --- ``antumbra bench``: repeats the measurements of the papers, and prints the papers' figures beside ours -----------
-#
-# Its commands are functions under the entry point ``antumbra.bench``, and ``all``, which runs them. `antumbra.papers`
-# announces some; other packages can do the same. The program looks for them when the command is used.
-# `results.benchmark` gives a command its options --quick and --output. ``all`` passes them on to the commands that
-# have them.
+# --- The commands of ``antumbra bench`` -------------------------------------------------------------------------------
 
 
 _GROUP = "antumbra.bench"
 
 
-class _Announced(TyperGroup):
-    """A group that finds its commands when it is asked for them."""
+class _EntryPointGroup(TyperGroup):
+    """A command group that looks its commands up among the entry points when it is used."""
 
-    def list_commands(self, ctx) -> list[str]:
+    def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *plugins_of(_GROUP)]
 
-    def get_command(self, ctx, cmd_name: str):
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
         return _loaded(cmd_name) if cmd_name in plugins_of(_GROUP) else super().get_command(ctx, cmd_name)
 
 
 def _loaded(name: str) -> Any:
-    """The announced command of this name."""
+    """The registered command of this name."""
     alone = typer.Typer(rich_markup_mode=None, add_completion=False)
     alone.command(name)(plugins_of(_GROUP)[name].load())
     return typer.main.get_command(alone)
 
 
-app = typer.Typer(cls=_Announced, help="Measure what the papers measured.", rich_markup_mode=None)
+app = typer.Typer(cls=_EntryPointGroup, help="Measure what the papers measured.", rich_markup_mode=None)
 
 
 @app.callback()
 def _bench() -> None:
-    """Measure the tables and plots of the papers on this machine, with the papers' figures beside ours."""
+    """Reproduce the tables and plots of the papers on this machine, beside the published figures."""
 
 
 @app.command("all")
 def all_(
-    quick: Annotated[bool, typer.Option("--quick", help="Measure less: all in ten minutes on two cores.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure less: ten minutes in all on two cores.")] = False,
     output: OutputOption = None,
     quiet: Quiet = False,
 ) -> int:
-    """All other benches, one after the other.
+    """Run all other benchmarks, one after the other.
 
-    If one fails, a line on standard error says why, the others follow, and the exit code is 1. After Ctrl-C, files of
-    finished benches remain.
+    If one fails, a line on standard error gives the reason, the others still run, and the exit code is 1. After Ctrl-C,
+    the files of finished benchmarks remain.
 
     \b
     Examples
@@ -245,16 +240,16 @@ def all_(
                 if not quiet:
                     print(f"== antumbra bench {name} ({k} of {len(names)})\n", flush=True)
                 start, failed = monotonic(), _run(name, quick, output, quiet)
-                took[name] = "failed after " * failed + report.duration(monotonic() - start)
-                gc.collect()  # scenes of one bench do not stay in memory beside those of the next
+                took[name] = "failed after " * failed + console.duration(monotonic() - start)
+                gc.collect()  # free the scenes of this benchmark before the next one
         finally:
             if not quiet:
-                report.print_fields(took.items())
+                console.print_fields(took.items())
     return UNFORESEEN if any(text.startswith("failed") for text in took.values()) else 0
 
 
 def _run(name: str, quick: bool, output: Path | None, quiet: bool) -> bool:
-    """Run a bench. If it fails, say why and return True."""
+    """Run a benchmark. If it fails, print the reason and return True."""
     try:
         command = _loaded(name)
         options = {

@@ -1,4 +1,4 @@
-"""``antumbra compare``: measures plans on one picture; reports text, JSON, heat maps and an HTML page."""
+"""``antumbra compare``: measure plans on one picture, and report text, JSON, heat maps and an HTML page."""
 
 import shlex
 from collections.abc import Iterator
@@ -11,13 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..picture.render_options import GBufferBy
-from . import arguments
-from . import console as report
-from . import picture_report as page
-from . import picture_report as summary
+from . import arguments, console, picture_report
 from .arguments import limit_memory, open_scene
 from .console import UNFORESEEN, ProgressDisplay, say
 from .installation_commands import about
@@ -42,7 +40,13 @@ from .options import (
 )
 from .picture_spec import PictureSpec, RenderArguments, Shot
 
-# --- The command-line arguments of ``antumbra compare``, and their conversion to options ------------------------------
+if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..picture.heat_maps import ColourBar, Panel
+    from ..picture.plan_comparison import Comparison, PlanMeasurement
+
+
+# --- Arguments and their conversion to options ------------------------------------------------------------------------
 
 
 _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
@@ -50,16 +54,16 @@ _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
 
 @dataclass(frozen=True)
 class CompareArguments(_Options):
-    """The arguments of the command line: each field is an argument or an option.
+    """The command-line arguments and options, one per field.
 
-    The base class has those of `RenderOptions` and `EngineOptions`.
+    The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help="A plan; given twice or more. See antumbra plans.",
+            help="A plan; repeat for at least two. See antumbra plans.",
             metavar="PLAN",
             show_default=False,
         ),
@@ -67,20 +71,24 @@ class CompareArguments(_Options):
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="A .png file: picture and heat maps.", metavar="FILE", callback=writes(".png")
+            "--output",
+            "-o",
+            help="Write the picture and heat maps to a .png file.",
+            metavar="FILE",
+            callback=writes(".png"),
         ),
     ] = Path("compare.png")
     html: Annotated[
         Path | None,
         typer.Option(
-            help="A page with everything, in one .html file.",
+            help="Write all results to a self-contained .html file.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html", ".htm"),
         ),
     ] = None
-    rounds: Annotated[int, typer.Option(help="Timed frames of each plan; the median counts.", min=1, max=1000)] = 5
-    size: Annotated[str, typer.Option(help="Size of the picture in pixels.", metavar="WxH")] = "512x512"
+    rounds: Annotated[int, typer.Option(help="Timed frames per plan, for the median.", min=1, max=1000)] = 5
+    size: Annotated[str, typer.Option(help="Picture size in pixels.", metavar="WxH")] = "512x512"
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
@@ -94,7 +102,7 @@ class CompareArguments(_Options):
     quiet: Quiet = False
 
     def options(self) -> PictureSpec:
-        """The options of the picture, checked against each other; they name no plan.
+        """The options of the picture, without a plan, checked against each other.
 
         Raises
         ------
@@ -102,14 +110,14 @@ class CompareArguments(_Options):
             If a text cannot be parsed, or options exclude each other.
         """
         if self.srdh_rays is not None and arguments.parse_srdh_rays(self.srdh_rays).last_frame:
-            raise InputError("--srdh-rays last-frame belongs to animations; a comparison is of one picture")
+            raise InputError("--srdh-rays last-frame is for animations; compare renders a single picture")
         shared = {f.name for f in fields(self)} & {f.name for f in fields(RenderArguments)} - {"plan", "output"}
         of_picture = RenderArguments(**{name: getattr(self, name) for name in shared})
         of_picture.check()
         return of_picture.options()
 
     def command(self) -> str:
-        """A command line with the same arguments, for a shell."""
+        """The equivalent command line, quoted for a shell."""
         words = ["antumbra", "compare", self.scene]
         for field in fields_of(type(self)):
             value = getattr(self, field.name)
@@ -119,7 +127,7 @@ class CompareArguments(_Options):
 
 
 def _words(option: str, value: Any) -> list[str]:
-    """An option with its value, or with each of its values, as words of a command line."""
+    """An option and its value, or each of its values, as words of a command line."""
     if value is True:
         return [option]
     if isinstance(value, list):
@@ -128,83 +136,79 @@ def _words(option: str, value: Any) -> list[str]:
     return [f"{option}={text}"] if text.startswith("-") else [option, text]
 
 
-# --- The results of ``antumbra compare``: as text, as JSON, and as panels of a picture --------------------------------
+# --- Results as text, JSON and panels of a picture --------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
-    from ..picture.heat_maps import ColourBar
-    from ..picture.plan_comparison import Comparison, PlanMeasurement
-    from .picture_spec import PictureSpec, Shot
 
 _WIDTH = 120  # width of the tables, in characters
-_CAPTION = "tests of boxes and triangles per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
-_NO_MAP = {True: "no map: it chooses a plan for each query", False: "no map: it works on all rays at once"}
+_CAPTION = "box and triangle tests per shadow ray, in windows of 16x16 pixels, logarithmic; black: no rays"
+_NO_MAP = {True: "no map: it chooses a plan per query", False: "no map: it traces all rays at once"}
 
 
 class ComparisonReport(NamedTuple):
-    """A comparison, and what was compared."""
+    """A comparison and its inputs."""
 
-    given: "CompareArguments"
-    asked: "PictureSpec"
+    arguments: CompareArguments
+    spec: PictureSpec
     scene: "AnyScene"
-    load: float  # seconds that reading the scene took
-    shot: "Shot"  # its frame is the reference's
-    found: "Comparison"
+    load: float  # seconds to read the scene
+    shot: Shot  # with the frame of the reference
+    comparison: "Comparison"
     machine: dict[str, str | int]
 
 
 class ComparisonPanels:
-    """The rendered picture, and the heat map of each plan, with a common colour bar.
+    """The rendered picture and the heat map of each plan, with a common colour bar.
 
     panels : list of Panel
     bar : Bar
     """
 
-    def __init__(self, told: ComparisonReport):
+    def __init__(self, report: ComparisonReport):
         from ..picture.heat_maps import Panel, blank, log_scale_of
         from ..picture.plan_comparison import windows_to_pixels
 
-        found = told.found
-        maps = [one.windows for one in found.plans]
+        comparison = report.comparison
+        maps = [one.windows for one in comparison.plans]
         scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
-        def drawn(one: "PlanMeasurement") -> np.ndarray:
+        def heat_map(one: "PlanMeasurement") -> NDArray[np.uint8]:
             if one.windows is None:
-                return blank(found.asks.shape, _NO_MAP[one.plan.tracer.chooses])
-            return scale.colours(windows_to_pixels(one.windows, found.asks), found.asks)
+                return blank(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
+            return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
 
-        self.panels: list[Panel] = [Panel(_rendered(told), (told.scene.name, f"{found.frame.rays:,} shadow rays"))]
-        self.panels += [Panel(drawn(one), (str(one.plan), _label(found, one))) for one in found.plans]
+        self.panels: list[Panel] = [
+            Panel(_rendered(report), (report.scene.name, f"{comparison.frame.rays:,} shadow rays"))
+        ]
+        self.panels += [Panel(heat_map(one), (str(one.plan), _label(comparison, one))) for one in comparison.plans]
         self.bar: ColourBar = scale.bar(_CAPTION)
 
     def save(self, path: Path) -> None:
-        """Write all panels as one picture."""
+        """Save all panels as one picture."""
         from ..picture.heat_maps import sheet
         from ..picture.image_files import save_png
 
         save_png(sheet(self.panels, self.bar), path)
 
 
-def _rendered(told: ComparisonReport) -> np.ndarray:
+def _rendered(report: ComparisonReport) -> NDArray[np.uint8]:
     from ..picture.image_files import frame_exposure, screen_picture
 
-    frame, exposure = told.found.frame, told.asked.exposure
+    frame, exposure = report.comparison.frame, report.spec.exposure
     return screen_picture(frame, frame_exposure(frame) if exposure is None else exposure)
 
 
-def _label(found: "Comparison", one: "PlanMeasurement") -> str:
-    total, least = one.medians["total"], found.fastest.medians["total"]
-    return f"{report.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests a ray"
+def _label(comparison: "Comparison", one: "PlanMeasurement") -> str:
+    total, least = one.medians["total"], comparison.fastest.medians["total"]
+    return f"{console.duration(total)} ({ratio(total, least)}), {number(one.tests_per_ray)} tests per ray"
 
 
 def ratio(value: float, least: float) -> str:
-    """How many times the least value it is."""
+    """The ratio to the least value, as text."""
     return f"{number(value / least)}x" if least > 0.0 else "-"
 
 
 def number(value: float | None) -> str:
-    """A number with three digits or more, as text."""
+    """A number with at least three significant digits, as text."""
     if value is None:
         return "-"
     return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
@@ -223,109 +227,114 @@ def speed(one: "PlanMeasurement") -> str:
 
 
 def extent(one: "PlanMeasurement") -> str:
-    """The least and the greatest total, in milliseconds."""
+    """The range of the totals in milliseconds, as text."""
     totals = [seconds["total"] for seconds in one.seconds]
     return f"{milliseconds(min(totals))}-{milliseconds(max(totals))}"
 
 
-def phases(found: "Comparison") -> list[str]:
-    """The phases that take time in any plan, and at last "total"."""
-    return [name for name in found.plans[0].medians if any(one.medians[name] > 0.0 for one in found.plans)]
+def phases(comparison: "Comparison") -> list[str]:
+    """The phases that take time in any plan, ending with "total"."""
+    return [name for name in comparison.plans[0].medians if any(one.medians[name] > 0.0 for one in comparison.plans)]
 
 
-def counters(found: "Comparison") -> list[tuple[str, list[str]]]:
-    """Names, and the counts of each plan; without counts that are 0 in all plans."""
-    rows = [(name, [one.counters[name] for one in found.plans]) for name in found.plans[0].counters]
-    for name in found.plans[0].paging or ():
-        rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in found.plans]))
-    told = [(name.replace("_", " "), [f"{n:,}" for n in counts]) for name, counts in rows if any(counts)]
-    return [*told, ("tests per ray", [number(one.tests_per_ray) for one in found.plans])]
+def counters(comparison: "Comparison") -> list[tuple[str, list[str]]]:
+    """Names and the counts of each plan, without counters that are 0 in all plans."""
+    rows = [(name, [one.counters[name] for one in comparison.plans]) for name in comparison.plans[0].counters]
+    for name in comparison.plans[0].paging or ():
+        rows.append((f"chunks: {name}", [(one.paging or {})[name] for one in comparison.plans]))
+    changing = [(name.replace("_", " "), [f"{n:,}" for n in counts]) for name, counts in rows if any(counts)]
+    return [*changing, ("tests per ray", [number(one.tests_per_ray) for one in comparison.plans])]
 
 
-def bits(found: "Comparison") -> list[str]:
-    """Lines that say whether the bits are the same."""
-    differing = [one for one in found.plans if one.difference.pixels]
+def bits(comparison: "Comparison") -> list[str]:
+    """Lines that state whether the plans give the same bits."""
+    differing = [one for one in comparison.plans if one.difference.pixels]
     if not differing:
-        return ["the same by all plans"]
-    lines = [differs(found, one) + ("" if one.plan.tracer.exact else "; it is not exact") for one in differing]
-    return lines if len(found.plans) - len(differing) < 2 else [*lines, "the same by all other plans"]
+        return ["identical for all plans"]
+    lines = [
+        differs(comparison, one) + ("" if one.plan.tracer.exact else "; this plan is not exact") for one in differing
+    ]
+    return lines if len(comparison.plans) - len(differing) < 2 else [*lines, "identical for all other plans"]
 
 
-def differs(found: "Comparison", one: "PlanMeasurement") -> str:
+def differs(comparison: "Comparison", one: "PlanMeasurement") -> str:
     """How a plan differs from the reference, as text."""
     n, pixels, first = one.difference
     assert first is not None
     return (
-        f"{one.plan} differs from {found.reference}: {n:,} of the bits, {pixels:,} of the pixels, and first the pixel "
+        f"{one.plan} differs from {comparison.reference}: {n:,} of the bits, {pixels:,} of the pixels, first at "
         f"({first[0]}, {first[1]})"
     )
 
 
-def comparison_fields(told: ComparisonReport) -> Iterator[tuple[str, str]]:
-    """The names and values that are printed above the tables."""
-    yield "picture", str(told.given.output)
-    if told.given.html is not None:
-        yield "page", str(told.given.html)
-    yield from picture_rows(told)
-    for line in bits(told.found):
+def comparison_fields(report: ComparisonReport) -> Iterator[tuple[str, str]]:
+    """The names and values printed above the tables."""
+    yield "picture", str(report.arguments.output)
+    if report.arguments.html is not None:
+        yield "page", str(report.arguments.html)
+    yield from picture_rows(report)
+    for line in bits(report.comparison):
         yield "bits", line
 
 
-def picture_rows(told: ComparisonReport) -> Iterator[tuple[str, str]]:
-    """Names and values of the picture that was compared."""
-    scene = told.scene
-    moment = f", at {told.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
-    yield "scene", summary.scene_text(told.asked, scene) + moment
-    yield from summary.view_fields(told.shot)
+def picture_rows(report: ComparisonReport) -> Iterator[tuple[str, str]]:
+    """Names and values that describe the rendered picture."""
+    scene = report.scene
+    moment = f", at {report.shot.time:g} of {scene.duration:g} s" if scene.animated else ""
+    yield "scene", picture_report.scene_text(report.spec, scene) + moment
+    yield from picture_report.view_fields(report.shot)
 
 
-def print_tables(told: ComparisonReport) -> None:
-    """Print the medians of the phases, and the counters."""
-    found, names = told.found, phases(told.found)
-    least = found.fastest.medians["total"]
+def print_tables(report: ComparisonReport) -> None:
+    """Print the median times of the phases and the counters."""
+    comparison, names = report.comparison, phases(report.comparison)
+    least = comparison.fastest.medians["total"]
     rows = [
         (
-            str(one.plan), *(milliseconds(one.medians[name]) for name in names), ratio(one.medians["total"], least),
-            extent(one), speed(one),
+            str(one.plan),
+            *(milliseconds(one.medians[name]) for name in names),
+            ratio(one.medians["total"], least),
+            extent(one),
+            speed(one),
         )
-        for one in found.plans
-    ]  # fmt: skip
-    print(f"Milliseconds of a frame, median of {told.given.rounds}")
-    report.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
-    print("Counters of a frame")
-    head = "", *(str(one.plan) for one in found.plans)
-    report.print_table(head, [(name, *row) for name, row in counters(found)], range(1, len(head)), _WIDTH)
+        for one in comparison.plans
+    ]
+    print(f"Milliseconds per frame, median of {report.arguments.rounds}")
+    console.print_table(("plan", *names, "ratio", "all totals", "Mrays/s"), rows, range(1, len(names) + 4), _WIDTH)
+    print("Counters per frame")
+    head = "", *(str(one.plan) for one in comparison.plans)
+    console.print_table(head, [(name, *row) for name, row in counters(comparison)], range(1, len(head)), _WIDTH)
 
 
-def answer(told: ComparisonReport) -> dict:
+def answer(report: ComparisonReport) -> dict[str, Any]:
     """All fields of ``--json``."""
-    found, asked = told.found, told.asked.record(told.shot.options)
-    del asked["plan"]
+    comparison, settings = report.comparison, report.spec.record(report.shot.options)
+    del settings["plan"]
     return {
-        "output": str(told.given.output),
-        "page": None if told.given.html is None else str(told.given.html),
-        "command": told.given.command(),
-        "machine": told.machine,
-        "scene": summary.scene_answer(told.asked, told.scene),
-        "load": told.load,
-        "camera": report.camera_fields(told.shot.camera),
-        "lights": [report.light_fields(light) for light in told.shot.lights],
-        **asked,
-        "rounds": told.given.rounds,
-        "rays": found.frame.rays,
-        "reference": str(found.reference),
-        "same_bits": not any(one.difference.pixels for one in found.plans),
-        "plans": [_plan_answer(found, one) for one in found.plans],
+        "output": str(report.arguments.output),
+        "page": None if report.arguments.html is None else str(report.arguments.html),
+        "command": report.arguments.command(),
+        "machine": report.machine,
+        "scene": picture_report.scene_answer(report.spec, report.scene),
+        "load": report.load,
+        "camera": console.camera_fields(report.shot.camera),
+        "lights": [console.light_fields(light) for light in report.shot.lights],
+        **settings,
+        "rounds": report.arguments.rounds,
+        "rays": comparison.frame.rays,
+        "reference": str(comparison.reference),
+        "same_bits": not any(one.difference.pixels for one in comparison.plans),
+        "plans": [_plan_answer(comparison, one) for one in comparison.plans],
     }
 
 
-def _plan_answer(found: "Comparison", one: "PlanMeasurement") -> dict:
+def _plan_answer(comparison: "Comparison", one: "PlanMeasurement") -> dict[str, Any]:
     rays = one.rays_per_second
     return {
         "plan": str(one.plan),
         "exact": one.plan.tracer.exact,
         "timings": one.medians,
-        "ratio": one.medians["total"] / found.fastest.medians["total"],
+        "ratio": one.medians["total"] / comparison.fastest.medians["total"],
         "rounds": one.seconds,
         "rays": one.rays,
         "mrays_per_second": None if rays is None else rays / 1e6,
@@ -337,58 +346,56 @@ def _plan_answer(found: "Comparison", one: "PlanMeasurement") -> dict:
     }
 
 
-# --- The page of ``antumbra compare``: pictures of plans, their times and counters ------------------------------------
+# --- HTML page --------------------------------------------------------------------------------------------------------
 
 
-if TYPE_CHECKING:
-    from ..picture.heat_maps import Panel
-
-_NARROWEST = 300  # least width of a panel, in pixels
+_NARROWEST = 300  # minimum width of a panel, in pixels
 
 
-def save_comparison_page(told: ComparisonReport, panels: ComparisonPanels, path: Path) -> None:
-    """Write the page whole or not at all."""
-    found = told.found
-    verdict, plans = " class=bad" if found.wrong else "", [str(one.plan) for one in found.plans]
+def save_comparison_page(report: ComparisonReport, panels: ComparisonPanels, path: Path) -> None:
+    """Write the page atomically."""
+    comparison = report.comparison
+    verdict, plans = " class=bad" if comparison.wrong else "", [str(one.plan) for one in comparison.plans]
     parts = [
-        *(f"<p{verdict}>Bits: {escape(line)}.</p>" for line in bits(found)),
+        *(f"<p{verdict}>Bits: {escape(line)}.</p>" for line in bits(comparison)),
         _pictures(panels),
-        f"<h2>Milliseconds of a frame: median of {told.given.rounds}, and ratio to the fastest</h2>",
-        page.html_table(["", *plans], _times(told)),
-        "<h2>Counters of a frame</h2>",
-        page.html_table(["", *plans], counters(found)),
+        f"<h2>Milliseconds per frame: median of {report.arguments.rounds}, and ratio to the fastest</h2>",
+        picture_report.html_table(["", *plans], _times(report)),
+        "<h2>Counters per frame</h2>",
+        picture_report.html_table(["", *plans], counters(comparison)),
         "<h2>Picture</h2>",
-        page.html_pairs(picture_rows(told)),
+        picture_report.html_pairs(picture_rows(report)),
         "<h2>Machine</h2>",
-        page.html_pairs((name, str(value)) for name, value in told.machine.items()),
+        picture_report.html_pairs((name, str(value)) for name, value in report.machine.items()),
         "<h2>Command</h2>",
-        f"<pre>{escape(told.given.command())}</pre>",
+        f"<pre>{escape(report.arguments.command())}</pre>",
     ]
-    page.save_page(f"{len(found.plans)} plans on {told.scene.name}", parts, path)
+    picture_report.save_page(f"{len(comparison.plans)} plans on {report.scene.name}", parts, path)
 
 
 def _pictures(panels: ComparisonPanels) -> str:
-    """All panels as figures, and the colour bar below them."""
+    """All panels as figures, with the colour bar below."""
     from ..picture.heat_maps import draw_bar
 
-    bar = f'<img class=bar alt="{escape(panels.bar.caption)}" src="{page.data_url(draw_bar(panels.bar, 1400, 18))}">'
+    url = picture_report.data_url(draw_bar(panels.bar, 1400, 18))
+    bar = f'<img class=bar alt="{escape(panels.bar.caption)}" src="{url}">'
     return "\n".join(["<div class=panels>", *map(_figure, panels.panels), "</div>", bar])
 
 
 def _figure(panel: "Panel") -> str:
-    """A panel with its lines below it."""
+    """A panel with its caption."""
     title, *more = map(escape, panel.lines)
     width = max(panel.picture.shape[1], _NARROWEST)
-    image = f'<img alt="{title}" src="{page.data_url(panel.picture)}">'
+    image = f'<img alt="{title}" src="{picture_report.data_url(panel.picture)}">'
     caption = f"{title}{''.join(f'<span>{line}</span>' for line in more)}"
     return f'<figure style="max-width: {width}px">{image}<figcaption>{caption}</figcaption></figure>'
 
 
-def _times(told: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
-    """The rows of the phases, of the total, and of the rays per second: names, and cells in HTML."""
-    plans = told.found.plans
+def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
+    """The rows of the phases, the total and the rays per second: names, and cells in HTML."""
+    plans = report.comparison.plans
     medians = [one.medians for one in plans]
-    for name in phases(told.found):
+    for name in phases(report.comparison):
         seconds = [each[name] for each in medians]
         least = min((s for s in seconds if s > 0.0), default=0.0)
         yield name, [f"{escape(milliseconds(s))} <small>{ratio(s, least) if s else ''}</small>" for s in seconds]
@@ -396,22 +403,22 @@ def _times(told: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
     yield "million rays/s", [f"{speed(one)} <small></small>" for one in plans]
 
 
-# --- ``antumbra compare``: measures plans on the same picture ---------------------------------------------------------
+# --- The command ------------------------------------------------------------------------------------------------------
 
 
 @takes(CompareArguments)
-def compare(given: CompareArguments) -> int:
+def compare(args: CompareArguments) -> int:
     """Measure plans on the same picture of SCENE, side by side.
 
-    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. Each
-    frame starts anew, as the picture of antumbra render: it keeps nothing from the frames before. Counters are those of
-    a frame that is not timed.
+    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. As in
+    antumbra render, each frame starts from scratch and reuses nothing from earlier frames. The counters come from a
+    separate, untimed frame.
 
-    All plans must give the same bits. If an exact plan differs from the first one, the exit code is 1.
+    All exact plans must give the same bits. If one differs from the first exact plan, the exit code is 1.
 
-    The picture shows the rendered scene, and a heat map for each plan: the tests of boxes and triangles per shadow ray,
-    in windows of 16x16 pixels. All maps have the same colours, on a logarithmic scale. A plan without a builder has no
-    map, because its hierarchy is over the rays of all pixels. CAMERA and LIGHT are written as in antumbra render.
+    The picture shows the rendered scene and a heat map per plan: box and triangle tests per shadow ray, in windows of
+    16x16 pixels. All maps share one logarithmic colour scale. A plan without a builder has no map, because its
+    hierarchy spans the rays of all pixels. antumbra render --help explains CAMERA and LIGHT.
 
     \b
     Examples
@@ -423,39 +430,39 @@ def compare(given: CompareArguments) -> int:
     from ..engine.plan import with_sample
     from ..kernels.parallel import thread_count
     from ..picture.frame_request import TimeSample
-    from ..picture.plan_comparison import compare as compared
+    from ..picture.plan_comparison import compare as compare_plans
     from ..picture.plan_comparison import compared_plans
 
-    asked = given.options()
-    path, page = given.output, given.html
-    plans = compared_plans(given.plan or [])
-    asked.check(*plans)
-    plans = with_sample(plans, asked.srdh_rays)
-    with ProgressDisplay(asked.quiet) as display:
+    spec = args.options()
+    path, page = args.output, args.html
+    plans = compared_plans(args.plan or [])
+    spec.check(*plans)
+    plans = with_sample(plans, spec.srdh_rays)
+    with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        scene = open_scene(asked.spec, asked.up, asked.quiet)
+        scene = open_scene(spec.scene_spec, spec.up, spec.quiet)
         load = perf_counter() - start
-        limit_memory(scene, asked.engine.max_memory)
-        time = scene.clamped(given.time or 0.0)
-        moment = TimeSample(time, asked.view(scene, time), asked.all_lights(scene, time))
+        limit_memory(scene, spec.engine.max_memory)
+        time = scene.clamped(args.time or 0.0)
+        moment = TimeSample(time, spec.view(scene, time), spec.all_lights(scene, time))
         display.say("preparing")
-        options = replace(asked.picture, time=time, antialias=False)  # a pixel that differs shows in no other pixel
-        found = compared(scene, moment, plans, options, asked.engine, rounds=given.rounds, say=display.say)
+        options = replace(spec.picture, time=time, antialias=False)  # smoothing would spread differing pixels
+        comparison = compare_plans(scene, moment, plans, options, spec.engine, rounds=args.rounds, say=display.say)
         display.say("writing the picture")
-        shot = Shot(moment.camera, moment.lights, options, found.frame)
-        told = ComparisonReport(
-            given, asked, scene, load, shot, found, {**about(), "threads": thread_count(asked.engine.threads)}
+        shot = Shot(moment.camera, moment.lights, options, comparison.frame)
+        report = ComparisonReport(
+            args, spec, scene, load, shot, comparison, {**about(), "threads": thread_count(spec.engine.threads)}
         )
-        panels = ComparisonPanels(told)
+        panels = ComparisonPanels(report)
         panels.save(path)
         if page is not None:
-            save_comparison_page(told, panels, page)
-    if asked.json:
-        report.print_json(answer(told))
-    elif not asked.quiet:
-        report.print_fields(comparison_fields(told))
-        print_tables(told)
-    for one in found.wrong:
-        say(f"{differs(found, one)}; this is a bug, please report it with the scene and the command")
-    return UNFORESEEN if found.wrong else 0
+            save_comparison_page(report, panels, page)
+    if spec.json:
+        console.print_json(answer(report))
+    elif not spec.quiet:
+        console.print_fields(comparison_fields(report))
+        print_tables(report)
+    for one in comparison.wrong:
+        say(f"{differs(comparison, one)}; this is a bug, please report it with the scene and the command")
+    return UNFORESEEN if comparison.wrong else 0

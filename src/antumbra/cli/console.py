@@ -1,6 +1,6 @@
 """Terminal output: answers on standard output, as tables or JSON; progress and errors on standard error.
 
-A `Record` keeps what is printed as Markdown. `guarded` turns exceptions into one line and an exit code.
+A `Record` also collects the output as Markdown. `guarded` turns exceptions into one line and an exit code.
 """
 
 import hashlib
@@ -22,52 +22,60 @@ import typer
 from ..errors import InputError, one_line
 from ..progress import LOG, progress_listener, split_progress
 
-# --- Keeps what a command prints as Markdown --------------------------------------------------------------------------
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+    from rich.table import Table
+
+    from ..scene.camera import Camera
+    from ..techniques.srdh.representative_rays import SrdhRays
+
+
+# --- Output as Markdown -----------------------------------------------------------------------------------------------
 
 
 _ESCAPED = str.maketrans({c: f"\\{c}" for c in "\\|*<>`[]"})
 
 
 class Record(io.TextIOBase):
-    """A stream for standard output that also keeps what is printed, as Markdown.
+    """A stream for standard output that also collects the output as Markdown.
 
-    `report` gives it tables and fields. A line just before a table becomes the table's caption.
+    `print_table` and `print_fields` pass it tables and fields. A line just before a table becomes its caption.
 
-    shown : the stream on which all text appears; None: nowhere
+    stream : the stream to which all text is passed on; None: nowhere
     """
 
-    def __init__(self, shown: TextIO | None):
-        self.shown = shown
+    def __init__(self, stream: TextIO | None):
+        self.stream = stream
         self._blocks: list[str] = []
         self._text = ""  # printed since the last block
 
     def write(self, text: str) -> int:
         self._text += text
-        if self.shown is not None:
-            self.shown.write(text)
+        if self.stream is not None:
+            self.stream.write(text)
         return len(text)
 
     def flush(self) -> None:
-        if self.shown is not None:
-            self.shown.flush()
+        if self.stream is not None:
+            self.stream.flush()
 
     def isatty(self) -> bool:
-        return self.shown is not None and self.shown.isatty()
+        return self.stream is not None and self.stream.isatty()
 
     def keep_table(self, headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> None:
-        """Keep a table. Columns in `right` hold numbers."""
+        """Add a table. Columns in `right` hold numbers."""
         self._end_text(caption=True)
         marks = ["---:" if i in right else "---" for i in range(len(headers))]
         lines = [[escaped(h) for h in headers], marks, *([escaped(cell) for cell in row] for row in rows)]
         self._blocks.append("\n".join(f"| {' | '.join(line)} |" for line in lines))
 
     def keep_fields(self, rows: Iterable[tuple[str, str]]) -> None:
-        """Keep names and values as a list."""
+        """Add names and values as a list."""
         self._end_text()
         self._blocks.append("\n".join(f"- **{escaped(name)}**: {escaped(value)}" for name, value in rows))
 
     def markdown(self) -> str:
-        """All that was kept."""
+        """Everything collected so far."""
         self._end_text()
         return "\n\n".join(self._blocks) + "\n"
 
@@ -80,23 +88,21 @@ class Record(io.TextIOBase):
 
 
 def escaped(text: str) -> str:
-    """Text for a line of Markdown in which no character has a meaning."""
+    """Text as one line of Markdown, with special characters escaped."""
     return " ".join(text.translate(_ESCAPED).split())
 
 
-# --- Prints answers on standard output: tables for people, or one JSON object for programs ----------------------------
-#
-# While a `Record` is standard output, tables are kept as Markdown too.
+# --- Answers on standard output: tables for people, one JSON object for programs --------------------------------------
 
 
-def print_json(answer: dict) -> None:
+def print_json(answer: dict[str, Any]) -> None:
     """Print one JSON object on one line, and flush it. Infinity and NaN become null."""
     sys.stdout.write(json.dumps(plain(answer), allow_nan=False) + "\n")
     sys.stdout.flush()
 
 
 def print_fields(rows: Iterable[tuple[str, str]]) -> None:
-    """Print names and values, one below the other."""
+    """Print names and values, one pair per line."""
     from rich.table import Table
 
     rows = list(rows)
@@ -111,7 +117,7 @@ def print_fields(rows: Iterable[tuple[str, str]]) -> None:
 def print_table(
     headers: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = (), width: int | None = None
 ) -> None:
-    """Print a table with headers. Columns in `right` hold numbers. `width` is the least number of characters a line."""
+    """Print a table with headers. Columns in `right` hold numbers. `width`: minimum width in characters."""
     from rich import box
     from rich.table import Table
 
@@ -136,41 +142,41 @@ def size_in_memory(n: int) -> str:
     return f"{n / 1e6:,.1f} MB"
 
 
-def vector(values) -> str:
+def vector(values: Iterable[float]) -> str:
     """Three numbers as text."""
     return "(" + ", ".join(f"{float(v):.7g}" for v in values) + ")"
 
 
-def light_fields(light) -> dict:
-    """A light as names and values. A list of lights has only the number of its lights, a sky a digest of its map."""
+def light_fields(light: Any) -> dict[str, Any]:
+    """A light as names and values: a list of lights by its length, a sky by a digest of its map."""
     from ..scene.sky import Sky
 
     kind = {"type": type(light).__name__, **({"name": light.name} if light.name else {})}
     if isinstance(light, Sky):
         digest = hashlib.sha256(light.map.tobytes()).hexdigest()[:16]
-        own = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
-        return {**kind, "map": digest, **own}
+        values = {name: getattr(light, name) for name in ("intensity", "colour", "up", "turn", "count")}
+        return {**kind, "map": digest, **values}
     if light.domain == "list":
         return {**kind, "count": len(light.points), "interleave": light.interleave}
     return {**kind, **{f.name: getattr(light, f.name) for f in fields(light)}}
 
 
-def camera_fields(camera) -> dict:
+def camera_fields(camera: "Camera") -> dict[str, Any]:
     """A camera as names and values."""
     other = ("projection", "extent") if camera.listed else ()
     return {name: getattr(camera, name) for name in ("position", "target", "up", "vfov", "width", "height", *other)}
 
 
-def srdh_rays_fields(rays) -> dict:
-    """`SrdhRays` from the command line as names and values."""
+def srdh_rays_fields(rays: "SrdhRays") -> dict[str, Any]:
+    """`SrdhRays` as names and values."""
     return {name: getattr(rays, name) for name in ("size", "spp", "bounce", "last_frame")}
 
 
-def _print_rows(table, rows, width: int | None = None) -> None:
+def _print_rows(table: "Table", rows: Iterable[Sequence[str]], width: int | None = None) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    out = sys.stdout.shown if isinstance(sys.stdout, Record) else sys.stdout
+    out = sys.stdout.stream if isinstance(sys.stdout, Record) else sys.stdout
     if out is None:
         return
     for row in rows:
@@ -183,8 +189,8 @@ def _encodable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()  # file names may not be valid Unicode
 
 
-def plain(value):
-    """A value in the types of JSON: arrays and tuples become lists, infinite numbers and NaN become None."""
+def plain(value: Any) -> Any:
+    """A value as JSON types: arrays and tuples become lists, infinity and NaN become None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if hasattr(value, "tolist"):
@@ -196,21 +202,17 @@ def plain(value):
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
 
 
-# --- Shows progress on a terminal for operations that take longer than a second ---------------------------------------
+# --- Progress of operations that take longer than a second ------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
 
 DELAY = 1.0
 
 
 class ProgressDisplay:
-    """A progress line on standard error while the block runs.
+    """A progress line on standard error while the block runs longer than `delay` seconds.
 
-    There is none if the block is fast. If standard error is no terminal, the begin and the end of long work appear as
-    lines instead. A timer starts the line, so it appears during a single long call too (reading a file, building a
-    BVH). `quiet`: nothing appears.
+    A timer starts the line, so it appears even during a single long call (reading a file, building a BVH). If standard
+    error is not a terminal, lines mark the start and end of long work instead. `quiet` suppresses both.
     """
 
     def __init__(self, quiet: bool = False, delay: float = DELAY):
@@ -229,7 +231,7 @@ class ProgressDisplay:
             self._timer.start()
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._timer is not None:
             self._timer.cancel()
         if self._heard is not None:
@@ -240,20 +242,20 @@ class ProgressDisplay:
                 self._bar.stop()
 
     def say(self, text: str, done: int = 0, total: int = 0) -> None:
-        """Show the current operation, and how much of it is done. `total` 0: unknown."""
+        """Show the current operation and its progress. `total` 0: unknown."""
         self._text, self._done, self._total = text, done, total
         with self._lock:
             if self._bar is not None:
                 self._update(self._bar)
 
     def parts(self, text: str, count: int, index: int = 0, of: int = 1) -> Callable[[int, int], object]:
-        """A function ``progress(done, total)`` for `count` runs, one after the other. `done` restarts in each run.
+        """A function ``progress(done, total)`` for `count` consecutive runs; `done` restarts in each run.
 
-        All runs together are piece `index` of `of` pieces.
+        The runs together make up part `index` of `of` parts.
         """
-        made = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
-        assert made is not None
-        return made
+        progress = split_progress(lambda done, total: self.say(text, done, total), count, index, of)
+        assert progress is not None
+        return progress
 
     def _start(self) -> None:
         from rich.console import Console
@@ -273,7 +275,7 @@ class ProgressDisplay:
 
 @contextmanager
 def _logged() -> Iterator[None]:
-    """Let the progress of the library through to its logger."""
+    """Let the library log its progress."""
     before = LOG.level
     LOG.setLevel(logging.INFO)
     try:
@@ -282,21 +284,21 @@ def _logged() -> Iterator[None]:
         LOG.setLevel(before)
 
 
-# --- Errors on the command line: one line on standard error, and an exit code -----------------------------------------
+# --- Errors: one line on standard error, and an exit code -------------------------------------------------------------
 
 
 UNFORESEEN, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
-# Typer does not export the base class of its usage errors, and its module depends on Typer's version.
+# Typer does not export the base class of its usage errors, whose module depends on Typer's version.
 _UsageError: Any = typer.BadParameter.__mro__[1]
 
 
 def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
     """Run ``run(arguments)`` and return its exit code. Any exception becomes one line on standard error.
 
-    With ``--json`` it is a JSON object on standard output too: {"error": line}.
+    With ``--json`` the line is also a JSON object on standard output: {"error": line}.
 
-    ``--debug`` may stand anywhere, because users add it to a command that has just failed.
+    ``--debug`` is accepted anywhere, because users append it to a command that has just failed.
     """
     _prepare_streams()
     before = arguments[: arguments.index("--")] if "--" in arguments else arguments
@@ -310,7 +312,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
         if code == INTERRUPTED:
             raise KeyboardInterrupt
         return code
-    except BrokenPipeError:  # the reader of the output has ended
+    except BrokenPipeError:  # the reader of the output has exited
         _drop_output()
         return UNFORESEEN
     except BaseException as error:
@@ -329,7 +331,7 @@ def guarded(run: Callable[[list[str]], object], arguments: list[str]) -> int:
 
 
 def _drop_output() -> None:
-    """Drop buffered standard output if it cannot be written.
+    """Discard buffered standard output if it cannot be written.
 
     Otherwise Python would flush it at exit, print an error, and change the exit code.
     """
@@ -351,7 +353,7 @@ def explained(error: BaseException) -> tuple[str, int]:
         command = context.command_path if context else "antumbra"
         return f"{_usage(error)}; see {command} --help", BAD_INPUT
     if isinstance(error, MemoryError):
-        return "not enough memory; take a smaller --size, fewer --spp or a smaller scene", UNFORESEEN
+        return "not enough memory; reduce --size or --spp, or use a smaller scene", UNFORESEEN
     if isinstance(error, OSError):  # such as standard output on a full disk
         return f"the system reports: {error}", UNFORESEEN
     reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -359,7 +361,7 @@ def explained(error: BaseException) -> tuple[str, int]:
 
 
 class _LogLines(logging.Handler):
-    """Records of a logger as lines on standard error."""
+    """Prints log records as lines on standard error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(record.getMessage())
@@ -367,7 +369,7 @@ class _LogLines(logging.Handler):
 
 @contextmanager
 def _log_lines() -> Iterator[None]:
-    """Say what the library logs: warnings, and progress where `progress.ProgressDisplay` asks for it."""
+    """Print what the library logs: warnings, and progress while `ProgressDisplay` enables it."""
     log, lines = logging.getLogger("antumbra"), _LogLines()
     log.addHandler(lines)
     try:
@@ -376,7 +378,7 @@ def _log_lines() -> Iterator[None]:
         log.removeHandler(lines)
 
 
-# What Typer says of values, by the words of pydantic -> what this package says.
+# Typer's messages about values, in pydantic's wording -> this package's messages.
 _WORDS = (
     (r"Value error, .* is not one of (.*)", r"it must be one of \1"),
     (r"Input should be a valid integer.*", "it must be a whole number"),
@@ -387,19 +389,19 @@ _WORDS = (
 )
 
 
-def _usage(error) -> str:
-    """An error of Typer about a value, in the words of other errors: ``--spp is 'x'; it must be a whole number``."""
-    said = error.format_message().rstrip(".")
+def _usage(error: Any) -> str:
+    """Typer's error about a value, worded like other errors: ``--spp is 'x'; it must be a whole number``."""
+    message: str = error.format_message().rstrip(".")
     option = next((o for o in getattr(getattr(error, "param", None), "opts", ()) if o.startswith("--")), None)
     for pattern, words in _WORDS:
-        found = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
-        if found and option:
-            return f"{option}{_given(error)}; {found.expand(words)}"
-    return said
+        match = re.fullmatch(pattern, str(getattr(error, "message", "")).rstrip("."))
+        if match and option:
+            return f"{option}{_given(error)}; {match.expand(words)}"
+    return message
 
 
-def _given(error) -> str:
-    """`` is 'x'`` of the value that pydantic refused; nothing if it is not known."""
+def _given(error: Any) -> str:
+    """`` is 'x'`` for the value that pydantic rejected; empty if unknown."""
     try:
         return f" is {error.__cause__.errors()[0]['input']!r}"
     except (AttributeError, IndexError, KeyError, TypeError):
@@ -416,12 +418,12 @@ def say(line: str) -> None:
 def _prepare_streams() -> None:
     """Make writing to the standard streams safe.
 
-    A stream may be closed, and file names may have characters that the terminal's encoding lacks.
+    A stream may be closed, and file names may contain characters that the terminal's encoding lacks.
     """
     for name in ("stdout", "stderr"):
         stream: Any = getattr(sys, name)
         if stream is None:
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - as long as the process
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - open until the process exits
         else:
             with suppress(AttributeError, OSError, ValueError):
                 stream.reconfigure(errors="backslashreplace")

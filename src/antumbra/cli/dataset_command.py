@@ -1,4 +1,4 @@
-"""``antumbra dataset``: renders a scene with many cameras and lights, with ids, to a folder."""
+"""``antumbra dataset``: render a scene with many cameras and lights, with object ids, to a folder."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import CameraSpec, SceneSpec, limit_memory, open_scene
 from .console import ProgressDisplay, say
 from .options import (
@@ -27,22 +26,28 @@ from .options import (
     writes,
     writes_folder,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, parse_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, parse_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.dataset.dataset_job import Dataset
+    from ..jobs.executors import ShardIndex
+    from ..scene.lights import Light
 
 
 @dataclass(frozen=True)
 class DatasetArguments:
-    """The arguments of the command line: each field is an argument or an option."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     output: Annotated[
         Path,
         typer.Option(
-            "--output", "-o", help="A new folder, or one of this command.", metavar="FOLDER", callback=writes_folder()
+            "--output",
+            "-o",
+            help="A new folder, or one written by this command.",
+            metavar="FOLDER",
+            callback=writes_folder(),
         ),
     ]
     camera: Annotated[
@@ -51,24 +56,22 @@ class DatasetArguments:
             help="An index, or POSITION:TARGET[:VFOV]; may be repeated.", metavar="CAMERA", show_default=False
         ),
     ] = None
-    orbit: Annotated[int, typer.Option(help="So many cameras around the scene.", min=0, metavar="N")] = 0
-    random: Annotated[int, typer.Option(help="So many random cameras in and around it.", min=0, metavar="N")] = 0
+    orbit: Annotated[int, typer.Option(help="Add N cameras around the scene.", min=0, metavar="N")] = 0
+    random: Annotated[int, typer.Option(help="Add N random cameras in and around the scene.", min=0, metavar="N")] = 0
     light: PictureLightOption = None
     random_lights: Annotated[
-        int, typer.Option(help="So many random lights: by turns a sun and a sphere.", min=0, max=1000, metavar="N")
+        int, typer.Option(help="Add N random lights, alternately a sun and a sphere.", min=0, max=1000, metavar="N")
     ] = 0
     ao: AoOption = None
-    seed: Annotated[int, typer.Option(help="Decides random cameras and lights.", min=0)] = 0
-    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    seed: Annotated[int, typer.Option(help="Seed of random cameras and lights.", min=0)] = 0
+    size: Annotated[str, typer.Option(help="Picture size in pixels.", metavar="WxH")] = "512x512"
     spp: SppOption = 16
     sampler: SamplerOption = "larcher-pillichshammer"
     time: TimeOption = 0.0
     up: UpOption = None
     plan: Annotated[
         str | None,
-        typer.Option(
-            help="The methods that answer; see antumbra plans. Exact plans change no bit.", show_default=False
-        ),
+        typer.Option(help="Plan; see antumbra plans. Exact plans give the same bits.", show_default=False),
     ] = None
     threads: Threads = None
     max_memory: MaxMemoryOption = None
@@ -76,12 +79,12 @@ class DatasetArguments:
     ray: RayOption = None
     merge: MergeOption = None
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a data set of other settings, and finished frames.")
+        bool, typer.Option("--overwrite", help="Replace finished frames, and data sets with other settings.")
     ] = False
     sheet: Annotated[
         Path | None,
         typer.Option(
-            help="Also write a .png with the layers of the first frame.",
+            help="Also write a .png contact sheet of the first frame's layers.",
             metavar="FILE",
             show_default=False,
             callback=writes(".png"),
@@ -91,7 +94,7 @@ class DatasetArguments:
     quiet: Quiet = False
 
     def parsed(self) -> "_Parsed":
-        """The arguments that are more than words and numbers, checked before a scene is read."""
+        """The arguments that need parsing, checked before a scene is read."""
         return _Parsed(
             arguments.parse_scene(self.scene),
             arguments.parse_size(self.size),
@@ -107,23 +110,23 @@ class _Parsed(NamedTuple):
     spec: SceneSpec
     size: tuple[int, int]  # width, height
     cameras: list[int | CameraSpec]
-    lights: list  # lights, and indices of the scene's own
-    ambient: list  # ambient occlusion, or nothing
+    lights: "list[int | Light]"  # lights, or indices of the scene's lights
+    ambient: "list[Light]"  # ambient occlusion, or nothing
     memory: int | None  # bytes
-    shard: "Share | None"
+    shard: "ShardIndex | None"
 
 
 @takes(DatasetArguments)
-def dataset(given: DatasetArguments) -> int:
-    """Render a data set of SCENE: for each camera a multi-layer EXR and a mask of each light's shadow.
+def dataset(args: DatasetArguments) -> int:
+    """Render a data set of SCENE: per camera, a multi-layer EXR and a shadow mask of each light.
 
-    Without cameras or lights, the file's are used, or one of each that suits the scene. Cameras are numbered in the
-    order of --camera, --orbit, --random; lights in the order of --light, --ao, --random-lights. antumbra render --help
+    Without cameras or lights, those of the file are used, or defaults that suit the scene. Cameras are numbered in the
+    order --camera, --orbit, --random; lights in the order --light, --ao, --random-lights. antumbra render --help
     explains CAMERA and LIGHT.
 
-    FOLDER gets frames/0000.exr, masks/0000.Light000.png and manifest.json. The manifest has the settings, seeds,
-    cameras, lights, names of objects, and a SHA-256 of the scene and of each file. The same command goes on after an
-    interruption, and changes nothing once it is done.
+    The command writes frames/0000.exr, masks/0000.Light000.png and manifest.json to FOLDER. The manifest lists the
+    settings, seeds, cameras, lights, object names, and SHA-256 digests of the scene and each file. Run the same command
+    again to continue after an interruption; once the data set is complete, it changes nothing.
 
     \b
     Examples
@@ -132,64 +135,64 @@ def dataset(given: DatasetArguments) -> int:
       antumbra dataset city.ply -o city --up z --orbit 36 --size 640x480 --spp 1
       antumbra dataset room.glb -o room --random 1000 --shard 0/4
     """
-    asked = given.parsed()
+    parsed = args.parsed()
 
-    with ProgressDisplay(given.quiet) as display:
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(asked.spec, None if given.up is None else given.up.value, given.quiet)
-        limit_memory(scene, asked.memory)
+        scene = open_scene(parsed.spec, None if args.up is None else args.up.value, args.quiet)
+        limit_memory(scene, parsed.memory)
         display.say("preparing")
         try:
-            made = _made(given, asked, scene, display)
+            result = _dataset(args, parsed, scene, display)
         except KeyboardInterrupt:
-            say("frames that are finished stay; the same command goes on from there")
+            say("finished frames are kept; run the same command again to continue")
             raise
-        if given.sheet is not None and (asked.shard is None or asked.shard.index == 0):
+        if args.sheet is not None and (parsed.shard is None or parsed.shard.number == 0):
             from ..jobs.dataset.dataset_files import contact_sheet
             from ..picture.image_files import save_png
 
-            save_png(contact_sheet(made.folder), given.sheet)
-    if given.json:
-        report.print_json({**made._asdict(), "folder": str(made.folder), "scene": scene.name})
-    elif not given.quiet:
-        report.print_fields(_fields(made, scene, asked.shard))
+            save_png(contact_sheet(result.folder), args.sheet)
+    if args.json:
+        console.print_json({**result._asdict(), "folder": str(result.folder), "scene": scene.name})
+    elif not args.quiet:
+        console.print_fields(_fields(result, scene, parsed.shard))
     return 0
 
 
-def _made(given: DatasetArguments, asked: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
-    from ..jobs.dataset.dataset_job import dataset as make
+def _dataset(args: DatasetArguments, parsed: "_Parsed", scene: "AnyScene", display: ProgressDisplay) -> "Dataset":
+    from ..jobs.dataset.dataset_job import dataset as make_dataset
 
-    own = asked.ambient and not given.random_lights  # the scene's lights stay if only ambient light is added
-    lights = arguments.make_lights(asked.lights, scene, given.time) if asked.lights or own else []
-    return make(
+    keeps_lights = parsed.ambient and not args.random_lights  # adding only ambient light keeps the scene's lights
+    lights = arguments.make_lights(parsed.lights, scene, args.time) if parsed.lights or keeps_lights else []
+    return make_dataset(
         scene,
-        given.output,
-        [arguments.make_camera(camera, scene, given.time, asked.size) for camera in asked.cameras] or None,
-        lights + asked.ambient or None,
-        orbit=given.orbit,
-        random=given.random,
-        random_lights=given.random_lights,
-        seed=given.seed,
-        size=asked.size,
-        spp=given.spp,
-        sampler=given.sampler,
-        time=given.time,
-        plan=given.plan,
-        threads=given.threads,
-        max_memory=asked.memory,
-        keep=engine_for(given, given.output),
-        overwrite=given.overwrite,
+        args.output,
+        [arguments.make_camera(camera, scene, args.time, parsed.size) for camera in parsed.cameras] or None,
+        lights + parsed.ambient or None,
+        orbit=args.orbit,
+        random=args.random,
+        random_lights=args.random_lights,
+        seed=args.seed,
+        size=parsed.size,
+        spp=args.spp,
+        sampler=args.sampler,
+        time=args.time,
+        plan=args.plan,
+        threads=args.threads,
+        max_memory=parsed.memory,
+        keep=executor_for(args, args.output),
+        overwrite=args.overwrite,
         progress=display.say,
     )
 
 
-def _fields(made: "Dataset", scene: "AnyScene", shard: "Share | None") -> Iterator[tuple[str, str]]:
-    yield "data set", str(made.folder / "manifest.json")
+def _fields(result: "Dataset", scene: "AnyScene", shard: "ShardIndex | None") -> Iterator[tuple[str, str]]:
+    yield "data set", str(result.folder / "manifest.json")
     yield "scene", f"{scene.name}, {scene.n_triangles:,} triangles, {len(scene.objects):,} objects"
-    yield "frames", f"{made.frames:,}, each with {made.lights} light{'s' * (made.lights != 1)}"
-    found = f", {made.finished:,} were finished" if made.finished else ""
+    yield "frames", f"{result.frames:,}, each with {result.lights} light{'s' * (result.lights != 1)}"
+    finished = f", {result.finished:,} were finished" if result.finished else ""
     part = "" if shard is None else f" (shard {shard})"
-    yield "rendered", f"{made.rendered:,}{found}{part}"
-    if not made.complete:
-        yield "", "other shards have frames to render; the last one completes the manifest"
-    yield "time", report.duration(made.seconds)
+    yield "rendered", f"{result.rendered:,}{finished}{part}"
+    if not result.complete:
+        yield "", "other shards still have frames to render; the last one completes the manifest"
+    yield "time", console.duration(result.seconds)

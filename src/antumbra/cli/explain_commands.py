@@ -1,15 +1,17 @@
-"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps, and of triangles left by culling."""
+"""``antumbra explain`` and ``antumbra culling``: pictures of traversal steps and of culled triangles."""
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import in_memory, limit_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
@@ -24,23 +26,28 @@ from .options import (
     Threads,
     TimeOption,
     UpOption,
+    takes,
     writes,
 )
-
-# --- ``antumbra explain``: shows where shadow rays spend their steps, plan by plan ------------------------------------
-
 
 if TYPE_CHECKING:
     from ..picture.traversal_steps import Explanation, PlanSteps
 
+
+# --- ``antumbra explain`` ---------------------------------------------------------------------------------------------
+
+
 _PLANS = "bsah+single:random", "srdh+single"
 _STORE_PLANS = ("bsah+chcrt",)
 _WIDTH = 120  # width of the tables, in characters
-_CAPTION = "box tests of each pixel's rays; black: no rays"
+_CAPTION = "box tests of the rays of a pixel; black: no rays"
 
 
-def explain(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class ExplainArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -50,45 +57,48 @@ def explain(
             metavar="FILE",
             callback=writes(".png"),
         ),
-    ] = None,
+    ] = None
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"A plan, compared with the first one; may be repeated.  [default: {' and '.join(_PLANS)}; for a "
+            help=f"A plan; may be repeated, to compare with the first.  [default: {' and '.join(_PLANS)}; for a "
             "store bsah+chcrt]",
             metavar="PLAN",
             show_default=False,
         ),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "512x512",
-    camera: CameraOption = None,
-    light: LightOption = None,
-    time: TimeOption = 0.0,
+    ] = None
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "512x512"
+    camera: CameraOption = None
+    light: LightOption = None
+    time: TimeOption = 0.0
     before: Annotated[
         float | None,
         typer.Option(
-            help="A frame so many seconds before is built first, for plans that keep something (refit, last-frame).",
+            help="First build a frame this many seconds earlier, for plans that reuse state (refit, last-frame).",
             metavar="SECONDS",
             show_default=False,
         ),
-    ] = None,
-    up: UpOption = None,
-    spp: SppOption = 16,
-    srdh_rays: SrdhRaysOption = None,
-    max_memory: MaxMemoryOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Show where plans spend the steps of SCENE's shadow rays.
+    ] = None
+    up: UpOption = None
+    spp: SppOption = 16
+    srdh_rays: SrdhRaysOption = None
+    max_memory: MaxMemoryOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
 
-    The picture shows a panel for each plan, side by side: the boxes tested for each pixel, in the same colours for all.
-    The tables split box tests into the classes of the SRDH paper: on the path to the hit, in vain beside it, for
-    unblocked rays. They also show how deep in each tree the triangles lie that block half of all blocked rays.
 
-    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays. Their
-    panels show the tests in windows of 16x16 pixels, shared among the pixels, and the classes are unknown. Plans
-    without a builder have no tree and no steps. A store is explained by its own tree, with the plan bsah+chcrt.
+@takes(ExplainArguments)
+def explain(args: ExplainArguments) -> int:
+    """Show where plans spend the traversal steps of SCENE's shadow rays.
+
+    The picture shows a panel per plan, side by side: the boxes tested per pixel, in one common colour scale. The tables
+    split box tests into the classes of the SRDH paper: on the path to the hit, off that path, and of unblocked rays.
+    They also give the depth, in each tree, of the triangles that block half of all blocked rays.
+
+    Plans with the tracers single and single:... trace rays one by one. Others test boxes for bundles of rays: their
+    panels show the tests in windows of 16x16 pixels, averaged over the pixels, and the classes are unknown. Plans
+    without a builder have no tree and no steps. For a store, its own tree is used, with the plan bsah+chcrt.
 
     \b
     Examples
@@ -97,14 +107,14 @@ def explain(
       antumbra explain robot.glb --time 2 --before 0.04 --plan bsah+single --plan bsah+refit+single
       antumbra explain city.glb --light sun:1,-0.5,-1 --plan bsah+single --plan bsah+multifrusta --json
     """
-    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    asked_camera = None if camera is None else arguments.parse_camera(camera)
-    asked_lights = [arguments.parse_light(text) for text in light or []]
-    if before is not None and not 0.0 < before <= 1e9:
-        raise InputError(f"--before is {before:g}; it must be a number of seconds above 0, such as 0.04")
-    asked_rays = None if srdh_rays is None else arguments.parse_srdh_rays(srdh_rays)
-    if asked_rays is not None and asked_rays.last_frame and before is None:
-        raise InputError("--srdh-rays last-frame wants a frame before the one that is explained; add --before SECONDS")
+    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
+    if args.before is not None and not 0.0 < args.before <= 1e9:
+        raise InputError(f"--before is {args.before:g}; it must be a positive number of seconds, such as 0.04")
+    rays = None if args.srdh_rays is None else arguments.parse_srdh_rays(args.srdh_rays)
+    if rays is not None and rays.last_frame and args.before is None:
+        raise InputError("--srdh-rays last-frame needs an earlier frame; add --before SECONDS")
 
     from ..engine.paged_scene import PagedScene
     from ..engine.plan import with_sample
@@ -114,46 +124,61 @@ def explain(
     from ..picture.traversal_steps import explain as explained
     from ..picture.traversal_steps import explained_plans
 
-    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if output is None else output
-    plans = explained_plans(plan or [])
-    with_sample(plans or explained_plans(_PLANS), asked_rays)
-    memory = None if max_memory is None else arguments.parse_bytes(max_memory, "--max-memory")
-    with ProgressDisplay(quiet) as display:
+    path = checked_output(Path(f"{spec.stem}-explain.png"), (".png",)) if args.output is None else args.output
+    plans = explained_plans(args.plan or [])
+    with_sample(plans or explained_plans(_PLANS), rays)
+    memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if up is None else up.value, quiet)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet)
         of_store = isinstance(opened, PagedScene)
         limit_memory(opened, memory)
-        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), asked_rays)
+        plans = with_sample(plans or explained_plans(_STORE_PLANS if of_store else _PLANS), rays)
 
         def moment(at: float) -> TimeSample:
-            view = arguments.make_camera(asked_camera, opened, at, width_height)
-            return TimeSample(opened.clamped(at), view, arguments.make_lights(asked_lights, opened, at))
+            view = arguments.make_camera(camera_spec, opened, at, width_height)
+            return TimeSample(opened.clamped(at), view, arguments.make_lights(light_specs, opened, at))
 
-        moments = [moment(at) for at in ([time] if before is None else [time - before, time])]
+        moments = [moment(at) for at in ([args.time] if args.before is None else [args.time - args.before, args.time])]
         display.say("preparing")
         explanation = explained(
-            opened, moments, plans, spp=spp, threads=threads,
-            say=lambda plan, i: display.say(f"walking by {plan}", i, len(plans)),
-        )  # fmt: skip
+            opened,
+            moments,
+            plans,
+            spp=args.spp,
+            threads=args.threads,
+            say=lambda name, i: display.say(f"counting the steps of {name}", i, len(plans)),
+        )
         display.say("writing the picture")
         save_png(_picture(explanation), path)
-    if json:
-        asked = {
-            "output": str(path), "scene": scene, "triangles": opened.n_triangles, "time": moments[-1].time,
-            "before": before, "camera": report.camera_fields(moments[-1].camera),
-            "lights": [report.light_fields(light) for light in moments[-1].lights], "spp": spp,
-            "srdh_rays": None if asked_rays is None else report.srdh_rays_fields(asked_rays), "threads": threads,
-        }  # fmt: skip
-        report.print_json({**asked, **_answer(explanation)})
-    elif not quiet:
-        report.print_fields(
-            [("picture", str(path)), ("scene", f"{scene}, {opened.n_triangles:,} triangles"), *_fields(explanation)]
+    if args.json:
+        settings = {
+            "output": str(path),
+            "scene": args.scene,
+            "triangles": opened.n_triangles,
+            "time": moments[-1].time,
+            "before": args.before,
+            "camera": console.camera_fields(moments[-1].camera),
+            "lights": [console.light_fields(each) for each in moments[-1].lights],
+            "spp": args.spp,
+            "srdh_rays": None if rays is None else console.srdh_rays_fields(rays),
+            "threads": args.threads,
+        }
+        console.print_json({**settings, **_answer(explanation)})
+    elif not args.quiet:
+        console.print_fields(
+            [
+                ("picture", str(path)),
+                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                *_fields(explanation),
+            ]
         )
         _print_tables(explanation)
+    return 0
 
 
-def _picture(explanation: "Explanation"):
-    """(H, W, 3) uint8: the panels of all plans."""
+def _picture(explanation: "Explanation") -> NDArray[np.uint8]:
+    """The panels of all plans, (H, W, 3)."""
     from ..picture.heat_maps import heat_map
 
     labels = [(str(one.plan), _label(explanation, one)) for one in explanation.plans]
@@ -161,12 +186,12 @@ def _picture(explanation: "Explanation"):
 
 
 def _label(explanation: "Explanation", one: "PlanSteps") -> str:
-    each = f"{_each(one.box_tests, explanation.rays)} box tests a ray"
+    each = f"{_each(one.box_tests, explanation.rays)} box tests per ray"
     return each if one is explanation.plans[0] else f"{each}, {_ratio(explanation, one)} times the first"
 
 
 def _each(n: float, rays: int) -> str:
-    """The mean for each ray, as text."""
+    """The mean per ray, as text."""
     return f"{n / rays:.4g}" if rays else "-"
 
 
@@ -175,8 +200,8 @@ def _ratio(explanation: "Explanation", one: "PlanSteps") -> str:
     return f"{one.box_tests / first:.3f}" if first else "-"
 
 
-def _answer(explanation: "Explanation") -> dict:
-    """The steps for ``--json``. A value is null if there is no ray, or if the classes are unknown."""
+def _answer(explanation: "Explanation") -> dict[str, Any]:
+    """The steps for ``--json``. Values are null if there are no rays, or if the classes are unknown."""
     from ..trace.rays.single_rays import CLASSES
 
     first, rays = explanation.plans[0].box_tests, explanation.rays or float("nan")
@@ -200,36 +225,39 @@ def _answer(explanation: "Explanation") -> dict:
 
 
 def _fields(explanation: "Explanation") -> Iterator[tuple[str, str]]:
-    """The fields that are the same for all plans."""
+    """The fields common to all plans."""
     rays, blocked = explanation.rays, explanation.blocked
     yield "rays", f"{rays:,}" + (f", {100 * blocked / rays:.3g} % of them blocked" if rays else "")
     if blocked:
         share = 100 * explanation.frequent_rays / blocked
         yield "frequent", f"{len(explanation.frequent):,} triangles block {share:.0f} % of the blocked rays"
-    yield "bits", "the same by all plans"
+    yield "bits", "identical for all plans"
 
 
 def _print_tables(explanation: "Explanation") -> None:
-    """Print the figures that differ between plans."""
+    """Print the figures of each plan."""
     from ..trace.rays.single_rays import CLASSES
 
     steps = [
         (
-            str(one.plan), _each(one.box_tests, explanation.rays), _ratio(explanation, one),
-            *_classes(explanation, one), _each(one.triangle_tests, explanation.rays),
+            str(one.plan),
+            _each(one.box_tests, explanation.rays),
+            _ratio(explanation, one),
+            *_classes(explanation, one),
+            _each(one.triangle_tests, explanation.rays),
         )
         for one in explanation.plans
-    ]  # fmt: skip
-    print("Steps for each ray")
-    report.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
+    ]
+    print("Steps per ray")
+    console.print_table(("plan", "box tests", "ratio", *CLASSES, "triangle tests"), steps, range(1, 7), _WIDTH)
     depths = [(str(one.plan), *(_depth(d) for d in one.depths[:4])) for one in explanation.plans]
     print("Boxes from the root to a leaf")
     head = "plan", "frequent blockers", "where rays end: mean", "median", "deepest leaf"
-    report.print_table(head, depths, range(1, 5), _WIDTH)
+    console.print_table(head, depths, range(1, 5), _WIDTH)
 
 
 def _classes(explanation: "Explanation", one: "PlanSteps") -> list[str]:
-    """The box tests of each class for each ray, and their shares, as text."""
+    """The box tests of each class per ray, and their shares, as text."""
     if one.classes is None or not one.box_tests:
         return ["-"] * 3
     return [f"{_each(n, explanation.rays)} ({100 * n / one.box_tests:.0f} %)" for n in one.classes.tolist()]
@@ -239,11 +267,14 @@ def _depth(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3g}"
 
 
-# --- ``antumbra culling``: shows the triangles that pre-BVH culling leaves --------------------------------------------
+# --- ``antumbra culling`` ---------------------------------------------------------------------------------------------
 
 
-def culling(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class CullingArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     output: Annotated[
         Path | None,
         typer.Option(
@@ -253,23 +284,26 @@ def culling(
             metavar="FILE",
             callback=writes(".png"),
         ),
-    ] = None,
-    size: Annotated[str, typer.Option(help="Size of each of the pictures.", metavar="WxH")] = "768x768",
-    camera: CameraOption = None,
-    light: LightOption = None,
-    time: TimeOption = 0.0,
-    up: UpOption = None,
-    spp: SppOption = 16,
-    culler: Annotated[str, typer.Option(help="Which one; see antumbra plans.")] = "grid32",
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Show which triangles of SCENE pre-BVH culling leaves.
+    ] = None
+    size: Annotated[str, typer.Option(help="Size of each picture in pixels.", metavar="WxH")] = "768x768"
+    camera: CameraOption = None
+    light: LightOption = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    spp: SppOption = 16
+    culler: Annotated[str, typer.Option(help="Culling method; see antumbra plans.")] = "grid32"
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
 
-    The picture has three panels: the camera's view, then the scene from above and from the side, drawn transparent.
-    Orange triangles may meet a shadow ray of the camera's pixels. All other triangles are blue, receivers are white,
-    and lights are yellow.
+
+@takes(CullingArguments)
+def culling(args: CullingArguments) -> int:
+    """Show which triangles of SCENE survive pre-BVH culling.
+
+    The picture has three panels: the camera's view, and the transparent scene from above and from the side. Orange
+    triangles may intersect a shadow ray of the camera's pixels. All other triangles are blue, receivers white, and
+    lights yellow.
 
     \b
     Examples
@@ -277,9 +311,9 @@ def culling(
       antumbra culling "procedural:cellar?triangles=1M" -o cellar.png
       antumbra culling city.glb --light sun:1,-0.5,-1 --culler grid64 --json
     """
-    spec, width_height = arguments.parse_scene(scene), arguments.parse_size(size)
-    asked_camera = None if camera is None else arguments.parse_camera(camera)
-    asked_lights = [arguments.parse_light(text) for text in light or []]
+    spec, width_height = arguments.parse_scene(args.scene), arguments.parse_size(args.size)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
 
     from ..checks import spelling_hint
     from ..engine.method_registry import CULLERS, find_method
@@ -287,43 +321,44 @@ def culling(
     from ..picture.culling_picture import culling_picture
     from ..picture.image_files import save_png, to_srgb8
 
-    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if output is None else output
-    if find_method("cull", culler) is None:
-        raise InputError(
-            f"culler {culler!r} is unknown; {spelling_hint(culler, CULLERS)}choose one of {', '.join(CULLERS)}"
-        )
-    with ProgressDisplay(quiet) as display:
+    path = checked_output(Path(f"{spec.stem}-culling.png"), (".png",)) if args.output is None else args.output
+    if find_method("cull", args.culler) is None:
+        hint = spelling_hint(args.culler, CULLERS)
+        raise InputError(f"culler {args.culler!r} is unknown; {hint}choose one of {', '.join(CULLERS)}")
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet))
-        view = arguments.make_camera(asked_camera, opened, time, width_height)
-        lights = arguments.make_lights(asked_lights, opened, time)
+        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet))
+        view = arguments.make_camera(camera_spec, opened, args.time, width_height)
+        lights = arguments.make_lights(light_specs, opened, args.time)
         display.say("preparing")
-        shown = culling_picture(opened, view, lights, culler, spp=spp, time=time, threads=threads)
+        picture = culling_picture(opened, view, lights, args.culler, spp=args.spp, time=args.time, threads=args.threads)
         display.say("writing the picture")
-        save_png(to_srgb8(shown.image, 1.0), path)
-    share = shown.kept / max(1, opened.n_triangles)
+        save_png(to_srgb8(picture.image, 1.0), path)
+    share = picture.kept / max(1, opened.n_triangles)
     answer = {
         "output": str(path),
-        "culler": culler,
+        "culler": args.culler,
         "triangles": opened.n_triangles,
-        "kept": shown.kept,
+        "kept": picture.kept,
         "share": share,
-        "cells": shown.cells,
-        "marked": shown.marked,
-        "sources": shown.sources,
-        "targets": shown.targets,
-        "seconds": shown.seconds,
+        "cells": picture.cells,
+        "marked": picture.marked,
+        "sources": picture.sources,
+        "targets": picture.targets,
+        "seconds": picture.seconds,
     }
-    if json:
-        report.print_json(answer)
-    elif not quiet:
-        report.print_fields(
+    if args.json:
+        console.print_json(answer)
+    elif not args.quiet:
+        cells = f"{picture.marked:,} of {picture.cells:,} marked, between {picture.sources:,} boxes of receivers "
+        cells += f"and {picture.targets:,} of lights"
+        console.print_fields(
             [
                 ("picture", str(path)),
-                ("scene", f"{scene}, {opened.n_triangles:,} triangles"),
-                ("left", f"{shown.kept:,} triangles, {100 * share:.3g} %"),
-                ("cells", f"{shown.marked:,} of {shown.cells:,} marked, between {shown.sources:,} boxes of receivers "
-                          f"and {shown.targets:,} of lights"),
-                ("time", report.duration(shown.seconds)),
+                ("scene", f"{args.scene}, {opened.n_triangles:,} triangles"),
+                ("kept", f"{picture.kept:,} triangles, {100 * share:.3g} %"),
+                ("cells", cells),
+                ("time", console.duration(picture.seconds)),
             ]
-        )  # fmt: skip
+        )
+    return 0

@@ -1,6 +1,6 @@
 """``antumbra doctor``, ``warmup`` and ``plans``: state of the installation, precompilation, registered methods.
 
-`about` gives versions, commit and hardware for the header of results.
+`about` returns versions, commit and hardware for the header of results.
 """
 
 import importlib.metadata
@@ -19,20 +19,20 @@ from typing import Annotated, Any
 import typer
 
 from ..version import VERSION as __version__
-from . import console as report
+from . import console
 from .console import ProgressDisplay
 from .options import Json, Quiet
 
-# --- Versions, commit and hardware, for the header of results ---------------------------------------------------------
+# --- Versions, commit and hardware ------------------------------------------------------------------------------------
 
 
 def about() -> dict[str, str | int]:
-    """Name -> version, commit, or part of the machine. `commit` is there only in a checkout of git."""
-    found: dict[str, str | int] = {"antumbra": __version__}
+    """Name -> version, commit, or hardware. `commit` is present only in a git checkout."""
+    facts: dict[str, str | int] = {"antumbra": __version__}
     if commit := _commit():
-        found["commit"] = commit
-    found |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
-    return found | {"system": f"{platform.system()} {platform.release()}", **_machine()}
+        facts["commit"] = commit
+    facts |= {"python": platform.python_version(), "numpy": version("numpy"), "numba": version("numba")}
+    return facts | {"system": f"{platform.system()} {platform.release()}", **_machine()}
 
 
 def _machine() -> dict[str, str | int]:
@@ -46,7 +46,7 @@ def _machine() -> dict[str, str | int]:
 
 
 def _model() -> str:
-    """The processor's name by its maker, if the system tells it."""
+    """The vendor's name of the processor; empty if unknown."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -63,7 +63,7 @@ def _machine_memory() -> dict[str, str]:
 
 
 def _commit() -> str:
-    """The commit of this file, with "-dirty" if files have changed since; empty if git does not know the file."""
+    """The commit of the checkout, with "-dirty" after local changes; empty if git does not track this file."""
     file = Path(__file__)
     if not _git(file.parent, "ls-files", file.name):
         return ""
@@ -81,7 +81,7 @@ def _git(folder: Path, *words: str) -> str:
     return done.stdout.strip() if done.returncode == 0 else ""
 
 
-# --- ``antumbra doctor``: says whether this installation is in order, for bug reports and for puzzled users -----------
+# --- ``antumbra doctor`` ----------------------------------------------------------------------------------------------
 
 
 _FOR_DEVELOPERS = ("docs", "test", "dev", "all-peers")
@@ -92,13 +92,13 @@ _CORE = "numba", "llvmlite", "numpy", "scipy", "trimesh", "pillow", "OpenEXR", "
 def doctor(
     ray: Annotated[
         str | None,
-        typer.Option(help="Also say what each node of a Ray cluster has.", metavar="ADDRESS|local", show_default=False),
+        typer.Option(help="Also report each node of a Ray cluster.", metavar="ADDRESS|local", show_default=False),
     ] = None,
     json: Json = False,
 ) -> None:
     """Check this installation: versions, processor, kernels on disk, optional packages, and a small query.
 
-    The exit code is 1 if the query has a wrong answer. Bug reports should contain what it prints.
+    The exit code is 1 if the query gives a wrong answer. Include the output in bug reports.
 
     \b
     Examples
@@ -107,7 +107,7 @@ def doctor(
       antumbra doctor --ray auto
     """
 
-    found: dict[str, Any] = {
+    results: dict[str, Any] = {
         **about(),
         **_versions(),
         **_memory(),
@@ -116,12 +116,12 @@ def doctor(
         "check": _check(),
     }
     if ray is not None:
-        found["nodes"] = _nodes(ray)
+        results["nodes"] = _nodes(ray)
     if json:
-        report.print_json(found)
+        console.print_json(results)
     else:
-        report.print_fields(_lines(found))
-    if not found["check"]["right"]:
+        console.print_fields(_lines(results))
+    if not results["check"]["right"]:
         raise typer.Exit(1)
 
 
@@ -138,8 +138,8 @@ def _memory() -> dict[str, str]:
     return {"free memory": f"{free / 2**30:.1f} GiB", **room}
 
 
-def _nodes(address: str) -> list[dict]:
-    """What the nodes of a cluster have; see `cluster.ray_workers`."""
+def _nodes(address: str) -> list[dict[str, Any]]:
+    """The resources of each node of a cluster; see `cluster.ray_workers.survey`."""
     from ..cluster.ray_executor import connected
     from ..cluster.ray_workers import survey
 
@@ -147,36 +147,35 @@ def _nodes(address: str) -> list[dict]:
         return survey(cluster)
 
 
-def _node_text(node: dict) -> str:
+def _node_text(node: dict[str, Any]) -> str:
     if "error" in node:
         return f"{node['host']}: {node['error']}"
     memory = "" if node["memory"] is None else f"{node['memory']:.0f} GiB of memory, "
     kernels = f"{node['missing']} kernels missing" if node["missing"] else "all kernels compiled"
-    return (
-        f"{node['host']}: {node['cores']} cores, {memory}{node['room']:.0f} GiB of room, {node['antumbra']}, {kernels}"
-    )
+    disk = f"{node['room']:.0f} GiB of disk space"
+    return f"{node['host']}: {node['cores']} cores, {memory}{disk}, {node['antumbra']}, {kernels}"
 
 
-def _kernels() -> dict:
-    """Where compiled kernels are kept, and how many of those that jobs need are there."""
+def _kernels() -> dict[str, Any]:
+    """Where compiled kernels are cached, and how many of those that jobs need exist."""
     from ..engine.precompilation import missing_of
     from ..kernels.toolchain import kernel_manifest as needs
     from ..kernels.toolchain.kernel_cache import user_cache
 
-    wanted, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
+    kernels, folder = needs.read_manifests(needs.MANIFEST).kernels, user_cache().path
     above = next(path for path in (folder, *folder.parents) if path.exists())
-    missing = len(missing_of(wanted))
+    missing = len(missing_of(kernels))
     return {
         "folder": str(folder),
         "writable": os.access(above, os.W_OK),
-        "compiled": len(wanted) - missing,
+        "compiled": len(kernels) - missing,
         "missing": missing,
     }
 
 
 def _extras() -> dict[str, dict[str, str | None]]:
     """Extra -> its packages with their versions; None: not installed."""
-    found: dict[str, dict[str, str | None]] = {}
+    extras: dict[str, dict[str, str | None]] = {}
     for line in importlib.metadata.requires("antumbra") or []:
         match = _EXTRA.match(line)
         if match is None or match[2] in _FOR_DEVELOPERS or match[1] == "antumbra":
@@ -185,12 +184,12 @@ def _extras() -> dict[str, dict[str, str | None]]:
             version = importlib.metadata.version(match[1])
         except importlib.metadata.PackageNotFoundError:
             version = None
-        found.setdefault(match[2], {})[match[1]] = version
-    return found
+        extras.setdefault(match[2], {})[match[1]] = version
+    return extras
 
 
-def _check() -> dict:
-    """Ask points on both sides of a wall which of two lamps they see, by the default plan; and render a picture."""
+def _check() -> dict[str, Any]:
+    """Query which of two lamps points on both sides of a wall see, with the default plan; and render a picture."""
     import numpy as np
 
     from .. import PointLight, Scene, procedural, render, visibility
@@ -200,41 +199,41 @@ def _check() -> dict:
     sides = np.where(np.arange(1000) % 2, 1.0, -1.0)
     points = np.column_stack([sides, np.random.default_rng(1).uniform(-5.0, 5.0, (1000, 2))])
     lamps = [PointLight((2, 0, 0)), PointLight((-2, 0, 0))]
-    seen = visibility(Scene.from_arrays(wall), points, lamps, spp=1).seen
-    right = bool((seen == np.column_stack([sides > 0, sides < 0])).all())
+    bits = visibility(Scene.from_arrays(wall), points, lamps, spp=1).seen
+    right = bool((bits == np.column_stack([sides > 0, sides < 0])).all())
     scene = procedural("atrium", triangles=20_000)
     frame = render(scene, scene.cameras[0].resized(256, 256))
     speed = frame.rays / frame.timings["trace"] / 1e6
     return {"right": right, "mrays_per_second": speed, "plan": frame.plan, "seconds": perf_counter() - start}
 
 
-def _lines(found: dict) -> Iterator[tuple[str, str]]:
-    kernels, check = found["kernels"], found["check"]
-    for name, value in found.items():
+def _lines(results: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    kernels, check = results["kernels"], results["check"]
+    for name, value in results.items():
         if name not in ("kernels", "extras", "check", "nodes"):
             yield name, str(value)
-    cure = "; antumbra warmup compiles the rest" if kernels["missing"] else ""
-    yield "kernels", f"{kernels['compiled']} compiled, {kernels['missing']} missing{cure}"
+    remedy = "; antumbra warmup compiles the rest" if kernels["missing"] else ""
+    yield "kernels", f"{kernels['compiled']} compiled, {kernels['missing']} missing{remedy}"
     yield "", kernels["folder"] + ("" if kernels["writable"] else " (not writable: set ANTUMBRA_CACHE to a folder)")
-    for extra, packages in found["extras"].items():
-        lacking = [name for name, version in packages.items() if version is None]
+    for extra, packages in results["extras"].items():
+        missing = [name for name, version in packages.items() if version is None]
         there = ", ".join(f"{name} {version}" for name, version in packages.items() if version is not None)
-        yield f"[{extra}]", there if not lacking else f"pip install 'antumbra[{extra}]' adds {', '.join(lacking)}"
-    for node in found.get("nodes", []):
+        yield f"[{extra}]", there if not missing else f"pip install 'antumbra[{extra}]' adds {', '.join(missing)}"
+    for node in results.get("nodes", []):
         yield "node", _node_text(node)
     verdict = "right" if check["right"] else "WRONG: please report this"
     yield "query", f"1000 points, 2 lamps: {verdict}"
-    yield "picture", f"{check['mrays_per_second']:.1f} million rays a second by {check['plan']}"
+    yield "picture", f"{check['mrays_per_second']:.1f} million rays per second with {check['plan']}"
 
 
-# --- ``antumbra warmup``: compiles all kernels now, so that none compiles later ---------------------------------------
+# --- ``antumbra warmup`` ----------------------------------------------------------------------------------------------
 
 
 def warmup(
     plan: Annotated[
         list[str] | None,
         typer.Option(
-            help="Only for this plan; may be repeated.  [default: all methods]",
+            help="Compile only for this plan; may be repeated.  [default: all methods]",
             metavar="PLAN",
             show_default=False,
         ),
@@ -242,10 +241,10 @@ def warmup(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Compile all kernels now and keep them on disk, and measure this machine.
+    """Compile all kernels ahead of time, store them on disk, and calibrate the plan auto.
 
-    Otherwise each kernel is compiled when it is first used, once for each machine and version. The plan auto predicts
-    times by what is measured here; otherwise by figures of another machine.
+    Without it, each kernel is compiled on first use, once per machine and version, and the plan auto predicts times
+    from measurements of another machine.
 
     \b
     Examples
@@ -259,37 +258,36 @@ def warmup(
     from ..kernels.toolchain.kernel_cache import user_cache
 
     plans = [parse_plan(text) for text in plan] if plan else covering_plans()
-    wanted = all_jobs(plans)
+    jobs = all_jobs(plans)
     start = perf_counter()
     with ProgressDisplay(quiet):
-        compiled = precompile_all(wanted)
+        compiled = precompile_all(jobs)
         measured = calibrate()._asdict() if any(plan.tracer.chooses for plan in plans) else None
     seconds, folder = perf_counter() - start, str(user_cache().path)
     if json:
-        names = [job.name for job in wanted]
-        report.print_json(
+        names = [job.name for job in jobs]
+        console.print_json(
             {"jobs": names, "compiled": compiled, "folder": folder, "seconds": seconds, "machine": measured}
         )
     elif not quiet:
-        print(
-            f"kernels of {len(wanted)} jobs are ready, {compiled} of them new, in {folder} ({report.duration(seconds)})"
-        )
+        time = console.duration(seconds)
+        print(f"kernels of {len(jobs)} jobs are ready, {compiled} newly compiled, in {folder} ({time})")
 
 
-# --- ``antumbra plans``: lists the registered methods -----------------------------------------------------------------
+# --- ``antumbra plans`` -----------------------------------------------------------------------------------------------
 
 
 def plans(
     papers: Annotated[
-        bool, typer.Option("--papers", help="Also the methods that exist to reproduce a paper, or to be compared with.")
+        bool, typer.Option("--papers", help="Also list methods that only reproduce a paper or serve as baselines.")
     ] = False,
     json: Json = False,
 ) -> None:
-    """List the methods and the plans made of them.
+    """List the methods, and the plans they form.
 
-    Each method has a description and a paper. A plan is written builder+tracer, with an optional culler, optimiser or
-    updater. The tracer cones uses no BVH, so its plans have no builder. All plans give the same bits and differ in
-    speed. Plans can name the methods of --papers like any others. The options of cones can be combined, as in
+    Each method is listed with a description and its paper. A plan is written builder+tracer, with an optional culler,
+    optimiser or updater. The tracer cones uses no BVH, so its plans have no builder. All exact plans give the same
+    bits; they differ in speed. Plans can also use the methods of --papers. The options of cones can be combined, as in
     cones:spheres:sorted.
 
     \b
@@ -311,13 +309,13 @@ def plans(
     ]
     if json:
         written = [str(plan) for plan in all_plans(papers)]
-        report.print_json({"methods": methods, "plans": written, "default": DEFAULT_PLAN})
+        console.print_json({"methods": methods, "plans": written, "default": DEFAULT_PLAN})
         return
-    report.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
+    console.print_table(("kind", "name", "what it does", "paper"), [tuple(m.values()) for m in methods])
     order = "+".join(kind for kind, _ in KINDS.values())
-    report.print_fields(
+    console.print_fields(
         [
-            ("a plan", f"{order}, of which only builder and tracer are needed; no builder for cones, or for auto"),
+            ("a plan", f"{order}; only builder and tracer are required, and cones and auto have no builder"),
             ("default", DEFAULT_PLAN),
         ]
     )

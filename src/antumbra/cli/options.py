@@ -1,4 +1,4 @@
-"""Options that commands share, and a decorator for commands that take all options as one dataclass.
+"""Options shared by several commands, and a decorator for commands that take all options as one dataclass.
 
 Options that set fields of `RenderOptions` and `EngineOptions` are derived from those fields. Options that name output
 files or folders are checked while the command line is parsed.
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, Field, field, fields, make_dataclass
 from enum import Enum, StrEnum
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -19,22 +19,29 @@ from ..picture.option_fields import CommandOption, WholeNumber, option_of, type_
 from ..picture.render_options import RenderKeywords
 from .arguments import parse_point
 
-# --- Options that name files or folders to write. Each is checked while the command line is read, before any work -----
+if TYPE_CHECKING:
+    from ..jobs.sensors import Sensors
+
+
+# --- Options that name output files or folders ------------------------------------------------------------------------
 #
-# An option says what it writes where it is declared: ``typer.Option(..., callback=writes(".png"))``. So no command can
-# forget the check. What depends on other arguments, such as a name by default, is checked by the command.
+# The declaration of an option states what it writes, ``typer.Option(..., callback=writes(".png"))``, so no command can
+# forget the check. Commands check only what depends on other arguments, such as a default name.
 
 
 TABLES = ".csv", ".parquet", ".json", ".npz", ".png", ".glb", ".tif"
-"""Suffixes of tables: those of `jobs.result_table.WRITERS`, which is slow to import."""
+"""Suffixes of table files, as in `jobs.result_table.WRITERS`, which is slow to import."""
 
-_GIVEN = "antumbra.outputs"  # in the context of the command: the outputs so far
+Callback = Callable[[typer.Context, Any], Any]
+"""Callback of an option: it checks the value and returns it."""
+
+_OUTPUTS = "antumbra.outputs"  # key in the context of the command: the output paths so far
 
 
-def writes(*suffixes: str | Callable[[], Any]) -> Callable:
-    """The callback of an option that names a file, or several.
+def writes(*suffixes: str | Callable[[], Any]) -> Callback:
+    """The callback of an option that names one or several output files.
 
-    suffixes : in lower case, or a function that gives some: it can import modules that are slow to import
+    suffixes : in lower case; or a function that returns suffixes, which may import slow modules
     """
 
     def allowed() -> list[str]:
@@ -49,17 +56,18 @@ def writes(*suffixes: str | Callable[[], Any]) -> Callable:
 
 
 def tables(about: str, *names: str, suffixes: Sequence[str] = TABLES, **more: Any) -> Any:
-    """An option, which may be repeated, of files of a table. Its help lists what it takes.
+    """A repeatable option for table files, whose help lists the suffixes.
 
-    about : what the files hold; names : of the option
+    about : start of the help text
+    names : of the option
     """
     listed = f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
     help = f"{about}; may be repeated: {listed}."
     return typer.Option(*names, help=help, show_default=False, callback=writes(*suffixes), **more)
 
 
-def writes_folder() -> Callable:
-    """The callback of an option that names a folder to write in, which is made if it is missing."""
+def writes_folder() -> Callback:
+    """The callback of an option that names an output folder, which is created if missing."""
 
     def check(path: Path) -> None:
         from ..files import checked_folder
@@ -70,20 +78,20 @@ def writes_folder() -> Callable:
 
 
 def pictures() -> list[str]:
-    """Suffixes of pictures."""
+    """Suffixes of image files."""
     from ..picture.image_files import IMAGE_SUFFIXES
 
     return list(IMAGE_SUFFIXES)
 
 
 def films() -> list[str]:
-    """Suffixes of films."""
+    """Suffixes of film files."""
     from ..picture.image_files import FILM_SUFFIXES
 
     return list(FILM_SUFFIXES)
 
 
-def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callable:
+def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -> Callback:
     def run(context: typer.Context, value: Any) -> Any:
         if value is not None and not context.resilient_parsing:
             for path in value if isinstance(value, (list, tuple)) else [value]:
@@ -91,41 +99,41 @@ def _callback(check: Callable[[Path], None], allowed: Callable[[], list[str]]) -
                 _once(context, path)
         return value
 
-    written: Any = run
-    written.writes = allowed  # for tests
+    callback: Any = run
+    callback.writes = allowed  # for tests
     return run
 
 
 def _once(context: typer.Context, path: Path) -> None:
     """Raise an InputError if two options, or one option twice, name the same file."""
-    given, real = context.meta.setdefault(_GIVEN, set()), os.path.realpath(path)
-    if real in given:
-        raise InputError(f"{path}: is named twice; give each output a name of its own")
-    given.add(real)
+    paths, real = context.meta.setdefault(_OUTPUTS, set()), os.path.realpath(path)
+    if real in paths:
+        raise InputError(f"{path}: is named twice; give each output its own name")
+    paths.add(real)
 
 
-# --- Options of commands that are made of the fields of `RenderOptions` and `EngineOptions` ---------------------------
+# --- Options derived from the fields of `RenderOptions` and `EngineOptions` -------------------------------------------
 
 
 class DerivedOption(NamedTuple):
-    """An option of a command."""
+    """A command-line option that sets a field."""
 
     name: str  # of the parameter
-    field: Field  # what it sets
+    field: Field[Any]  # the field it sets
     words: CommandOption
 
     @property
     def start(self) -> Any:
-        """The value if nothing is written."""
+        """The value if the option is not used."""
         return self.field.default if self.words.start is MISSING else self.words.start
 
     @property
     def kind(self) -> Any:
-        """The type of the text."""
+        """The type of the option's value."""
         return type_of(self.field) if self.words.kind is None else self.words.kind
 
     def option(self, start: Any) -> Any:
-        """What Typer is told of it."""
+        """The option for Typer."""
         flag, words, check = f"--{self.name.replace('_', '-')}", self.words, option_of(self.field).check
         switch = self.kind in (bool, bool | None)
         low, high = check[:2] if isinstance(check, WholeNumber) and words.kind is None else (None, None)
@@ -141,41 +149,46 @@ class DerivedOption(NamedTuple):
 
 
 def derived_options(kind: type = RenderKeywords) -> Iterator[DerivedOption]:
-    """All options of commands that set the fields of a class."""
+    """All command-line options that set fields of a class."""
     for each in fields(kind):
         for words in option_of(each).words:
             yield DerivedOption(words.name or each.name, each, words)
 
 
 def derived_option(name: str, start: Any = None) -> Any:
-    """The option of a name for an annotation: ``spp: Annotated[int, written("spp", 16)] = 16``."""
+    """The option of this name, for an annotation: ``spp: Annotated[int, derived_option("spp", 16)] = 16``."""
     return next(each for each in derived_options() if each.name == name).option(start)
 
 
 def arguments_of(command: str, kind: type = RenderKeywords, **starts: Any) -> Any:
-    """A base class for the arguments of a command, see `options.takes`: a field for each option that it has.
+    """A base class for the arguments of a command (see `takes`), with a field for each derived option.
 
-    starts : values if nothing is written, where the command has others
+    starts : defaults that differ from those of the fields
     """
-    start = lambda each: starts.get(each.name, each.start)
-    own = [each for each in derived_options(kind) if command in each.words.commands]
-    made = [(each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in own]
-    return make_dataclass(f"Options of {command}", made, frozen=True, kw_only=True)
+
+    def start(each: DerivedOption) -> Any:
+        return starts.get(each.name, each.start)
+
+    options = [each for each in derived_options(kind) if command in each.words.commands]
+    members = [
+        (each.name, Annotated[each.kind, each.option(start(each))], field(default=start(each))) for each in options
+    ]
+    return make_dataclass(f"Options of {command}", members, frozen=True, kw_only=True)
 
 
-def literal(given: Any, kind: type) -> dict[str, Any]:
-    """Name -> value of the fields of a class whose options say the value itself, and were written or have a default."""
-    found = {each.name: getattr(given, each.name) for each in derived_options(kind) if each.words.literal}
-    return {name: _value(word) for name, word in found.items() if word is not None}
+def literal(arguments: Any, kind: type) -> dict[str, Any]:
+    """Name -> value of the fields whose options are literal and have a value, used or by default."""
+    values = {each.name: getattr(arguments, each.name) for each in derived_options(kind) if each.words.literal}
+    return {name: _value(word) for name, word in values.items() if word is not None}
 
 
 def _value(word: Any) -> Any:
-    """The value for Python of a word."""
+    """The Python value of an option's word."""
     value = word.value if isinstance(word, Enum) else word
     return None if isinstance(word, Enum) and value == "none" else value
 
 
-# --- Options that several commands share, and a decorator for commands that take all options as one object ------------
+# --- Shared options, and the decorator for commands that take all options as one object -------------------------------
 
 
 class Up(StrEnum):
@@ -186,12 +199,12 @@ class Up(StrEnum):
 UpOption = Annotated[
     Up | None,
     typer.Option(
-        help="Which axis of the file points up.  [default: z for CityJSON, and if floors and roofs face z; else y]",
+        help="Up axis of the file.  [default: z for CityJSON, and if floors and roofs face z; else y]",
         show_default=False,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, and nothing else there.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, and nothing else, on standard output.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 Threads = Annotated[int | None, derived_option("threads")]
 CameraOption = Annotated[
@@ -214,8 +227,8 @@ SamplerOption = Annotated[str, derived_option("sampler", "")]
 SrdhRaysOption = Annotated[
     str | None,
     typer.Option(
-        help="Shadow rays that the builder srdh is shown: of so many pixels across and down, or all; bounce: as many "
-        "again after a diffuse bounce; last-frame: those of the frame before.  [default: 16]",
+        help="Sample shadow rays for the builder srdh: those of NxN pixels, or all; bounce: as many again after a "
+        "diffuse bounce; last-frame: those of the previous frame.  [default: 16]",
         metavar="N|all[,bounce][,last-frame]",
         show_default=False,
     ),
@@ -224,42 +237,42 @@ MaxMemoryOption = Annotated[str | None, derived_option("max_memory")]
 
 SCENE_HELP = (
     "A .glb, .gltf, .obj, .ply or .stl file, a CityJSON file (FILE or FILE?lod=N), a folder of vertex frames, "
-    "or procedural:NAME?triangles=N&seed=N. FILE?cutouts=off closes the holes that alpha cuts."
+    "or procedural:NAME?triangles=N&seed=N. FILE?cutouts=off ignores alpha cutouts."
 )
 
 
-def fields_of(arguments: type) -> list[Field]:
-    """The fields of a dataclass of arguments in the order of the help: its own ones before those of base classes."""
+def fields_of(arguments: type) -> list[Field[Any]]:
+    """The fields of an arguments dataclass in the order of the help: its own before those of base classes."""
     return sorted(fields(arguments), key=lambda field: field.name not in vars(arguments).get("__annotations__", {}))
 
 
-def takes(arguments: type) -> Callable:
-    """Decorator of a command ``f(arguments)``. Typer sees each field of the dataclass `arguments` as a parameter.
+def takes(arguments: type) -> Callable[[Callable[[Any], int]], Callable[..., int]]:
+    """Decorator of a command ``f(args)``: Typer gets each field of the dataclass `arguments` as a parameter.
 
-    A field without a default is a required one. In the help, those of base classes come last.
+    Fields without a default are required. In the help, fields of base classes come last.
     """
 
-    def default(field):
+    def default(field: Field[Any]) -> Any:
         return inspect.Parameter.empty if field.default is MISSING else field.default
 
-    def wrap(command: Callable[[Any], int]) -> Callable[..., int]:
-        def run(**given) -> int:
-            return command(arguments(**given))
+    def wrap(command: Callable[[Any], int]) -> Any:
+        def run(**values: Any) -> int:
+            return command(arguments(**values))
 
-        found: Any = run
-        kind, shown = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
-        found.__signature__ = inspect.Signature(
-            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in shown]
+        wrapper: Any = run
+        kind, members = inspect.Parameter.KEYWORD_ONLY, fields_of(arguments)
+        wrapper.__signature__ = inspect.Signature(
+            [inspect.Parameter(f.name, kind, default=default(f), annotation=f.type) for f in members]
         )
-        found.__annotations__ = {f.name: f.type for f in shown}
-        found.__doc__, found.__name__ = command.__doc__, command.__name__
-        found.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
-        return found
+        wrapper.__annotations__ = {f.name: f.type for f in members}
+        wrapper.__doc__, wrapper.__name__ = command.__doc__, command.__name__
+        wrapper.command, arguments.home = command, (command.__module__, command.__name__)  # type: ignore[attr-defined]
+        return wrapper
 
     return wrap
 
 
-# --- Options of a picture, which ``render`` and ``compare`` share -----------------------------------------------------
+# --- Options of pictures, for ``render`` and ``compare`` --------------------------------------------------------------
 
 
 PictureLightOption = Annotated[
@@ -271,7 +284,7 @@ PictureLightOption = Annotated[
 AoOption = Annotated[
     str | None,
     typer.Option(
-        help="Ambient occlusion by what is nearer than RADIUS (inf: by everything), besides the lights.",
+        help="Add ambient occlusion by geometry within RADIUS (inf: at any distance).",
         metavar="RADIUS[@INTENSITY]",
         show_default=False,
     ),
@@ -279,8 +292,8 @@ AoOption = Annotated[
 VplOption = Annotated[
     int | None,
     typer.Option(
-        help="Instead of ambient light, light that bounces once: photons of the first light and of a sky become point "
-        "lights.",
+        help="Replace ambient light by one bounce of indirect light: photons from the first light and the sky become "
+        "virtual point lights.",
         min=1,
         max=16384,
         metavar="PHOTONS",
@@ -311,12 +324,12 @@ QUALITIES = {
 
 PresetOption = Annotated[
     Preset,
-    typer.Option(help="draft: 4 rays; standard: 16; final: 64, and adaptive. Other options override it."),
+    typer.Option(help="draft: 4 rays; standard: 16; final: 64, adaptive. Other options take precedence."),
 ]
 SkyOption = Annotated[
     str | None,
     typer.Option(
-        help="Light from everywhere: a colour, a map in a .hdr or .exr file, or none.  "
+        help="Sky light: a colour, an environment map (.hdr or .exr), or none.  "
         "[default: daylight, if there are no other lights or the file has a sun]",
         metavar="COLOUR|FILE|none",
         show_default=False,
@@ -324,54 +337,53 @@ SkyOption = Annotated[
 ]
 ExposureOption = Annotated[
     float | None,
-    typer.Option(help="Factor on the light of a .png.  [default: automatic]", show_default=False),
+    typer.Option(help="Exposure factor of a .png.  [default: automatic]", show_default=False),
 ]
 
-# --- Options that the commands of jobs share: sensors, and files of results -------------------------------------------
+# --- Options of jobs: sensors, result files and the place on Earth ----------------------------------------------------
 
 
 SENSORS_HELP = (
-    "Where to ask: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif (its "
-    "cells), or a file of points (.csv, .parquet, .npy, .npz)."
+    "Sensor locations: face, vertex, grid:SPACING on every surface, raster:SPACING[+HEIGHT|@HEIGHT], raster:FILE.tif "
+    "(its cells), or a file of points (.csv, .parquet, .npy, .npz)."
 )
 SensorsOption = Annotated[str, typer.Option(help=SENSORS_HELP)]
-OutputsOption = Annotated[list[Path] | None, tables("Where to write", "--output", "-o")]
+OutputsOption = Annotated[list[Path] | None, tables("Output file", "--output", "-o")]
 ColumnOption = Annotated[
     str | None,
-    typer.Option(help="Column that a picture or model shows.  [default: the first]", show_default=False),
+    typer.Option(help="Column shown in pictures and models.  [default: the first]", show_default=False),
 ]
-PlanOption = Annotated[
-    str | None, typer.Option(help="Methods; see antumbra plans.  [default: auto]", show_default=False)
-]
+PlanOption = Annotated[str | None, typer.Option(help="Plan; see antumbra plans.  [default: auto]", show_default=False)]
 
-# The place of a scene on Earth
 CrsOption = Annotated[
-    str | None, typer.Option(help="A CRS, such as EPSG:28992.  [default: the file's]", show_default=False)
+    str | None,
+    typer.Option(help="Coordinate reference system, such as EPSG:28992.  [default: the file's]", show_default=False),
 ]
 DegreesOption = Annotated[float | None, typer.Option(help="Degrees, WGS 84.", show_default=False)]
 NorthOption = Annotated[
     float | None,
     typer.Option(
-        help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: by the CRS, or 0]",
+        help="True north, degrees clockwise from +Y (+Z up) or -Z (+Y up).  [default: from the CRS, or 0]",
         show_default=False,
     ),
 ]
 TimezoneOption = Annotated[
     str | None,
     typer.Option(
-        help="Europe/Amsterdam, UTC or +01:00.  [default: the whole hour of the longitude]", show_default=False
+        help="Time zone: Europe/Amsterdam, UTC or +01:00.  [default: the whole hour nearest to the longitude]",
+        show_default=False,
     ),
 ]
 
 
-def points_or_file(given: list[str] | None, file: Path | None, one: str, many: str):
-    """The sensors of a repeated option X,Y,Z, or of a file; None if there are neither."""
-    if given and file is not None:
+def points_or_file(texts: list[str] | None, file: Path | None, one: str, many: str) -> "Sensors | None":
+    """The sensors of a repeated option X,Y,Z or of a file; None without either."""
+    if texts and file is not None:
         raise InputError(f"{one} and {many} exclude each other; give one of them")
-    if given:
+    if texts:
         from ..jobs.sensors import point_sensors
 
-        return point_sensors([parse_point(text, one) for text in given])
+        return point_sensors([parse_point(text, one) for text in texts])
     if file is None:
         return None
     from ..jobs.sensor_files import SUFFIXES, read_points

@@ -7,11 +7,23 @@ from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from . import console as report
+import numpy as np
+from numpy.typing import NDArray
 
-# --- Pages of results: one HTML file that holds its pictures, and needs nothing else ----------------------------------
+from . import console
+
+if TYPE_CHECKING:
+    from ..engine.auto.strategies import StrategyChoice
+    from ..engine.plan import Plan
+    from ..engine.scene import AnyScene
+    from ..picture.frame import Frame
+    from ..scene.lights import Light
+    from .picture_spec import PictureSpec, Shot
+
+
+# --- HTML pages with embedded pictures --------------------------------------------------------------------------------
 
 
 _STYLE = """
@@ -36,7 +48,7 @@ pre { overflow-x: auto; padding: 0.8em 1em; background: #8882; }
 
 
 def save_page(title: str, parts: Iterable[str], path: Path) -> None:
-    """Write a page of these parts, which are HTML, whole or not at all."""
+    """Write a page of HTML parts atomically."""
     from ..files import atomic_output
 
     head = '<meta charset="utf-8"><meta name="viewport" content="width=device-width">'
@@ -47,15 +59,15 @@ def save_page(title: str, parts: Iterable[str], path: Path) -> None:
         temporary.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
-def data_url(rgb) -> str:
-    """A picture, (H, W, 3) uint8 sRGB, as the address of an image."""
+def data_url(rgb: NDArray[np.uint8]) -> str:
+    """A picture, (H, W, 3) uint8 sRGB, as a data URL."""
     from ..picture.image_files import png_bytes
 
     return "data:image/png;base64," + b64encode(png_bytes(rgb)).decode("ascii")
 
 
 def html_table(headers: Sequence[str], rows: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """A table of numbers; the cells are HTML, the names of rows and columns are text."""
+    """A table of numbers. Cells are HTML; row and column names are plain text."""
     head = "".join(f"<th>{escape(header)}" for header in headers)
     body = "\n".join(
         f"<tr{' class=sum' if name == 'total' else ''}><th>{escape(name)}{''.join(f'<td>{cell}' for cell in cells)}"
@@ -70,14 +82,7 @@ def html_pairs(rows: Iterable[tuple[str, str]]) -> str:
     return f"<table>\n{body}\n</table>"
 
 
-# --- Writes the pictures of ``antumbra render``, and summarises them as text or JSON ----------------------------------
-
-
-if TYPE_CHECKING:
-    from ..engine.plan import Plan
-    from ..engine.scene import AnyScene
-    from ..picture.frame import Frame
-    from .picture_spec import PictureSpec, Shot
+# --- Pictures of ``antumbra render``, and their summaries as text and JSON --------------------------------------------
 
 
 class SavedPicture(NamedTuple):
@@ -85,13 +90,17 @@ class SavedPicture(NamedTuple):
 
     path: Path
     exposure: float | None  # None: the file holds linear light
-    seconds: float  # time of writing it
+    seconds: float  # to write the file
 
 
 def save_picture(
-    frame: "Frame", path: Path, exposure: float | None, note: str | None = None, background=None
+    frame: "Frame",
+    path: Path,
+    exposure: float | None,
+    note: str | None = None,
+    background: "str | NDArray[np.float64] | None" = None,
 ) -> SavedPicture:
-    """Write the picture. Exposure None: automatic."""
+    """Save the picture. Exposure None: automatic."""
     from ..picture.image_files import frame_exposure, save_frame
 
     start = perf_counter()
@@ -103,15 +112,17 @@ def save_picture(
     return SavedPicture(path, exposure, perf_counter() - start)
 
 
-def picture_answer(asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture) -> dict:
+def picture_answer(
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
+) -> dict[str, Any]:
     """The fields of ``--json`` for a single picture."""
-    return {"scene": scene_answer(asked, scene), **asked.record(shot.options), "load": load, **shot_answer(shot, saved)}
+    return {"scene": scene_answer(spec, scene), **spec.record(shot.options), "load": load, **shot_answer(shot, saved)}
 
 
-def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
+def scene_answer(spec: "PictureSpec", scene: "AnyScene") -> dict[str, Any]:
     """The fields of ``--json`` for the scene."""
     return {
-        "source": asked.source,
+        "source": spec.source,
         "name": scene.name,
         "triangles": scene.n_triangles,
         "duration": scene.duration,
@@ -120,19 +131,19 @@ def scene_answer(asked: "PictureSpec", scene: "AnyScene") -> dict:
     }
 
 
-def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
+def shot_answer(shot: "Shot", saved: SavedPicture) -> dict[str, Any]:
     """The fields of ``--json`` for a single picture, or for one frame of an animation."""
     frame = shot.frame
-    seen = frame.mask
+    mask = frame.mask
     return {
         "output": str(saved.path),
         "time": shot.time,
-        "camera": report.camera_fields(shot.camera),
-        "lights": [report.light_fields(light) for light in shot.lights],
+        "camera": console.camera_fields(shot.camera),
+        "lights": [console.light_fields(light) for light in shot.lights],
         "ground": None if frame.ground is None else frame.ground.height,
         "exposure": saved.exposure,
-        "seen": int(seen.sum()),
-        "lit": [float(v[seen].mean()) if seen.any() else None for v in frame.visibility],
+        "seen": int(mask.sum()),
+        "lit": [float(v[mask].mean()) if mask.any() else None for v in frame.visibility],
         "refined": None if frame.refined is None else _refined(frame),
         "rays": frame.rays,
         "mrays_per_second": _speed(frame),
@@ -148,70 +159,70 @@ def shot_answer(shot: "Shot", saved: SavedPicture) -> dict:
 
 
 def picture_fields(
-    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture
 ) -> Iterator[tuple[str, str]]:
-    """The names and values that are printed for a single picture."""
+    """The names and values printed for a single picture."""
     frame = shot.frame
     yield "picture", str(saved.path)
     moment = f", at {shot.time:g} of {scene.duration:g} s" if scene.animated else ""
-    yield "scene", scene_text(asked, scene) + moment
-    yield from shot_fields(asked, shot)
+    yield "scene", scene_text(spec, scene) + moment
+    yield from shot_fields(spec, shot)
     phases = {"load": load, **frame.timings, "save": saved.seconds}
     frame_seconds = phases.pop("total")
     yield "time", phases_text(phases)
-    yield "frame", f"{report.duration(frame_seconds)} without load and save"
+    yield "frame", f"{console.duration(frame_seconds)} without load and save"
     for name, value in (frame.counters or {}).items():
         yield name.replace("_", " "), f"{value:,}"
     if frame.counters is not None:
-        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were left to float64"
+        yield "uncertain", f"{_uncertain(frame):.2g} of the triangle tests were repeated in float64"
 
 
-def scene_text(asked: "PictureSpec", scene: "AnyScene") -> str:
-    return f"{asked.source}, {scene.n_triangles:,} triangles"
+def scene_text(spec: "PictureSpec", scene: "AnyScene") -> str:
+    return f"{spec.source}, {scene.n_triangles:,} triangles"
 
 
 def phases_text(seconds: dict[str, float]) -> str:
-    """The seconds of each phase as text, without phases that did not happen."""
-    return ", ".join(f"{name} {report.duration(s)}" for name, s in seconds.items() if s > 0.0)
+    """The seconds of each phase as text, without phases that did not run."""
+    return ", ".join(f"{name} {console.duration(s)}" for name, s in seconds.items() if s > 0.0)
 
 
-def shot_fields(asked: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
+def shot_fields(spec: "PictureSpec", shot: "Shot") -> Iterator[tuple[str, str]]:
     """The names and values from the camera to the plan."""
     yield from view_fields(shot, _speed(shot.frame))
-    yield "plan", ran_text(asked.engine.plan, shot.frame)
+    yield "plan", ran_text(spec.engine.plan, shot.frame)
     if shot.frame.paging is not None:
         paging = shot.frame.paging
         yield (
             "chunks",
             (
-                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when rays met them, "
+                f"{paging['cached']:,} of {paging['wanted']:,} were in memory when needed, "
                 f"{paging['loaded']:,} were read ({paging['bytes'] / 1e6:,.0f} MB)"
             ),
         )
 
 
 def view_fields(shot: "Shot", speed: float | None = None) -> Iterator[tuple[str, str]]:
-    """The names and values from the camera to the rays; `speed`: million rays a second."""
+    """The names and values from the camera to the rays; `speed`: million rays per second."""
     camera, frame, options = shot.camera, shot.frame, shot.options
     spp = options.spp
-    yield "camera", f"{camera.width}x{camera.height} from {report.vector(camera.position)}"
+    yield "camera", f"{camera.width}x{camera.height} from {console.vector(camera.position)}"
     if frame.ground is not None:
         share = frame.ground.mask.mean()
-        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture sees it, by its shadows alone"
+        yield "ground", f"at height {frame.ground.height:.4g}; {share:.0%} of the picture shows its shadows"
     yield "lights", ", ".join(_light_text(light) for light in shot.lights)
     if not frame.mask.any():
         yield "", "the camera sees no surface"
     samples = [light.samples(spp) for light in shot.lights]
-    each = f"{spp} a pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} a pixel"
+    each = f"{spp} per pixel and light" if set(samples) == {spp} else f"{' + '.join(map(str, samples))} per pixel"
     finer = "" if options.adaptive is None else f", {options.adaptive} where refined"
-    finer += "" if options.bounce is None else f", {options.bounce} bounces a pixel"
-    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million a second" if speed else "")
+    finer += "" if options.bounce is None else f", {options.bounce} bounces per pixel"
+    yield "rays", f"{frame.rays:,} ({each}{finer})" + (f", {speed:.1f} million per second" if speed else "")
     if frame.refined is not None:
         yield "refined", f"{100.0 * _refined(frame):.3g} % of the pixels"
 
 
-def _light_text(light) -> str:
-    """A light's kind, and its intensity with the unit."""
+def _light_text(light: "Light") -> str:
+    """The kind of a light, and its intensity with unit."""
     from ..scene.lights import DirectionalLight
 
     if light.domain == "list" or light.domain == "hemisphere":
@@ -221,91 +232,87 @@ def _light_text(light) -> str:
 
 
 def ran_text(plan: "str | Plan | None", frame: "Frame") -> str:
-    """The plan that was asked for, and the methods that ran if it chose them."""
+    """The plan; for one that chooses its methods, also the methods that ran."""
     return frame.plan if frame.plan == str(plan) else f"{plan}: {frame.plan}"
 
 
-def _speed(frame) -> float | None:
+def _speed(frame: "Frame") -> float | None:
     seconds = frame.timings["trace"]
     return frame.rays / seconds / 1e6 if frame.rays and seconds > 0.0 else None
 
 
-def _refined(frame) -> float:
-    """The share of all pixels that were refined."""
+def _refined(frame: "Frame") -> float:
+    """The share of pixels that were refined."""
+    assert frame.refined is not None
     return float(frame.refined.mean())
 
 
-def _uncertain(frame) -> float | None:
-    """The share of the triangle tests that float32 left to float64; None without counters."""
+def _uncertain(frame: "Frame") -> float | None:
+    """The share of triangle tests that were uncertain in float32; None without counters."""
     if frame.counters is None:
         return None
     return frame.counters["uncertain"] / max(1, frame.counters["triangle_tests"])
 
 
-# --- What the plan `auto` chose for a picture, why, and how well it predicted -----------------------------------------
+# --- Choices of the plan `auto`, their reasons and predictions --------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..engine.auto.strategies import StrategyChoice
-    from .picture_spec import Shot
 
 _WIDTH = 110  # characters of a line
-_REASONS = {"prediction": "predicted", "earlier query": "as for an earlier query"}
+_REASONS = {"prediction": "predicted", "earlier query": "as in an earlier query"}
 
 
 def print_choices(shot: "Shot", triangles: int) -> None:
-    """Print a row for the tree and one for each query; for a plan that chooses nothing, its name."""
+    """Print a row for the tree and one per query; for a plan that chooses nothing, its name."""
     from ..engine.auto.cost_model import build_seconds, machine_rates
     from ..engine.plan import parse_plan
 
     frame = shot.frame
     if frame.choices is None:
-        print(f"The plan {frame.plan} names its methods; nothing was chosen.")
+        print(f"The plan {frame.plan} specifies its methods; nothing was chosen.")
         return
     built, builder = frame.timings["build"], parse_plan(frame.plan).build
     rows = []
     if builder in machine_rates().builds:
-        predicted = report.duration(build_seconds(builder, triangles))
-        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, report.duration(built)))
+        predicted = console.duration(build_seconds(builder, triangles))
+        rows.append(("tree", f"{triangles:,}", builder, "predicted rays", predicted, console.duration(built)))
     names = [type(light).__name__ for light in shot.lights]
     for i, choice in enumerate(frame.choices):
-        times = report.duration(choice.predicted), report.duration(choice.seconds)
-        way = choice.way + ", sorted" * choice.sorted
-        rows.append((names[i] if i < len(names) else "more rays", f"{choice.rays:,}", way, _reason(choice), *times))
+        times = console.duration(choice.predicted), console.duration(choice.seconds)
+        strategy = choice.way + ", sorted" * choice.sorted
+        rows.append(
+            (names[i] if i < len(names) else "more rays", f"{choice.rays:,}", strategy, _reason(choice), *times)
+        )
     head = ("query", "rays", "method", "why", "predicted", "measured")
-    report.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
+    console.print_table(head, rows, right=(1, 4, 5), width=_WIDTH)
 
 
 def _reason(choice: "StrategyChoice") -> str:
     if choice.reason != "sample":
         return _REASONS[choice.reason]
-    of_ray = ", ".join(f"{way} {ns:.3g}" for way, ns in sorted(choice.tried.items(), key=lambda item: item[1]))
-    return f"a sample: {of_ray} ns a ray"
+    of_ray = ", ".join(
+        f"{strategy} {ns:.3g}" for strategy, ns in sorted(choice.tried.items(), key=lambda item: item[1])
+    )
+    return f"sampled: {of_ray} ns per ray"
 
 
-# --- The page of ``antumbra render --html``: the picture, its settings, times and counters ----------------------------
-
-
-if TYPE_CHECKING:
-    from ..engine.scene import AnyScene
-    from .picture_spec import PictureSpec, Shot
+# --- The page of ``antumbra render --html`` ---------------------------------------------------------------------------
 
 
 def save_render_page(
-    asked: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
+    spec: "PictureSpec", scene: "AnyScene", load: float, shot: "Shot", saved: SavedPicture, path: Path
 ) -> None:
-    """Write the page whole or not at all."""
+    """Write the page atomically: the picture, its settings, times and counters."""
     from ..picture.image_files import frame_exposure, screen_picture
     from .installation_commands import about
 
     frame = shot.frame
-    exposure = asked.exposure if asked.exposure is not None else frame_exposure(frame)
+    exposure = spec.exposure if spec.exposure is not None else frame_exposure(frame)
     width = frame.image.shape[1]
-    picture = data_url(screen_picture(frame, exposure, asked.behind))
+    picture = data_url(screen_picture(frame, exposure, spec.background))
     parts = [
         f'<img style="max-width: {width}px" alt="{escape(scene.name)}" src="{picture}">',
         "<h2>Picture</h2>",
-        html_pairs(_facts(asked, scene, shot, saved, exposure)),
+        html_pairs(_facts(spec, scene, shot, saved, exposure)),
         "<h2>Lights</h2>",
         html_table(["", "kind", "share lit", "intensity"], _lights(shot)),
         "<h2>Milliseconds</h2>",
@@ -316,29 +323,31 @@ def save_render_page(
         parts += ["<h2>Counters of shadow rays</h2>", html_table(["", ""], rows)]
     parts += [
         "<h2>Settings</h2>",
-        html_pairs((name, str(v)) for name, v in report.plain(asked.record(shot.options)).items()),
+        html_pairs((name, str(v)) for name, v in console.plain(spec.record(shot.options)).items()),
     ]
     parts += ["<h2>Machine</h2>", html_pairs((name, str(value)) for name, value in about().items())]
     parts += ["<h2>Command</h2>", f"<pre>{escape(shlex.join(['antumbra', *sys.argv[1:]]))}</pre>"]
     save_page(f"{scene.name}: {width}x{frame.image.shape[0]}", parts, path)
 
 
-def _facts(asked, scene, shot: "Shot", saved: SavedPicture, exposure: float) -> Iterator[tuple[str, str]]:
-    yield "scene", scene_text(asked, scene)
+def _facts(
+    spec: "PictureSpec", scene: "AnyScene", shot: "Shot", saved: SavedPicture, exposure: float
+) -> Iterator[tuple[str, str]]:
+    yield "scene", scene_text(spec, scene)
     yield "file", str(saved.path)
     yield "exposure", f"{exposure:.4g}"
     if scene.animated:
         yield "time", f"{shot.time:g} of {scene.duration:g} s"
-    yield from shot_fields(asked, shot)
+    yield from shot_fields(spec, shot)
     for note in scene.notes:
-        yield "left out", note
+        yield "note", note
 
 
 def _lights(shot: "Shot") -> Iterator[tuple[str, list[str]]]:
-    """One row for each light: the share of it that the surfaces of the picture see."""
+    """One row per light: the mean share that the visible surfaces see."""
     frame = shot.frame
-    for name, light, seen in zip(frame.names, shot.lights, frame.visibility):
-        lit = f"{100.0 * float(seen[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
+    for name, light, share in zip(frame.names, shot.lights, frame.visibility):
+        lit = f"{100.0 * float(share[frame.mask].mean()):.1f} %" if frame.mask.any() else ""
         yield name, [type(light).__name__, lit, f"{light.intensity:.4g}"]
 
 

@@ -1,9 +1,10 @@
-"""The arguments of ``antumbra render``, and the picture that they specify.
+"""The arguments of ``antumbra render``, and the picture they specify.
 
-A `PictureSpec` has everything that determines the picture except the time.
+A `PictureSpec` holds everything that determines a picture except the time.
 """
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -16,8 +17,7 @@ from ..errors import InputError
 from ..picture.option_fields import deciding_fields, field_values
 from ..picture.render_options import EngineOptions, RenderOptions
 from ..scene.lights import MAX_SPP
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import CameraSpec, SceneSpec, limit_memory
 from .options import (
     QUALITIES,
@@ -42,13 +42,22 @@ from .options import (
 )
 from .shards import MergeOption, RayOption, ShardOption
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The ground that catches shadows in pictures of ``antumbra render``: whether there is one, and at which height.
-
-
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from ..engine.plan import Plan
     from ..engine.scene import AnyScene
+    from ..jobs.executors import Executor
+    from ..picture.frame import Frame
+    from ..picture.renderer import Renderer
     from ..scene.camera import Camera
+    from ..scene.lights import Light
+    from ..techniques.srdh.representative_rays import SrdhRays
+
+
+# --- Shadow-catcher plane: whether there is one, and its height -------------------------------------------------------
+
 
 WORDS = "auto", "on", "off"
 _FARTHEST = 1e30
@@ -65,27 +74,27 @@ def parse_ground(text: str) -> str | float:
         raise InputError(f"--ground is {text!r}; it must be auto, on, off or a height such as -1.5") from error
 
 
-def ground_of(asked: str | float, scene: "AnyScene", camera: "Camera", time: float | None) -> float | None:
-    """The height of the ground for `Renderer.render`; None: there is none.
+def ground_of(setting: str | float, scene: "AnyScene", camera: "Camera", time: float | None) -> float | None:
+    """The height of the ground for `Renderer.render`; None: no ground.
 
-    asked : from `parse_ground`
-    time : seconds; None: the ground is for all moments of an animation
+    setting : from `parse_ground`
+    time : seconds; None: the ground suits all frames of an animation
     """
     from ..engine.scene import Scene
 
-    if asked == "off":
+    if setting == "off":
         return None
-    if asked == "auto" and not _suits(scene, camera):
+    if setting == "auto" and not _suits(scene, camera):
         return None
     if not isinstance(scene, Scene):
-        raise InputError(f"--ground {asked}: {scene.name} is in a store, which has no ground; leave it out")
-    return scene.ground_height(time) if isinstance(asked, str) else asked
+        raise InputError(f"--ground {setting}: {scene.name} is in a store, which has no ground; leave it out")
+    return scene.ground_height(time) if isinstance(setting, str) else setting
 
 
 def _suits(scene: "AnyScene", camera: "Camera") -> bool:
-    """Whether a picture shows a scene in memory from outside.
+    """Whether the camera is outside a scene in memory.
 
-    A scene may have a ground of its own: then its shadows go on beyond it.
+    The scene may already contain ground, whose shadows then continue beyond its edge.
     """
     from ..engine.scene import Scene
 
@@ -95,43 +104,34 @@ def _suits(scene: "AnyScene", camera: "Camera") -> bool:
         return False
     try:
         return scene.view.room is None
-    except InputError:  # a moment of the animation has no triangles: its frame shows the error
+    except InputError:  # at some time the scene has no triangles: that frame reports the error
         return False
 
 
-# --- The parsed arguments of ``antumbra render``: everything that determines its pictures, except the time ------------
+# --- Parsed arguments: everything that determines a picture except the time -------------------------------------------
 
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ..engine.plan import Plan
-    from ..engine.scene import AnyScene
-    from ..jobs.executors import Executor
-    from ..picture.frame import Frame
-    from ..picture.renderer import Renderer
-    from ..scene.camera import Camera
-    from ..scene.lights import Light
-    from ..techniques.srdh.representative_rays import SrdhRays
+Progress = Callable[[str, int], Callable[[int, int], object]]
+"""progress(text, runs): a function of (done, total) for `runs` traced queries."""
 
 
 class PictureSpec(NamedTuple):
-    """The picture that ``antumbra render`` or ``compare`` was asked for."""
+    """The picture specified by the arguments of ``antumbra render`` or ``compare``."""
 
-    source: str  # the scene as it was written
-    spec: SceneSpec
+    source: str  # the argument SCENE
+    scene_spec: SceneSpec
     up: str | None
     size: tuple[int, int]  # width, height
     camera: int | CameraSpec | None
-    lights: list  # lights, and indices of the scene's own
-    sky: "str | Path | np.ndarray | None"  # from `parse_sky`
-    behind: "str | np.ndarray | None"  # background from `parse_background`; None: the sky
-    ambient: list  # ambient occlusion, or nothing
+    lights: "list[int | Light]"  # lights, or indices of the scene's lights
+    sky: "str | Path | NDArray[np.float64] | None"  # from `parse_sky`
+    background: "str | NDArray[np.float64] | None"  # background from `parse_background`; None: the sky
+    ambient: "list[Light]"  # ambient occlusion, or nothing
     vpl: int | None  # number of photons
     ground: str | float  # from `parse_ground`
     picture: RenderOptions  # `options` completes them
-    engine: EngineOptions  # plan None: the default for the kind of scene
-    srdh_rays: "SrdhRays | None"  # rays that the plan's builder is shown
+    engine: EngineOptions  # plan None: the default for this kind of scene
+    srdh_rays: "SrdhRays | None"  # training rays of the plan's builder
     exposure: float | None  # None: automatic
     json: bool
     quiet: bool
@@ -140,7 +140,7 @@ class PictureSpec(NamedTuple):
     def check(self, *plans: "str | Plan") -> None:
         """Raise InputError for errors that can be detected before a scene is read.
 
-        plans : plans that are compared, instead of the one among the options
+        plans : the plans of a comparison, instead of the one in the options
         """
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
         from ..picture.image_files import checked_exposure
@@ -152,7 +152,7 @@ class PictureSpec(NamedTuple):
             with_sample([parse_plan(each) for each in plans or [plan or DEFAULT_PLAN]], self.srdh_rays)
 
     def about(self, scene: "AnyScene") -> "PictureSpec":
-        """This, with the default plan for the kind of scene if none was named."""
+        """This picture, with the default plan for this kind of scene if no plan was specified."""
         from ..engine.engine import default_plan_of
 
         if self.engine.plan is not None:
@@ -164,10 +164,10 @@ class PictureSpec(NamedTuple):
         from ..engine.plan import DEFAULT_PLAN, parse_plan, with_sample
 
         limit_memory(scene, self.engine.max_memory)
-        asked = field_values(self.engine)
+        settings = field_values(self.engine)
         if self.srdh_rays is not None:
-            (asked["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
-        return Renderer(scene, **asked)
+            (settings["plan"],) = with_sample([parse_plan(self.engine.plan or DEFAULT_PLAN)], self.srdh_rays)
+        return Renderer(scene, **settings)
 
     @property
     def _no_sky(self) -> bool:
@@ -178,17 +178,17 @@ class PictureSpec(NamedTuple):
         return arguments.make_camera(self.camera, scene, time, self.size, self.moving)
 
     def ground_height(self, scene: "AnyScene", time: float) -> float | None:
-        """The height of the ground at a time; None: there is none. All frames of an animation have the same."""
+        """The height of the ground at a time; None: no ground. It is the same for all frames of an animation."""
         if self.moving:
             return ground_of(self.ground, scene, self.view(scene, 0.0), None)
         return ground_of(self.ground, scene, self.view(scene, time), time)
 
     def direct_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
-        """The lights at a time, without the virtual point lights made from photons."""
+        """The lights at a time, without virtual point lights."""
         return arguments.make_picture_lights(self.lights, self.sky, scene, time) + self.ambient
 
     def all_lights(self, scene: "AnyScene", time: float) -> "list[Light]":
-        """The lights at a time, with the virtual point lights made from photons."""
+        """The lights at a time, with virtual point lights."""
         from .. import virtual_point_lights
         from ..picture.shading import skies_of
 
@@ -199,67 +199,70 @@ class PictureSpec(NamedTuple):
         return lights
 
     def options(self, scene: "AnyScene", time: float, layers: bool = False) -> RenderOptions:
-        """The options of the picture of a time; `layers`: it keeps its image light by light, for an EXR file."""
+        """The options of the picture at a time; `layers`: keep the image of each light, for an EXR file."""
         ground = self.ground_height(scene, time)
         return replace(
             self.picture,
             time=scene.clamped(time),
             ground=False if ground is None else ground,
-            background=self.behind is None and not self._no_sky,
+            background=self.background is None and not self._no_sky,
             layers=layers,
         )
 
-    def shot(self, scene: "AnyScene", renderer: "Renderer", time: float, progress, layers: bool = False) -> "Shot":
+    def shot(
+        self, scene: "AnyScene", renderer: "Renderer", time: float, progress: Progress, layers: bool = False
+    ) -> "Shot":
         """Render a frame at a time; ``progress(text, runs)`` returns a progress function for `runs` traced queries."""
-        camera, lights, options = self._asked(scene, time, layers)
+        camera, lights, options = self._inputs(scene, time, layers)
         pictures = (1 if options.adaptive is None else 3) * (1 if options.ground is False else 2)
         runs = len(lights) * (pictures + (options.bounce or 0)) + renderer.source.looks
         frame = renderer.render(camera, lights, options=options, progress=progress("tracing shadow rays", runs))
         return Shot(camera, lights, options, frame)
 
     def shot_in_bands(
-        self, scene: "AnyScene", time: float, engine: "Executor", digest: str, layers: bool = False
+        self, scene: "AnyScene", time: float, executor: "Executor", digest: str, layers: bool = False
     ) -> "Shot | None":
-        """The same frame, whose rays an engine traces; None if it leaves some to other processes."""
+        """The same frame, traced by an executor in bands; None if other processes trace some of them."""
         from ..jobs.work_parts import render_bands
 
-        camera, lights, options = self._asked(scene, time, layers)
+        camera, lights, options = self._inputs(scene, time, layers)
         settings = self.settings(scene, digest, time)
-        frame = render_bands(self.renderer(scene), camera, lights, options, engine, digest, settings)
+        frame = render_bands(self.renderer(scene), camera, lights, options, executor, digest, settings)
         return None if frame is None else Shot(camera, lights, options, frame)
 
-    def _asked(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
+    def _inputs(self, scene: "AnyScene", time: float, layers: bool) -> "tuple[Camera, list[Light], RenderOptions]":
         return self.view(scene, time), self.all_lights(scene, time), self.options(scene, time, layers)
 
-    def record(self, options: RenderOptions) -> dict:
-        """Names and values of the options of a picture and of its engine, for ``--json``."""
+    def record(self, options: RenderOptions) -> dict[str, Any]:
+        """Names and values of the picture and engine options, for ``--json``."""
         rays = self.srdh_rays
-        own = {"srdh_rays": None if rays is None else report.srdh_rays_fields(rays)}
-        return {**field_values(options), **field_values(self.engine), **own}
+        rays_fields = {"srdh_rays": None if rays is None else console.srdh_rays_fields(rays)}
+        return {**field_values(options), **field_values(self.engine), **rays_fields}
 
-    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict:
-        """The settings that decide the picture of a time, in the types of JSON.
+    def settings(self, scene: "AnyScene", digest: str, time: float) -> dict[str, Any]:
+        """The settings that determine the picture at a time, as JSON types.
 
-        An exact plan, its rays, the method of the G-buffer and the threads change no bit, and are left out. So is the
-        exposure.
+        The exposure is omitted, and so are exact plans, their training rays, the G-buffer method and the threads, which
+        do not change any bit.
         """
         from ..engine.plan import parse_plan
         from ..version import VERSION as __version__
 
         plan = None if self.engine.plan is None else parse_plan(self.engine.plan)
-        return report.plain(
+        settings: dict[str, Any] = console.plain(
             {
                 "version": __version__,
                 "scene": digest,
                 "up": scene.up,
-                "camera": report.camera_fields(self.view(scene, time)),
-                "lights": [report.light_fields(light) for light in self.direct_lights(scene, time)],
+                "camera": console.camera_fields(self.view(scene, time)),
+                "lights": [console.light_fields(light) for light in self.direct_lights(scene, time)],
                 "vpl": self.vpl,
                 **deciding_fields(self.options(scene, time)),
-                "behind": self.behind,
+                "behind": self.background,
                 **({} if plan is None or plan.tracer.exact else {"plan": str(plan)}),
             }
         )
+        return settings
 
 
 class Shot(NamedTuple):
@@ -277,9 +280,9 @@ class Shot(NamedTuple):
 
 
 def scene_digest(spec: SceneSpec) -> str:
-    """Which scene it is, by the contents of the file, or of the files in the folder that are read.
+    """A digest that identifies a scene: of its file, or of the files in its folder that are read.
 
-    Files that a file refers to (textures, buffers of a .gltf) are not read.
+    Files that the file refers to (textures, buffers of a .gltf) are not included.
     """
     from ..formats.array_files import FILES
     from ..store.store_format import STORE_SUFFIX
@@ -288,7 +291,7 @@ def scene_digest(spec: SceneSpec) -> str:
     if spec.path is None:
         digest.update(f"{spec.name} {spec.triangles} {spec.seed}".encode())
         return digest.hexdigest()
-    if spec.path.suffix.lower() == STORE_SUFFIX:  # its first page has the checksum of the checksums of all chunks
+    if spec.path.suffix.lower() == STORE_SUFFIX:  # the first page contains the checksum of all chunk checksums
         with spec.path.open("rb") as stream:
             digest.update(stream.read(4096))
         return digest.hexdigest()
@@ -307,7 +310,7 @@ def _contents(path: Path) -> bytes:
         return hashlib.file_digest(stream, "sha256").digest()
 
 
-# --- The command-line arguments of ``antumbra render``, and their conversion to options -------------------------------
+# --- Arguments of ``antumbra render``, and their conversion to options ------------------------------------------------
 
 
 _Options: Any = arguments_of("render")
@@ -315,9 +318,9 @@ _Options: Any = arguments_of("render")
 
 @dataclass(frozen=True)
 class RenderArguments(_Options):
-    """The arguments of the command line: each field is an argument or an option.
+    """The command-line arguments and options, one per field.
 
-    The base class has those of `RenderOptions` and `EngineOptions`.
+    The base class adds the options derived from `RenderOptions` and `EngineOptions`.
     """
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
@@ -326,8 +329,8 @@ class RenderArguments(_Options):
         typer.Option(
             "--output",
             "-o",
-            help="A .png or .exr file; #### is a frame's number. A .mp4, .webm or .gif file of --frames.  "
-            "[default: SCENE's name.png, here]",
+            help="A .png or .exr file; #### stands for the frame number. With --frames also .mp4, .webm or .gif.  "
+            "[default: SCENE's name.png in the current folder]",
             metavar="FILE",
             callback=writes(pictures, films),
         ),
@@ -335,7 +338,7 @@ class RenderArguments(_Options):
     html: Annotated[
         Path | None,
         typer.Option(
-            help="Write a page too: the picture, its settings, times and counters, in one .html file.",
+            help="Also write a self-contained .html page with the picture, settings, times and counters.",
             metavar="FILE",
             show_default=False,
             callback=writes(".html"),
@@ -344,7 +347,7 @@ class RenderArguments(_Options):
     size: Annotated[
         str | None,
         typer.Option(
-            help="Size of the picture in pixels.  [default: 1024x1024; of a panorama 2048x1024]",
+            help="Picture size in pixels.  [default: 1024x1024; for a panorama 2048x1024]",
             metavar="WxH",
             show_default=False,
         ),
@@ -357,23 +360,21 @@ class RenderArguments(_Options):
     frames: Annotated[
         str | None,
         typer.Option(
-            help="An animation instead of one picture; LAST is included.",
+            help="Render an animation; LAST is included.",
             metavar="FIRST:LAST[:STEP]",
             show_default=False,
         ),
     ] = None
     fps: Annotated[
-        float | None, typer.Option(help="Frames a second of --frames.  [default: 24]", show_default=False)
+        float | None, typer.Option(help="Frames per second of --frames.  [default: 24]", show_default=False)
     ] = None
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Render frames again that are finished already.")] = (
-        False
-    )
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Render finished frames again.")] = False
     up: UpOption = None
     preset: PresetOption = Preset.standard
     srdh_rays: SrdhRaysOption = None
     explain_plan: Annotated[
         bool,
-        typer.Option("--explain-plan", help="Show what the plan auto chose, why, and the times."),
+        typer.Option("--explain-plan", help="Show the choices of the plan auto, their reasons and times."),
     ] = False
     exposure: ExposureOption = None
     shard: ShardOption = None
@@ -386,30 +387,30 @@ class RenderArguments(_Options):
         """Raise an InputError if options exclude each other."""
         for name, instead in (("--vpl", self.vpl), ("--bounce", self.bounce)):
             if self.ao is not None and instead is not None:
-                raise InputError(f"--ao dims the ambient light that {name} replaces; leave one of them out")
+                raise InputError(f"--ao occludes the ambient light that {name} replaces; leave one of them out")
         if self.vpl is not None and self.bounce is not None:
-            raise InputError("--vpl and --bounce are both light that bounces once; leave one of them out")
+            raise InputError("--vpl and --bounce both add one bounce of light; leave one of them out")
         if self.shard is not None or self.ray is not None or self.merge:
             self._check_shared()
         if self.frames is not None:
             if self.html is not None:
-                raise InputError("--html shows a single picture; leave it or --frames out")
+                raise InputError("--html is for a single picture; leave it or --frames out")
             if self.explain_plan:
-                raise InputError("--explain-plan explains a single picture; leave it or --frames out")
+                raise InputError("--explain-plan is for a single picture; leave it or --frames out")
             return
         if self.fps is not None:
             raise InputError("--fps belongs to --frames FIRST:LAST; leave it out")
         if self.overwrite:
-            raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always written anew")
+            raise InputError("--overwrite belongs to --frames FIRST:LAST; a single picture is always overwritten")
 
     def _check_shared(self) -> None:
-        """Raise an InputError for options of pictures that one process makes."""
-        alone = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
-        for name, given in alone.items():
-            if given:
-                raise InputError(f"{name} tells of the work of one process; leave it, or --shard and --ray, out")
+        """Raise an InputError for options that need the whole picture in one process."""
+        unshared = {"--html": self.html, "--explain-plan": self.explain_plan, "--counters": self.counters}
+        for name, value in unshared.items():
+            if value:
+                raise InputError(f"{name} reports on a single process; leave it, or --shard and --ray, out")
         if self.plan is not None and not parse_plan(self.plan).tracer.exact:
-            raise InputError(f"--plan {self.plan} depends on the work before; --shard and --ray need an exact plan")
+            raise InputError(f"--plan {self.plan} depends on earlier work; --shard and --ray need an exact plan")
 
     def options(self) -> PictureSpec:
         """Parse the arguments.
@@ -419,19 +420,25 @@ class RenderArguments(_Options):
         InputError
             If a text cannot be parsed, or an option of the picture is out of range.
         """
-        given = lambda text, parse, *more: None if text is None else parse(text, *more)
-        camera, rays = given(self.camera, arguments.parse_camera), given(self.srdh_rays, arguments.parse_srdh_rays)
+
+        def optional(text: str | None, parse: Callable[..., Any], *more: str) -> Any:
+            return None if text is None else parse(text, *more)
+
+        camera, rays = (
+            optional(self.camera, arguments.parse_camera),
+            optional(self.srdh_rays, arguments.parse_srdh_rays),
+        )
         wide = isinstance(camera, arguments.CameraSpec) and camera.kind == "panoramic"
-        memory = given(self.max_memory, arguments.parse_bytes, "--max-memory")
-        asked = PictureSpec(
+        memory = optional(self.max_memory, arguments.parse_bytes, "--max-memory")
+        spec = PictureSpec(
             source=self.scene,
-            spec=arguments.parse_scene(self.scene),
+            scene_spec=arguments.parse_scene(self.scene),
             up=None if self.up is None else self.up.value,
             size=arguments.parse_size(self.size or ("2048x1024" if wide else "1024x1024")),
             camera=camera,
             lights=[arguments.parse_light(text) for text in self.light or []],
-            sky=given(self.sky, arguments.parse_sky),
-            behind=given(self.background, arguments.parse_background),
+            sky=optional(self.sky, arguments.parse_sky),
+            background=optional(self.background, arguments.parse_background),
             ambient=[] if self.ao is None else [arguments.parse_ambient(self.ao)],
             vpl=self.vpl,
             ground=parse_ground(self.ground),
@@ -445,12 +452,12 @@ class RenderArguments(_Options):
         )
         if self.frames is None and rays is not None and rays.last_frame:
             raise InputError(
-                "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no frame before"
+                "--srdh-rays last-frame belongs to --frames FIRST:LAST; a single picture has no previous frame"
             )
-        return asked
+        return spec
 
     def _picture(self) -> RenderOptions:
-        """The options of the picture, by the preset where none are written."""
+        """The options of the picture; the preset supplies those not set."""
         preset = QUALITIES[self.preset]
         chosen = {"spp": preset.spp, "filter": preset.filter, **literal(self, RenderOptions)}
         refined = preset.adaptive if self.adaptive is None else self.adaptive

@@ -1,6 +1,9 @@
-"""``antumbra render``: renders a picture or an animation with exact shadows.
+"""``antumbra render``: render a picture or an animation with exact shadows.
 
-An animation is rendered frame by frame by one `Renderer`, which keeps its state. Finished frames are not repeated.
+One `Renderer`, which keeps its state, renders an animation frame by frame; finished frames are not rendered again.
+Every picture stores its settings (`PictureSpec.settings`) and exposure as JSON, and a frame is finished if its file has
+the settings of this run. To avoid flicker, all frames share one exposure: unless specified, that of the first frame
+that exists or succeeds. An interrupted run thus continues with the exposure of its first frame.
 """
 
 import json
@@ -9,34 +12,25 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import InputError
 from ..files import checked_folder
-from . import arguments
-from . import console as report
-from . import picture_report as renderpage
-from . import picture_report as summary
+from . import arguments, console, picture_report
 from .arguments import FrameSequence, open_scene
 from .console import BAD_INPUT, ProgressDisplay, explained, say
 from .options import takes
 from .picture_report import print_choices
-from .picture_spec import PictureSpec, RenderArguments, Shot, scene_digest
-from .shards import engine_for, report_shard
-
-# ---------------------------------------------------------------------------------------------------------------------
-# Renders an animation, frame by frame, with one `Renderer` that keeps its state. Finished frames are not repeated.
-#
-# Every picture stores its settings (`PictureSpec.settings`) and its exposure as JSON. A frame is finished if its file
-# has the settings of this run. All frames have the same exposure, so that a film does not flicker. It is the exposure
-# of the first frame that exists or succeeds, unless one is given. So an interrupted run continues with the exposure of
-# its first frame.
-
+from .picture_spec import PictureSpec, Progress, RenderArguments, Shot, scene_digest
+from .shards import executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.executors import Executor
-    from .picture_spec import Shot
+
+
+# --- Animations -------------------------------------------------------------------------------------------------------
+
 
 _HASHES = re.compile(r"#+(?=[^#]*$)")  # the last run of # in a name
 STATES = "rendered", "finished", "failed"
@@ -45,31 +39,31 @@ STATES = "rendered", "finished", "failed"
 class AnimationJob(NamedTuple):
     """An animation to render."""
 
-    asked: PictureSpec
+    spec: PictureSpec
     scene: "AnyScene"
-    load: float  # seconds that reading the scene took
-    pattern: Path  # path of the pictures, with # for the frame's number
+    load: float  # seconds to read the scene
+    pattern: Path  # path of the pictures, with # for the frame number
     overwrite: bool  # whether finished frames are rendered again
-    film: Path | None = None  # the film that the pictures become
+    film: Path | None = None  # film to assemble from the pictures
 
 
-def film_path(output: Path | None, sequence: FrameSequence | None, asked: PictureSpec) -> Path | None:
-    """The film that `output` names, checked; None if it names pictures."""
+def film_path(output: Path | None, sequence: FrameSequence | None, spec: PictureSpec) -> Path | None:
+    """The checked path of the film that `output` names; None if it names pictures."""
     from ..picture.image_files import FILM_SUFFIXES, check_film
 
     if output is None or output.suffix.lower() not in FILM_SUFFIXES:
         return None
     if sequence is None:
         raise InputError(f"{output}: a film has frames; add --frames FIRST:LAST, such as --frames 0:48")
-    if isinstance(asked.behind, str):
-        raise InputError("--background transparent is for .png files; films have no alpha, give a colour")
+    if isinstance(spec.background, str):
+        raise InputError("--background transparent is for .png files; films have no alpha, use a colour")
     film = check_film(output)
     checked_folder(pictures_of(film).parent)
     return film
 
 
 def pictures_of(film: Path) -> Path:
-    """The pattern of a film's pictures while they are rendered."""
+    """The path pattern of a film's frames while they are rendered."""
     return film.with_name(film.name + ".frames") / "######.png"
 
 
@@ -77,48 +71,48 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); the pictures of the film go there") from error
+        raise InputError(f"{folder}: cannot be created ({error.strerror}); the film needs it for its frames") from error
 
 
 def output_path(output: Path | None, stem: str, sequence: FrameSequence | None) -> Path:
-    """The path of the picture. For a sequence, it has ``#`` in place of the frame's number."""
+    """The path of the picture. For a sequence, ``#`` stands for the frame number."""
     from ..picture.image_files import check_output
 
     if sequence is None:
         if output is not None and "#" in output.name:
-            raise InputError(f"{output}: # stands for a frame's number; add --frames FIRST:LAST, or leave # out")
+            raise InputError(f"{output}: # stands for the frame number; add --frames FIRST:LAST, or leave # out")
         return check_output(Path(stem + ".png") if output is None else output)
     pattern = Path(f"{stem}.####.png") if output is None else output
     if "#" not in pattern.name:
         named = pattern.with_name(f"{pattern.stem}.####{pattern.suffix}")
-        raise InputError(f"{pattern}: all frames would be one file; write #### for the frame's number, such as {named}")
+        raise InputError(f"{pattern}: all frames would be one file; write #### for the frame number, such as {named}")
     check_output(numbered(pattern, sequence.numbers[0]))
     return pattern
 
 
 def numbered(pattern: Path, number: int) -> Path:
-    """The file of a frame: its number, with leading zeros, replaces ``####``."""
+    """The path of a frame: its zero-padded number replaces ``####``."""
     return pattern.with_name(_HASHES.sub(lambda hashes: f"{number:0{len(hashes[0])}d}", pattern.name))
 
 
 def render_frames(
-    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, engine: "Executor"
+    job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay, executor: "Executor"
 ) -> "Animation":
-    """Render all frames that are not finished, or those that the engine leaves to this process."""
-    job.asked.view(job.scene, 0.0)  # a missing camera or light is one error here, not one for each frame
-    job.asked.direct_lights(job.scene, 0.0)
-    job.asked.ground_height(job.scene, 0.0)
+    """Render all unfinished frames that the executor assigns to this process."""
+    job.spec.view(job.scene, 0.0)  # report a missing camera or light once, not per frame
+    job.spec.direct_lights(job.scene, 0.0)
+    job.spec.ground_height(job.scene, 0.0)
     if job.film is not None:
         _make_folder(job.pattern.parent)
     last = sequence.time(sequence.numbers[-1])
-    if last > job.scene.duration and not job.asked.quiet:
-        say(f"note: the animation ends after {job.scene.duration:g} s; frames after that show its end")
+    if last > job.scene.duration and not job.spec.quiet:
+        say(f"note: the animation ends after {job.scene.duration:g} s; later frames show its end")
     animation = Animation(job, sequence, display)
     try:
-        animation.complete = engine.finish([animation])
+        animation.complete = executor.finish([animation])
     except KeyboardInterrupt:
         done = sum(len(animation.numbers[state]) for state in ("rendered", "finished"))
-        say(f"{done} of {len(sequence.numbers)} frames are finished; the same command goes on from there")
+        say(f"{done} of {len(sequence.numbers)} frames are finished; run the same command again to continue")
         raise
     if job.film is not None and not animation.numbers["failed"]:
         animation.write_film(job.film, display)
@@ -126,23 +120,23 @@ def render_frames(
 
 
 class Animation:
-    """The frames of a run so far: units of work, one for each frame."""
+    """The frames of a run, as units of work."""
 
     what = ""
 
     def __init__(self, job: AnimationJob, sequence: FrameSequence, display: ProgressDisplay):
         self.job, self.sequence, self._display = job, sequence, display
-        self.complete = False  # whether no frame is left to other processes
+        self.complete = False  # whether no frames remain for other processes
         self.numbers: dict[str, list[int]] = {state: [] for state in STATES}
-        self.exposure = job.asked.exposure
-        self.seconds: list[float] = []  # time of each rendered frame, with saving, without compilation
+        self.exposure = job.spec.exposure
+        self.seconds: list[float] = []  # per rendered frame, with saving, without compilation
         self.timings: dict[str, float] = {}  # sums over these frames
-        self.unforeseen: Exception | None = None  # the first error that the input did not cause
+        self.unforeseen: Exception | None = None  # the first error not caused by the input
         self.start = perf_counter()
-        self._digest = scene_digest(job.asked.spec)
-        self._renderer = job.asked.renderer(job.scene)
-        self._replaces = False  # whether the user has been told that older pictures are replaced
-        self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render, finished or not
+        self._digest = scene_digest(job.spec.scene_spec)
+        self._renderer = job.spec.renderer(job.scene)
+        self._noted_replacement = False  # whether a note about replaced pictures was printed
+        self._again = set(sequence.numbers) if job.overwrite else set[int]()  # frames to render even if finished
         if self.exposure is None and not job.overwrite:
             self.exposure = self._first_exposure()
 
@@ -167,31 +161,32 @@ class Animation:
         return self._is_finished(path, self._settings(path, self.sequence.time(number)), root is None)
 
     def found(self, k: int) -> None:
-        self._tell(k, {"state": "finished", "exposure": self.exposure})
+        self._record_outcome(k, {"state": "finished", "exposure": self.exposure})
 
     def clear(self) -> None:
-        """All files are results."""
+        """No-op: all files are results."""
 
-    def _settings(self, path: Path, time: float) -> dict:
-        """The settings that the picture of a time depends on."""
+    def _settings(self, path: Path, time: float) -> dict[str, Any]:
+        """The settings that determine the picture at a time."""
         linear = path.suffix.lower() == ".exr"
-        settings = self.job.asked.settings(self.job.scene, self._digest, time)
-        return {**settings, "exposure": None if linear else self.job.asked.exposure or "automatic"}
+        settings = self.job.spec.settings(self.job.scene, self._digest, time)
+        return {**settings, "exposure": None if linear else self.job.spec.exposure or "automatic"}
 
     def _first_exposure(self) -> float | None:
-        """The exposure of the first finished frame; None if there is none.
+        """The exposure of the first finished frame; None without one.
 
-        So a frame before it, which failed in an earlier run, does not change the exposure of the others.
+        An earlier frame that failed in a previous run thus does not change the exposure of the others.
         """
         for number in self.sequence.numbers:
             path = numbered(self.job.pattern, number)
-            found = _noted(path) if path.exists() else {}
-            if found.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= found.items():
-                return found["exposed"]
+            note = _stored_settings(path) if path.exists() else {}
+            if note.get("exposed") and self._settings(path, self.sequence.time(number)).items() <= note.items():
+                exposure: float = note["exposed"]
+                return exposure
         return None
 
     def do(self, k: int) -> None:
-        """Render a frame. An error is printed, not raised."""
+        """Render a frame. Errors are printed, not raised."""
         number, count = self.sequence.numbers[k], len(self)
         text = f"frame {number}{self._forecast(count - k)}"
         self._display.say(text, k, count)
@@ -207,15 +202,15 @@ class Animation:
                 self.unforeseen = self.unforeseen or error
             outcome = {"state": "failed", "reason": reason}
         self._again.discard(number)
-        self._tell(k, outcome)
+        self._record_outcome(k, outcome)
 
-    def _tell(self, k: int, outcome: dict) -> None:
+    def _record_outcome(self, k: int, outcome: dict[str, Any]) -> None:
         """Count the outcome of a frame, and print its fields for ``--json``."""
         number = self.sequence.numbers[k]
         self.numbers[outcome["state"]].append(number)
-        if self.job.asked.json:
+        if self.job.spec.json:
             time = self.job.scene.clamped(self.sequence.time(number))
-            report.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
+            console.print_json({"frame": number, "output": str(self._path(number)), "time": time, **outcome})
 
     @property
     def _linear(self) -> bool:
@@ -224,23 +219,23 @@ class Animation:
     def _path(self, number: int) -> Path:
         return numbered(self.job.pattern, number)
 
-    def _find_exposure(self, k: int, progress) -> None:
-        """Find the exposure of the first frame that can be rendered, if that is before frame k.
+    def _find_exposure(self, k: int, progress: Progress) -> None:
+        """Use the exposure of the first frame before k that renders.
 
-        Other processes save the frames before k. A run of all frames comes here with none that it has not tried.
+        Other processes save these frames. A process that renders all frames has already tried each of them.
         """
         from ..picture.image_files import frame_exposure
 
         for number in self.sequence.numbers[:k]:
             if number not in self.numbers["failed"]:
-                with suppress(Exception):  # the process whose frame it is shows the error
+                with suppress(Exception):  # the process that saves this frame reports the error
                     self.exposure = frame_exposure(self._shot(number, progress).frame)
                     return
 
-    def _shot(self, number: int, progress) -> "Shot":
-        return self.job.asked.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
+    def _shot(self, number: int, progress: Progress) -> Shot:
+        return self.job.spec.shot(self.job.scene, self._renderer, self.sequence.time(number), progress, self._linear)
 
-    def _picture(self, number: int, progress) -> dict:
+    def _picture(self, number: int, progress: Progress) -> dict[str, Any]:
         from ..picture.image_files import frame_exposure
 
         path = self._path(number)
@@ -251,71 +246,72 @@ class Animation:
         elif self.exposure is None:
             self.exposure = frame_exposure(shot.frame)
         note = json.dumps({**settings, "exposed": self.exposure})
-        saved = summary.save_picture(shot.frame, path, self.exposure, note, self.job.asked.behind)
+        saved = picture_report.save_picture(shot.frame, path, self.exposure, note, self.job.spec.background)
         self.seconds.append(shot.frame.timings["total"] + saved.seconds)
         for name, seconds in {**shot.frame.timings, "save": saved.seconds}.items():
             self.timings[name] = self.timings.get(name, 0.0) + seconds
-        return {"state": "rendered", **summary.shot_answer(shot, saved)}
+        return {"state": "rendered", **picture_report.shot_answer(shot, saved)}
 
-    def _is_finished(self, path: Path, settings: dict, own: bool) -> bool:
+    def _is_finished(self, path: Path, settings: dict[str, Any], replaces: bool) -> bool:
         """Whether the file exists with these settings and the exposure of the other frames.
 
-        If no exposure is fixed yet, the frames get the exposure of this file. `own`: another picture is replaced.
+        If no exposure is fixed yet, the file's exposure becomes that of all frames. `replaces`: a picture that does not
+        match will be overwritten.
         """
         if not path.exists():
             return False
-        found = _noted(path)
-        differ = [name for name, value in settings.items() if found.get(name) != value]
-        if not differ and self.exposure is not None and found["exposed"] not in (None, self.exposure):
+        note = _stored_settings(path)
+        differ = [name for name, value in settings.items() if note.get(name) != value]
+        if not differ and self.exposure is not None and note["exposed"] not in (None, self.exposure):
             differ = ["exposure"]
-        if differ and own and not self._replaces:
-            self._replaces = True
-            how = f"with other settings ({', '.join(differ)})" if found else "but not of an animation"
-            if not self.job.asked.quiet:
-                say(f"note: {path} is there, {how}; such pictures are rendered again")
+        if differ and replaces and not self._noted_replacement:
+            self._noted_replacement = True
+            how = f"with other settings ({', '.join(differ)})" if note else "not from an animation"
+            if not self.job.spec.quiet:
+                say(f"note: {path} exists, {how}; such pictures are rendered again")
         if not differ:
-            self.exposure = found["exposed"]
+            self.exposure = note["exposed"]
         return not differ
 
-    def _forecast(self, left: int) -> str:
-        """The time of the last frame, and an estimate for the remaining ones, as text."""
+    def _forecast(self, remaining: int) -> str:
+        """The time of the last frame and an estimate for the remaining frames, as text."""
         if not self.seconds:
             return ""
         each = sum(self.seconds) / len(self.seconds)
-        return f" ({report.duration(self.seconds[-1])} the last, about {report.duration(each * left)} left)"
+        return f" (last: {console.duration(self.seconds[-1])}; about {console.duration(each * remaining)} left)"
 
     def write_film(self, film: Path, display: ProgressDisplay) -> None:
-        """Write the film, and remove its pictures."""
+        """Write the film, and remove its frames."""
         from ..picture.image_files import write_film
 
         numbers = self.sequence.numbers
         pictures = [numbered(self.job.pattern, number) for number in numbers]
-        told = lambda done, count: display.say("writing the film", done, count)
-        write_film(pictures, film, self.sequence.fps / numbers.step, told)
+        progress = lambda done, count: display.say("writing the film", done, count)
+        write_film(pictures, film, self.sequence.fps / numbers.step, progress)
         folder = self.job.pattern.parent
         for picture in folder.glob("[0-9]*.png"):
             picture.unlink()
-        with suppress(OSError):  # somebody else's files are there
+        with suppress(OSError):  # it contains other files
             folder.rmdir()
 
-    def tell(self) -> int:
+    def print_summary(self) -> int:
         """Print a summary of all frames and return the exit code."""
-        if self.job.asked.json:
-            report.print_json(self._answer())
-        elif not self.job.asked.quiet:
-            report.print_fields(self._fields())
+        if self.job.spec.json:
+            console.print_json(self._answer())
+        elif not self.job.spec.quiet:
+            console.print_fields(self._fields())
         if self.unforeseen is not None:
             raise self.unforeseen
         return BAD_INPUT if self.numbers["failed"] else 0
 
-    def _answer(self) -> dict:
-        asked, numbers, n = self.job.asked, self.sequence.numbers, max(1, len(self.seconds))
-        first = asked.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
+    def _answer(self) -> dict[str, Any]:
+        spec, numbers, n = self.job.spec, self.sequence.numbers, max(1, len(self.seconds))
+        first = spec.options(self.job.scene, self.sequence.time(numbers[0]), self._linear)
         return {
             "frames": {"first": numbers[0], "last": numbers[-1], "step": numbers.step, "fps": self.sequence.fps},
             "output": str(self.job.film or self.job.pattern),
-            "scene": summary.scene_answer(asked, self.job.scene),
-            **{name: value for name, value in asked.record(first).items() if name != "time"},
+            "scene": picture_report.scene_answer(spec, self.job.scene),
+            **{name: value for name, value in spec.record(first).items() if name != "time"},
             "exposure": self.exposure,
             **self.numbers,
             "load": self.job.load,
@@ -324,7 +320,7 @@ class Animation:
         }
 
     def _fields(self) -> Iterator[tuple[str, str]]:
-        asked, numbers = self.job.asked, self.sequence.numbers
+        spec, numbers = self.job.spec, self.sequence.numbers
         first, last = (numbered(self.job.pattern, numbers[i]) for i in (0, -1))
         failed, film = self.numbers["failed"], self.job.film
         if film is not None and not failed:
@@ -335,50 +331,50 @@ class Animation:
         counts += [f"{len(self.numbers['finished'])} were finished"] if self.numbers["finished"] else []
         counts += [f"{len(failed)} failed ({', '.join(map(str, failed))})"] if failed else []
         yield "frames", ", ".join(counts)
-        yield "scene", summary.scene_text(asked, self.job.scene)
-        yield "plan", str(asked.engine.plan)
+        yield "scene", picture_report.scene_text(spec, self.job.scene)
+        yield "plan", str(spec.engine.plan)
         if self.exposure is not None:
             yield "exposure", f"{self.exposure:.6g}"
         if self.seconds:
             phases = {name: seconds / len(self.seconds) for name, seconds in self.timings.items() if name != "total"}
-            yield "time", f"{summary.phases_text(phases)} (mean of a frame)"
+            yield "time", f"{picture_report.phases_text(phases)} (mean of a frame)"
             ordered = sorted(self.seconds)
-            middle, slowest = report.duration(ordered[len(ordered) // 2]), report.duration(ordered[-1])
+            middle, slowest = console.duration(ordered[len(ordered) // 2]), console.duration(ordered[-1])
             yield "frame", f"{middle}, at most {slowest}, with saving"
-        yield "all", report.duration(self.job.load + perf_counter() - self.start)
+        yield "all", console.duration(self.job.load + perf_counter() - self.start)
 
 
-def _noted(path: Path) -> dict:
-    """The settings that a picture stores; {} if there are none."""
+def _stored_settings(path: Path) -> dict[str, Any]:
+    """The settings stored in a picture; {} without any."""
     from ..picture.image_files import note_of
 
     try:
-        found = json.loads(note_of(path) or "{}")
+        note = json.loads(note_of(path) or "{}")
     except ValueError:
         return {}
-    return found if isinstance(found, dict) and "exposed" in found else {}
+    return note if isinstance(note, dict) and "exposed" in note else {}
 
 
-# --- ``antumbra render``: renders a scene with exact shadows ----------------------------------------------------------
+# --- The command ------------------------------------------------------------------------------------------------------
 
 
 @takes(RenderArguments)
-def render(given: RenderArguments) -> int:
+def render(args: RenderArguments) -> int:
     """Render SCENE with exact shadows.
 
-    Without arguments, it renders the embedded atrium to antumbra.png. Cameras and lights come from the file, at the
-    given time. Without a camera, the scene is shown from a little above, and a hall or room from inside. Without
-    lights, there are sun and sky, and in a closed room a lamp.
+    Without arguments, it renders the built-in atrium to antumbra.png. Cameras and lights come from the file, at the
+    time of --time. A scene without a camera is shown from slightly above, and a hall or room from inside. A scene
+    without lights gets sun and sky, and a closed room a lamp.
 
     \b
     CAMERA
       1                         the second camera of the file
       0,1.7,8:0,1,0             position 0,1.7,8, target 0,1,0
       0,1.7,8:0,1,0:45          ... with a vertical field of view of 45 degrees instead of 60
-      ortho                     an orthographic view that shows the scene; top: from straight above
+      ortho                     an orthographic view of the scene; top: from straight above
       ortho:9,9,9:0,0,0:4       ... from a position to a target, 4 units high
-      panorama                  all directions, from where the default camera is, or from the middle of a room
-      panorama:0,1.7,8:0,1,0    ... from a position, with the heading of a target in the middle
+      panorama                  all directions, from the default camera's position or the middle of a room
+      panorama:0,1.7,8:0,1,0    ... from a position, centred on the heading of a target
 
     \b
     LIGHT
@@ -387,13 +383,13 @@ def render(given: RenderArguments) -> int:
       quad:CX,CY,CZ:UX,UY,UZ:VX,VY,VZ      a parallelogram around C with the edges U and V
       disk:CX,CY,CZ:NX,NY,NZ:RADIUS        a disk around C that faces N
       sphere:CX,CY,CZ:RADIUS
-      sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees wide by default, like the sun
+      sun:DX,DY,DZ[:ANGULAR_DIAMETER]      shines along D; 0.53 degrees by default, as the real sun
       ...@INTENSITY                        candela (sun: lux), 1 by default
 
-    Frame k of --frames shows the time k / fps; later frames show the animation's end. A frame is not rendered again if
-    its file exists already, from the same scene and options. So an interrupted command continues when you repeat it.
-    All frames have the exposure of the first one, unless --exposure is given. If a frame fails, its error is shown and
-    the others continue; the exit code is then 2. A .mp4, .webm or .gif file is a film of the frames.
+    Frame k of --frames shows the time k / fps; frames past the end of the animation show its end. Frames whose file
+    already exists, from the same scene and options, are not rendered again: repeat an interrupted command to continue.
+    All frames share the exposure of the first one unless --exposure is given. If a frame fails, its error is printed,
+    the others continue, and the exit code is 2. Name a .mp4, .webm or .gif file to get a film of the frames.
 
     \b
     Examples
@@ -415,46 +411,46 @@ def render(given: RenderArguments) -> int:
     """
     from ..jobs.executors import LocalExecutor
 
-    given.check()
-    asked = given.options()
-    sequence = None if given.frames is None else arguments.parse_frames(given.frames, given.time, given.fps)
-    film = film_path(given.output, sequence, asked)
-    path = pictures_of(film) if film else output_path(given.output, asked.spec.stem, sequence)
-    html = given.html
-    asked.check()
-    engine = engine_for(given, path)
-    with ProgressDisplay(asked.quiet) as display:
+    args.check()
+    spec = args.options()
+    sequence = None if args.frames is None else arguments.parse_frames(args.frames, args.time, args.fps)
+    film = film_path(args.output, sequence, spec)
+    path = pictures_of(film) if film else output_path(args.output, spec.scene_spec.stem, sequence)
+    html = args.html
+    spec.check()
+    executor = executor_for(args, path)
+    with ProgressDisplay(spec.quiet) as display:
         display.say("reading the scene")
         start = perf_counter()
-        opened = open_scene(asked.spec, asked.up, asked.quiet)
-        asked = asked.about(opened)
+        opened = open_scene(spec.scene_spec, spec.up, spec.quiet)
+        spec = spec.about(opened)
         load = perf_counter() - start
         display.say("preparing")
         if sequence is not None:
-            job = AnimationJob(asked, opened, load, path, given.overwrite, film)
-            animation = render_frames(job, sequence, display, engine or LocalExecutor())
+            job = AnimationJob(spec, opened, load, path, args.overwrite, film)
+            animation = render_frames(job, sequence, display, executor or LocalExecutor())
         else:
             linear = path.suffix.lower() == ".exr"
-            digest = scene_digest(asked.spec) if linear or engine else ""
+            digest = scene_digest(spec.scene_spec) if linear or executor else ""
             shot: Shot | None
-            if engine is None:
-                shot = asked.shot(opened, asked.renderer(opened), given.time or 0.0, display.parts, linear)
+            if executor is None:
+                shot = spec.shot(opened, spec.renderer(opened), args.time or 0.0, display.parts, linear)
             else:
-                shot = asked.shot_in_bands(opened, given.time or 0.0, engine, digest, linear)
+                shot = spec.shot_in_bands(opened, args.time or 0.0, executor, digest, linear)
             if shot is None:  # a shard
-                return report_shard(engine, given, perf_counter() - start - load)
+                return report_shard(executor, args, perf_counter() - start - load)
             display.say("writing the picture")
-            note = json.dumps(asked.settings(opened, digest, shot.time)) if linear else None
-            saved = summary.save_picture(shot.frame, path, asked.exposure, note, background=asked.behind)
+            note = json.dumps(spec.settings(opened, digest, shot.time)) if linear else None
+            saved = picture_report.save_picture(shot.frame, path, spec.exposure, note, background=spec.background)
             if html is not None:
-                renderpage.save_render_page(asked, opened, load, shot, saved, html)
+                picture_report.save_render_page(spec, opened, load, shot, saved, html)
     if sequence is not None:
-        return animation.tell()
+        return animation.print_summary()
     assert shot is not None
-    if asked.json:
-        report.print_json(summary.picture_answer(asked, opened, load, shot, saved))
-    elif not asked.quiet:
-        report.print_fields(summary.picture_fields(asked, opened, load, shot, saved))
-        if given.explain_plan:
+    if spec.json:
+        console.print_json(picture_report.picture_answer(spec, opened, load, shot, saved))
+    elif not spec.quiet:
+        console.print_fields(picture_report.picture_fields(spec, opened, load, shot, saved))
+        if args.explain_plan:
             print_choices(shot, opened.n_triangles)
     return 0

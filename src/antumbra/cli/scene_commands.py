@@ -4,22 +4,27 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import SceneSpec, open_scene
 from .console import ProgressDisplay
 from .options import SCENE_HELP, Json, Quiet, Threads, UpOption, writes
 
-# --- ``antumbra info``: shows the contents of a scene -----------------------------------------------------------------
-
-
 if TYPE_CHECKING:
+    from ..engine.scene import AnyScene
+    from ..generate.generated_scene import StreamedCity
+    from ..scene.lights import Light
+    from ..scene.scene_data import CityModel
+    from ..store.store_build import BuildReport
     from ..store.store_file import Store
+
+
+# --- ``antumbra info`` ------------------------------------------------------------------------------------------------
+
 
 TRIANGLE_BYTES = 3 * 3 * 4 + 4 + 3 * 4  # corners, face_id, colour of `Triangles`
 _MOST_MESHES = 20
@@ -28,13 +33,13 @@ _MOST_MESHES = 20
 def info(
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")],
     up: UpOption = None,
-    check: Annotated[bool, typer.Option("--check", help="Of a store: read all of it and check its checksums.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Read a whole store and verify its checksums.")] = False,
     json: Json = False,
 ) -> None:
     """Show the contents of SCENE.
 
     It lists meshes, triangles, instances, bounds, cameras, lights, animation, memory, and the loader's notes about
-    parts it left out. For a store it shows its chunks.
+    ignored parts. For a store, it also describes the chunks.
 
     \b
     Examples
@@ -52,21 +57,21 @@ def info(
         if check:
             _check(store, scene, display)
     if json:
-        report.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
+        console.print_json(_answer(scene, opened, seconds) | ({} if store is None else _store_answer(store, check)))
         return
-    report.print_fields(_info_fields(opened, seconds))
+    console.print_fields(_info_fields(opened, seconds))
     if store is not None:
-        report.print_fields(_store_fields(store, check))
+        console.print_fields(_store_fields(store, check))
         return
     meshes = opened.meshes
-    shown = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
-    report.print_table(
+    largest = sorted(meshes, key=lambda m: -m.triangles * m.instances)[:_MOST_MESHES]
+    console.print_table(
         ("mesh", "triangles", "instances"),
-        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in shown],
+        [(m.name, f"{m.triangles:,}", f"{m.instances:,}") for m in largest],
         right=(1, 2),
     )
-    if len(meshes) > len(shown):
-        print(f"... and {len(meshes) - len(shown)} smaller meshes (--json lists all)")
+    if len(meshes) > len(largest):
+        print(f"... and {len(meshes) - len(largest)} smaller meshes (--json lists all)")
 
 
 def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None:
@@ -78,22 +83,22 @@ def _check(store: "Store | None", source: str, display: ProgressDisplay) -> None
         store.check(k, memory)
 
 
-def _store_answer(store: "Store", checked: bool) -> dict:
+def _store_answer(store: "Store", checked: bool) -> dict[str, Any]:
     chunks = {name: getattr(store.chunks, name).tolist() for name in ("offset", "bytes", "triangles", "nodes")}
     return {"bytes": store.path.stat().st_size, "chunks": chunks, "built": store.meta.built, "checked": checked}
 
 
 def _store_fields(store: "Store", checked: bool) -> Iterator[tuple[str, str]]:
     size, chunks = store.path.stat().st_size, store.chunks
-    yield "store", f"{report.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes a triangle"
+    yield "store", f"{console.size_in_memory(size)}, {size / store.n_triangles:.1f} bytes per triangle"
     spread = f"{chunks.triangles.min():,} to {chunks.triangles.max():,} triangles each"
     yield "chunks", f"{len(store):,}, {spread}; {len(store.top.nodes):,} nodes above them"
     yield "built", ", ".join(f"{name} {value}" for name, value in store.meta.built.items())
     if checked:
-        yield "checksums", "all as they should be"
+        yield "checksums", "all correct"
 
 
-def _answer(source: str, scene, seconds: float) -> dict:
+def _answer(source: str, scene: "AnyScene", seconds: float) -> dict[str, Any]:
     return {
         "source": source,
         "name": scene.name,
@@ -104,8 +109,8 @@ def _answer(source: str, scene, seconds: float) -> dict:
         "crs": scene.crs,
         "duration": scene.duration,
         "meshes": [m._asdict() for m in scene.meshes],
-        "cameras": [report.camera_fields(c) for c in scene.cameras],
-        "lights": [report.light_fields(light) for light in scene.lights],
+        "cameras": [console.camera_fields(c) for c in scene.cameras],
+        "lights": [console.light_fields(light) for light in scene.lights],
         "notes": list(scene.notes),
         "city": None if scene.city is None else _city_answer(scene.city),
         "triangle_bytes": scene.n_triangles * TRIANGLE_BYTES,
@@ -113,21 +118,21 @@ def _answer(source: str, scene, seconds: float) -> dict:
     }
 
 
-def _city_answer(city) -> dict:
+def _city_answer(city: "CityModel") -> dict[str, Any]:
     surfaces = Counter(surface.type or "none" for surface in city.surfaces)
     return {"crs": city.crs, "lods": city.lods, "objects": Counter(city.types), "surfaces": surfaces}
 
 
-def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
+def _info_fields(scene: "AnyScene", seconds: float) -> Iterator[tuple[str, str]]:
     lower, upper = scene.bounds
-    yield "scene", f"{scene.name}, read in {report.duration(seconds)}"
+    yield "scene", f"{scene.name}, read in {console.duration(seconds)}"
     meshes = f" in {len(scene.meshes):,} mesh{'es' * (len(scene.meshes) != 1)}" if scene.meshes else ""
     yield "triangles", f"{scene.n_triangles:,}{meshes}"
     if scene.meshes:
-        yield "memory", f"{report.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one moment"
-    yield "bounds", f"{report.vector(lower)} to {report.vector(upper)}"
-    yield "size", f"{report.vector(upper - lower)}, +{scene.up.upper()} is up"
-    yield "origin", report.vector(scene.origin)
+        yield "memory", f"{console.size_in_memory(scene.n_triangles * TRIANGLE_BYTES)} for the triangles at one time"
+    yield "bounds", f"{console.vector(lower)} to {console.vector(upper)}"
+    yield "size", f"{console.vector(upper - lower)}, +{scene.up.upper()} is up"
+    yield "origin", console.vector(scene.origin)
     if scene.crs or scene.city is not None:
         yield "CRS", scene.crs or "none in the file"
     if scene.city is not None:
@@ -135,49 +140,51 @@ def _info_fields(scene, seconds: float) -> Iterator[tuple[str, str]]:
         yield "city", f"{len(scene.city.objects):,} objects, levels of detail {levels}"
     yield "animation", f"{scene.duration:g} seconds" if scene.animated else "none"
     for i, camera in enumerate(scene.cameras):
-        place = f"{report.vector(camera.position)} to {report.vector(camera.target)}"
+        place = f"{console.vector(camera.position)} to {console.vector(camera.target)}"
         lens = f"vfov {camera.vfov:.4g}" if camera.extent is None else f"orthographic, {camera.extent:.4g} high"
         yield f"camera {i}", f"{place}, {lens}"
     for i, light in enumerate(scene.lights):
         yield f"light {i}", _in_words(light)
     if not scene.cameras:
-        yield "cameras", "none: a camera that shows the whole scene is used"
+        yield "cameras", "none; the default camera shows the whole scene"
     if not scene.lights:
-        yield "lights", "none: sun and sky are used, or a lamp in a closed room"
+        yield "lights", "none; the defaults are sun and sky, or a lamp in a closed room"
     for note in scene.notes:
         yield "note", note
 
 
-def _in_words(light) -> str:
-    values = report.light_fields(light)
+def _in_words(light: "Light") -> str:
+    values = console.light_fields(light)
     kind = values.pop("type")
     if tuple(values.get("colour", ())) == (1.0, 1.0, 1.0):
         del values["colour"]
     return f"{kind} " + ", ".join(f"{k} {_short(v)}" for k, v in values.items() if v is not None)
 
 
-def _short(value) -> str:
+def _short(value: Any) -> str:
     if isinstance(value, (str, bool)):
         return repr(value) if isinstance(value, str) else str(value)
-    return report.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
+    return console.vector(value) if hasattr(value, "__len__") else f"{value:.6g}"
 
 
-# --- ``antumbra scenes``: lists and exports the procedural scenes -----------------------------------------------------
+# --- ``antumbra scenes`` ----------------------------------------------------------------------------------------------
 
 
 def scenes(
-    name: Annotated[str | None, typer.Argument(help="A scene to look at or to export.", metavar="NAME")] = None,
+    name: Annotated[str | None, typer.Argument(help="A scene to describe or export.", metavar="NAME")] = None,
     triangles: Annotated[
         str | None,
-        typer.Option(help="About how many triangles: 5000, 100k, 2M.  [default: the scene's own]", metavar="N"),
+        typer.Option(
+            help="Approximate number of triangles: 5000, 100k, 2M.  [default: depends on the scene]", metavar="N"
+        ),
     ] = None,
-    seed: Annotated[str, typer.Option(help="Other seeds scatter the clutter differently.", metavar="N")] = "0",
+    seed: Annotated[str, typer.Option(help="Seed for the placement of clutter.", metavar="N")] = "0",
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="Write NAME to a .glb, .obj or .ply file.",
+            help="Export the scene to a .glb, .obj or .ply file.",
             metavar="FILE",
             callback=writes(".glb", ".obj", ".ply"),
         ),
@@ -186,8 +193,8 @@ def scenes(
 ) -> None:
     """List the procedural scenes, or export one.
 
-    A GLB file also holds the scene's camera and a point light. The point light replaces the scene's quad light, because
-    glTF has none. To render a procedural scene, name it: antumbra render procedural:city
+    A GLB file also contains the scene's camera and a point light, which replaces the quad light because glTF has no
+    area lights. To render a procedural scene, use its name: antumbra render procedural:city
 
     \b
     Examples
@@ -209,13 +216,13 @@ def scenes(
         display.say("generating")
         answer = _make(name, count, number, output)
     if json:
-        report.print_json(answer)
+        console.print_json(answer)
     else:
         lower, upper = answer["bounds"]
         rows = [("scene", f"{name}, {answer['triangles']:,} triangles")]
-        rows.append(("bounds", f"{report.vector(lower)} to {report.vector(upper)}"))
+        rows.append(("bounds", f"{console.vector(lower)} to {console.vector(upper)}"))
         rows += [("written", str(file)) for file in answer["files"]]
-        report.print_fields(rows)
+        console.print_fields(rows)
 
 
 def _list(json: bool) -> None:
@@ -224,37 +231,33 @@ def _list(json: bool) -> None:
     add_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
-        report.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
+        console.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
         return
-    shown = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
-    report.print_table(("name", "triangles", "what it is"), shown, right=(1,))
+    cells = [(name, f"{triangles:,}", description) for name, triangles, description in rows]
+    console.print_table(("name", "triangles", "description"), cells, right=(1,))
 
 
-def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict:
+def _make(name: str, triangles: int | None, seed: int, output: Path | None) -> dict[str, Any]:
     from ..generate.procedural_scenes import generate
 
-    made = generate(name, triangles, seed)
+    generated = generate(name, triangles, seed)
     files = []
     if output is not None:
         from .scene_export import write_scene
 
-        files = write_scene(made, name, output)
+        files = write_scene(generated, name, output)
     return {
         "name": name,
         "seed": seed,
-        "triangles": len(made.faces),
-        "bounds": [made.vertices.min(0), made.vertices.max(0)],
-        "camera": made.camera,
-        "light": made.light,
+        "triangles": len(generated.faces),
+        "bounds": [generated.vertices.min(0), generated.vertices.max(0)],
+        "camera": generated.camera,
+        "light": generated.light,
         "files": [str(file) for file in files],
     }
 
 
-# --- ``antumbra build``: writes scenes that are larger than memory to a store -----------------------------------------
-
-
-if TYPE_CHECKING:
-    from ..store.store_build import BuildReport
+# --- ``antumbra build`` -----------------------------------------------------------------------------------------------
 
 
 def build(
@@ -266,19 +269,19 @@ def build(
         ),
     ],
     max_memory: Annotated[
-        str, typer.Option(help="Memory to build with, in bytes, or with M or G: 512M, 4G.", metavar="SIZE")
+        str, typer.Option(help="Memory limit of the build, in bytes or with a suffix: 512M, 4G.", metavar="SIZE")
     ] = "4G",
     up: UpOption = None,
     threads: Threads = None,
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write SCENEs, as one scene, to a store that need not fit in memory.
+    """Combine SCENEs in one store, which may exceed memory.
 
-    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the order
-    given, as they are at time 0. The cameras and lights of all scenes are kept. procedural:city is made and written
-    block by block, at any size. Other scenes are in memory, one at a time, while they are read. The same scenes give
-    the same bytes, for any --max-memory and --threads.
+    A store holds the triangles in chunks, each with its BVH and checksums. Several scenes are merged in the given
+    order, in their state at time 0, with all their cameras and lights. procedural:city is generated and written block
+    by block, at any size. Other scenes are read into memory one at a time. The same scenes give the same bytes for any
+    --max-memory and --threads.
 
     \b
     Examples
@@ -295,16 +298,18 @@ def build(
     with ProgressDisplay(quiet) as display:
         display.say("reading")
         opened = _opened(specs, None if up is None else up.value, threads, quiet)
-        made = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
+        report = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
     peak = peak_resident()
     if json:
-        report.print_json({**made._asdict(), "path": str(made.path), "max_memory": memory, "peak_resident": peak})
+        console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
     elif not quiet:
-        report.print_fields(_build_fields(made, peak))
+        console.print_fields(_build_fields(report, peak))
 
 
-def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool) -> Iterator:
-    """Yield the scenes one after the other. A city is yielded as pieces that are made later."""
+def _opened(
+    specs: list[SceneSpec], up: str | None, threads: int | None, quiet: bool
+) -> "Iterator[AnyScene | StreamedCity]":
+    """Yield the scenes one by one. A city is yielded as a stream of blocks, generated later."""
     from ..generate.generated_scene import StreamedCity
     from ..kernels.parallel import thread_count
 
@@ -315,12 +320,12 @@ def _opened(specs: list[SceneSpec], up: str | None, threads: int | None, quiet: 
             yield open_scene(spec, up, quiet)
 
 
-def _build_fields(made: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
-    phases = dict(made.seconds)
+def _build_fields(report: "BuildReport", peak: int | None) -> Iterator[tuple[str, str]]:
+    phases = dict(report.seconds)
     total = phases.pop("total")
-    yield "store", str(made.path)
-    yield "triangles", f"{made.triangles:,} in {made.chunks:,} chunk{'s' * (made.chunks != 1)}"
-    yield "size", f"{report.size_in_memory(made.bytes)}, {made.bytes / made.triangles:.1f} bytes a triangle"
-    yield "time", f"{report.duration(total)}: " + ", ".join(f"{k} {report.duration(s)}" for k, s in phases.items())
+    yield "store", str(report.path)
+    yield "triangles", f"{report.triangles:,} in {report.chunks:,} chunk{'s' * (report.chunks != 1)}"
+    yield "size", f"{console.size_in_memory(report.bytes)}, {report.bytes / report.triangles:.1f} bytes per triangle"
+    yield "time", f"{console.duration(total)}: " + ", ".join(f"{k} {console.duration(s)}" for k, s in phases.items())
     if peak is not None:
-        yield "memory", f"{report.size_in_memory(peak)} at the peak"
+        yield "memory", f"{console.size_in_memory(peak)} at the peak"

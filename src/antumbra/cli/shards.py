@@ -1,4 +1,4 @@
-"""Work split among processes: the options --shard, --ray and --merge, the folder of shards, and ``antumbra merge``."""
+"""Work split among processes: the options --shard, --ray and --merge, shard folders, and ``antumbra merge``."""
 
 import re
 from contextvars import ContextVar
@@ -11,21 +11,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import InputError
-from . import console as report
+from . import console
 from .options import Json, Quiet
 
-# ---------------------------------------------------------------------------------------------------------------------
-# ``--shard``, ``--ray`` and ``merge``: the engine that a command asks for, and the folder where it keeps shards.
+# --- The options and their executors ----------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
-    from ..jobs.executors import UnitCollector
+    from ..jobs.executors import Executor, ShardIndex, UnitCollector
 
 ShardOption = Annotated[
     str | None,
     typer.Option(
         "--shard",
-        help="Do shard I of N only, 0 to N-1; other processes do the others, and antumbra merge joins them.",
+        help="Do only shard I of N, 0 to N-1; other processes do the rest, and antumbra merge joins them.",
         metavar="I/N",
         show_default=False,
     ),
@@ -34,7 +33,7 @@ RayOption = Annotated[
     str | None,
     typer.Option(
         "--ray",
-        help="Work on the nodes of a Ray cluster: auto or HOST:PORT; local: of this machine.",
+        help="Run on a Ray cluster: auto, HOST:PORT, or local (this machine alone).",
         metavar="ADDRESS|local",
         show_default=False,
     ),
@@ -45,18 +44,18 @@ command_line: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
 """The words of the command line."""
 
 _SHARD = re.compile(r"(\d{1,9})/(\d{1,9})")
-_NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # that of a frame, at the end of a name
-node_engine: ContextVar["Asked | None"] = ContextVar("asked", default=None)
-"""The engine of a command that begins on a node of a cluster."""
+_NUMBER = re.compile(r"[^0-9A-Za-z]*#+$")  # frame number at the end of a name
+node_executor: ContextVar["UnitCollector | None"] = ContextVar("node_executor", default=None)
+"""The executor of a command that starts on a cluster node."""
 
 _OUTPUTS = "output", "city_output", "matrix", "sparse", "counts"
-_LEFT_OUT = "sheet", "html"  # pictures of a whole job
-_VALUED = "--ray", "--shard", "--merge", "--threads"  # options that change no result, with a value
+_LEFT_OUT = "sheet", "html"  # pictures that need the whole job
+_VALUED = "--ray", "--shard", "--merge", "--threads"  # options with a value that do not affect results
 _FLAGS = "--json", "--quiet", "-q", "--debug"
 
 
-def parse_shard(text: str | None) -> "Share | None":
-    """The shard that ``--shard`` names; None: there is none."""
+def parse_shard(text: str | None) -> "ShardIndex | None":
+    """The shard that ``--shard`` names; None without the option."""
     from ..jobs.executors import ShardIndex
 
     if text is None:
@@ -64,108 +63,108 @@ def parse_shard(text: str | None) -> "Share | None":
     match = _SHARD.fullmatch(text.strip())
     index, of = (int(n) for n in match.groups()) if match else (0, 0)
     if not index < of:
-        raise InputError(f"--shard is {text!r}; write I/N with I from 0 and below N, such as 0/4")
+        raise InputError(f"--shard is {text!r}; write I/N with 0 <= I < N, such as 0/4")
     return ShardIndex(index, of)
 
 
 def shards_folder(output: Path) -> Path:
-    """The folder of shards beside an output."""
+    """The shard folder next to an output."""
     stem = output.name.removesuffix(output.suffix)
     return output.with_name(f"{_NUMBER.sub('', stem) or 'frames'}.shards")
 
 
 def command_words() -> list[str]:
-    """The words of the command that decide its results."""
-    found, rest = [], iter(command_line.get())
-    for word in rest:
+    """The words of the command line that determine the results."""
+    words, remaining = [], iter(command_line.get())
+    for word in remaining:
         name = word.partition("=")[0]
         if name in _VALUED:
             if "=" not in word:
-                next(rest, None)
+                next(remaining, None)
         elif word not in _FLAGS:
-            found.append(word)
-    return found
+            words.append(word)
+    return words
 
 
-def engine_for(given: Any, output: Path) -> "Engine | None":
-    """The engine that the options --shard, --ray and --merge ask for; None if there are none.
+def executor_for(args: Any, output: Path) -> "Executor | None":
+    """The executor for the options --shard, --ray and --merge; None without them.
 
-    given : arguments with the fields `shard`, `ray` and `merge`
-    output : a file or a folder; shards are kept beside it
+    args : arguments with the fields `shard`, `ray` and `merge`
+    output : a file or folder; shards are stored next to it
     """
     from ..jobs.executors import ShardExecutor
     from ..jobs.work_parts import ShardMerge
 
-    share, folder = parse_shard(given.shard), shards_folder(output)
-    if (own := node_engine.get()) is not None:
-        return own
-    if given.merge:
-        return ShardMerge(folder, given.merge)
-    if given.ray is not None:
+    share, folder = parse_shard(args.shard), shards_folder(output)
+    if (collector := node_executor.get()) is not None:
+        return collector
+    if args.merge:
+        return ShardMerge(folder, args.merge)
+    if args.ray is not None:
         from ..cluster.node_files import files_in
         from ..cluster.ray_executor import Cluster
 
         if share is not None:
-            raise InputError("--ray makes shards of its own; leave it or --shard out")
-        prepare = partial(begin, type(given).home, replace(given, json=False, quiet=True, ray=None))
-        plan = getattr(given, "plan", None)
-        say = (lambda line: None) if given.quiet else None
-        return Cluster(folder, given.ray, prepare, files_in(vars(given)), plan, say)
+            raise InputError("--ray splits the work itself; leave it or --shard out")
+        prepare = partial(begin, type(args).home, replace(args, json=False, quiet=True, ray=None))
+        plan = getattr(args, "plan", None)
+        say = (lambda line: None) if args.quiet else None
+        return Cluster(folder, args.ray, prepare, files_in(vars(args)), plan, say)
     return None if share is None else ShardExecutor(folder, share, command_words())
 
 
-def begin(home: tuple[str, str], given: Any, paths: dict[str, str], threads: int, engine: "UnitCollector") -> None:
-    """Begin a command on a node of a cluster: the engine gets its units. Results have their names, in this folder.
+def begin(home: tuple[str, str], args: Any, paths: dict[str, str], threads: int, executor: "UnitCollector") -> None:
+    """Start a command on a cluster node and pass its units to the executor. Results go to the current folder.
 
     home : module and name of the command
-    paths : field -> the path of its file on this node
+    paths : field -> path of its file on this node
     """
     from ..cluster.node_files import with_files
 
-    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(given, name)}
+    changed: dict[str, Any] = {name: None for name in _LEFT_OUT if hasattr(args, name)}
     for name in _OUTPUTS:
-        value = getattr(given, name, None)
+        value = getattr(args, name, None)
         if value is not None:
             changed[name] = [Path(path.name) for path in value] if isinstance(value, list) else Path(value.name)
-    changed |= with_files(vars(given), paths)
-    token = node_engine.set(engine)
+    changed |= with_files(vars(args), paths)
+    token = node_executor.set(executor)
     try:
         command = getattr(import_module(home[0]), home[1]).command
-        command(replace(given, threads=given.threads or threads, **changed))
+        command(replace(args, threads=args.threads or threads, **changed))
     finally:
-        node_engine.reset(token)
+        node_executor.reset(token)
 
 
-def report_shard(shard: "Engine | None", given: Any, seconds: float) -> int:
-    """Say what a shard did, which wrote no results; return the exit code."""
+def report_shard(shard: "Executor | None", args: Any, seconds: float) -> int:
+    """Report what a shard did, since it wrote no results; return the exit code."""
     from ..jobs.executors import ShardExecutor
 
     if not isinstance(shard, ShardExecutor):  # on a node of a cluster
         return 0
-    if given.json:
-        found = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
-        report.print_json({**found, "seconds": seconds})
-    elif not given.quiet:
-        before = f", {shard.units - shard.did:,} were done before" if shard.did < shard.units else ""
-        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", report.duration(seconds))]
-        report.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
+    if args.json:
+        answer = {"shard": str(shard.share), "folder": str(shard.folder), "parts": shard.units, "done": shard.did}
+        console.print_json({**answer, "seconds": seconds})
+    elif not args.quiet:
+        before = f", {shard.units - shard.did:,} were already done" if shard.did < shard.units else ""
+        rows = [("shard", f"{shard.share}: {shard.units:,} parts{before}"), ("time", console.duration(seconds))]
+        console.print_fields([*rows, ("next", f"when all shards are done: antumbra merge {shard.folder}")])
     return 0
 
 
-# --- ``antumbra merge``: the results of a command from the shards of several processes --------------------------------
+# --- ``antumbra merge`` -----------------------------------------------------------------------------------------------
 
 
 def merge(
     context: typer.Context,
-    folders: Annotated[list[Path], typer.Argument(help="Folders NAME.shards that --shard made.", metavar="FOLDER...")],
+    folders: Annotated[list[Path], typer.Argument(help="Folders NAME.shards written by --shard.", metavar="FOLDER...")],
     json: Json = False,
     quiet: Quiet = False,
 ) -> int:
-    """Join the shards of a command: write the files that it writes without --shard, byte by byte.
+    """Join the shards of a command into the files it writes without --shard, byte for byte.
 
-    Each FOLDER says which command made it. The same command runs once more, in the current folder, and takes what the
-    shards found instead of tracing rays. A shard that is missing, doubled, stale, or of another command is an error
-    that names it, and no file is written then.
+    Each FOLDER records the command that wrote it. That command runs again, in the current folder, with the results of
+    the shards instead of traced rays. A shard that is missing, duplicated, stale, or from another command causes an
+    error that names it, and no file is written.
 
     \b
     Examples

@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import InputError
-from . import arguments
-from . import console as report
+from . import arguments, console
 from .arguments import in_memory, open_scene
 from .console import ProgressDisplay
 from .options import (
@@ -30,56 +29,65 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
-
-# --- ``antumbra los``: lines of sight between pairs of points ---------------------------------------------------------
-
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
 if TYPE_CHECKING:
     from ..engine.scene import AnyScene
     from ..jobs.line_of_sight.sightlines import PairList, Sightlines
+    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
+    from ..jobs.result_table import Table
 
-_MOST_LINES = 20  # pairs that are printed
+
+# --- ``antumbra los`` -------------------------------------------------------------------------------------------------
+
+
+_MOST_LINES = 20  # most pairs that are printed
 _MODEL = ".glb"
 _SUFFIXES = ".csv", ".parquet", ".json", ".npz", _MODEL
-_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # of the lines that are printed
+_COLUMNS = "observer", "target", "visible", "blocked_by", "face", "distance"  # printed columns
 
 
-def los(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE,
+@dataclass(frozen=True)
+class SightArguments:
+    """The command-line arguments and options, one per field."""
+
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     observer: Annotated[
         list[str] | None,
         typer.Option("--from", help="An observer; may be repeated.", metavar="X,Y,Z", show_default=False),
-    ] = None,
+    ] = None
     target: Annotated[
         list[str] | None,
         typer.Option("--to", help="A target; may be repeated.", metavar="X,Y,Z", show_default=False),
-    ] = None,
+    ] = None
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
-    ] = None,
-    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None,
+    ] = None
+    targets: Annotated[Path | None, typer.Option(help="A file of targets.", show_default=False)] = None
     pairs: Annotated[
         str,
         typer.Option(
-            help="all: each observer and each target; zip: one by one; a file with the columns from and to: indices; "
-            "or, without observers and targets, a file with the columns x1,y1,z1,x2,y2,z2.",
+            help="all: each observer with each target; zip: pairwise; a file of indices with the columns from and to; "
+            "or, without observers and targets, a file of points with the columns x1,y1,z1,x2,y2,z2.",
             metavar="all|zip|FILE",
         ),
-    ] = "all",
-    output: Annotated[list[Path] | None, tables("Where to write", "--output", "-o", suffixes=_SUFFIXES)] = None,
-    time: TimeOption = 0.0,
-    up: UpOption = None,
-    crs: CrsOption = None,
-    threads: Threads = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Say which points see each other in SCENE, and what blocks those that do not.
+    ] = "all"
+    output: Annotated[list[Path] | None, tables("Output file", "--output", "-o", suffixes=_SUFFIXES)] = None
+    time: TimeOption = 0.0
+    up: UpOption = None
+    crs: CrsOption = None
+    threads: Threads = None
+    json: Json = False
+    quiet: Quiet = False
 
-    Each pair gets the nearest blocking face, its object, the point where it blocks, and the distances. An end that lies
-    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2), or float32 may round it
-    behind the surface. Files hold a row for each pair; a .glb shows the lines, green as far as they see.
+
+@takes(SightArguments)
+def los(args: SightArguments) -> int:
+    """Find which points see each other in SCENE, and what blocks the others.
+
+    The result lists, per pair, the nearest blocking face, its object, the blocked point, and the distances. An endpoint
+    on a surface needs a normal (columns nx,ny,nz, or nx1 to nz2) or its face (face1, face2); otherwise float32 may
+    round it behind the surface. Tables have a row per pair; a .glb shows the lines, green up to the first blocker.
 
     \b
     Examples
@@ -88,7 +96,7 @@ def los(
       antumbra los city.glb --up z --observers people.csv --targets signs.csv -o lines.glb -o lines.parquet
       antumbra los hall.glb --pairs pairs.csv -o result.csv --json
     """
-    spec = arguments.parse_scene(scene)
+    spec = arguments.parse_scene(args.scene)
 
     from ..files import atomic_output
     from ..jobs.line_of_sight.sightlines import (
@@ -102,75 +110,85 @@ def los(
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs
 
-    check_pairs(pairs)
-    outputs = output or []
+    check_pairs(args.pairs)
+    outputs = args.output or []
     writers = [writer_of(path, "points") for path in outputs]
-    begin = points_or_file(observer, observers, "--from", "--observers")
-    end = points_or_file(target, targets, "--to", "--targets")
+    begin = points_or_file(args.observer, args.observers, "--from", "--observers")
+    end = points_or_file(args.target, args.targets, "--to", "--targets")
     if (begin is None) != (end is None):
         raise InputError("observers need targets: give --from or --observers, and --to or --targets")
-    if begin is None and pairs in ("all", "zip"):
+    if begin is None and args.pairs in ("all", "zip"):
         raise InputError("there are no points: give --from and --to, --observers and --targets, or a file of --pairs")
-    asked = read_pairs(Path(pairs)) if begin is None or end is None else pairs_of(pairs, begin, end)
-    with ProgressDisplay(quiet) as display:
+    pair_list = read_pairs(Path(args.pairs)) if begin is None or end is None else pairs_of(args.pairs, begin, end)
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = in_memory(open_scene(spec, None if up is None else up.value, quiet, crs))
-        check_file_crs(opened, observers, targets, Path(pairs))
+        opened = in_memory(open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs))
+        check_file_crs(opened, args.observers, args.targets, Path(args.pairs))
         start = perf_counter()
-        at, to, normals, target_normals, faces, target_faces = asked
-        found = line_of_sight(
-            opened, at, to, normals=normals, target_normals=target_normals, faces=faces, target_faces=target_faces,
-            time=time, threads=threads,
-        )  # fmt: skip
+        at, to, normals, target_normals, faces, target_faces = pair_list
+        sightlines = line_of_sight(
+            opened,
+            at,
+            to,
+            normals=normals,
+            target_normals=target_normals,
+            faces=faces,
+            target_faces=target_faces,
+            time=args.time,
+            threads=args.threads,
+        )
         seconds = perf_counter() - start
         display.say("writing the results")
         for path, write in zip(outputs, writers):
             if path.suffix.lower() == _MODEL:
                 with atomic_output(path) as temporary:
-                    temporary.write_bytes(sight_model(opened, asked, found))
+                    temporary.write_bytes(sight_model(opened, pair_list, sightlines))
             else:
-                write(sight_table(opened, asked, found), path, "visible")
-    seen = int(found.visible.sum())
-    if json:
-        answer = {"scene": opened.name, "pairs": len(at), "visible": seen, "seconds": seconds}
+                write(sight_table(opened, pair_list, sightlines), path, "visible")
+    visible = int(sightlines.visible.sum())
+    if args.json:
+        answer = {"scene": opened.name, "pairs": len(at), "visible": visible, "seconds": seconds}
         answer["outputs"] = [str(path) for path in outputs]
         if len(at) <= _MOST_LINES:
-            answer["lines"] = _lines(opened, asked, found)
-        report.print_json(answer)
-    elif not quiet:
+            answer["lines"] = _lines(opened, pair_list, sightlines)
+        console.print_json(answer)
+    elif not args.quiet:
         if len(at) <= _MOST_LINES:
-            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, asked, found)]
-            report.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
-        fields = [("visible", f"{seen:,} of {len(at):,} pairs"), ("time", report.duration(seconds))]
-        report.print_fields(fields + [("written", str(path)) for path in outputs])
+            rows = [[str(line[name]) for name in _COLUMNS] for line in _lines(opened, pair_list, sightlines)]
+            console.print_table([name.replace("_", " ") for name in _COLUMNS], rows)
+        fields = [("visible", f"{visible:,} of {len(at):,} pairs"), ("time", console.duration(seconds))]
+        console.print_fields(fields + [("written", str(path)) for path in outputs])
+    return 0
 
 
-def _lines(scene: "AnyScene", pairs: "PairList", found: "Sightlines") -> list[dict]:
-    """A dictionary for each pair."""
+def _lines(scene: "AnyScene", pairs: "PairList", sightlines: "Sightlines") -> list[dict[str, Any]]:
+    """A dictionary per pair."""
     lines = []
-    for k, visible in enumerate(found.visible.tolist()):
-        face, own = int(found.face[k]), int(found.object[k])
-        lines.append({
-            "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
-            "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
-            "visible": "yes" if visible else "no",
-            "blocked_by": scene.objects[own].name if own >= 0 else "",
-            "face": face if face >= 0 else "",
-            "distance": "" if visible else round(float(found.distance[k]), 4),
-            **_of_city(scene, face, own),
-        })  # fmt: skip
+    for k, visible in enumerate(sightlines.visible.tolist()):
+        face, blocker = int(sightlines.face[k]), int(sightlines.object[k])
+        lines.append(
+            {
+                "observer": ",".join(f"{x:g}" for x in pairs.observers[k]),
+                "target": ",".join(f"{x:g}" for x in pairs.targets[k]),
+                "visible": "yes" if visible else "no",
+                "blocked_by": scene.objects[blocker].name if blocker >= 0 else "",
+                "face": face if face >= 0 else "",
+                "distance": "" if visible else round(float(sightlines.distance[k]), 4),
+                **_of_city(scene, face, blocker),
+            }
+        )
     return lines
 
 
-def _of_city(scene: "AnyScene", face: int, own: int) -> dict[str, str]:
-    """What a city model knows of the blocking face."""
-    if scene.city is None or own < 0:
+def _of_city(scene: "AnyScene", face: int, blocker: int) -> dict[str, str]:
+    """The city model's attributes of the blocking face."""
+    if scene.city is None or blocker < 0:
         return {}
-    thing = scene.objects[own]
+    thing = scene.objects[blocker]
     return {"type": thing.type, "parent": thing.parent, "surface": str(scene.city.surface_types(face))}
 
 
-# --- ``antumbra viewshed``: how many observers see each sensor of a scene ---------------------------------------------
+# --- ``antumbra viewshed`` --------------------------------------------------------------------------------------------
 
 
 _SIZE = 1024, 768  # of pictures
@@ -178,7 +196,7 @@ _SIZE = 1024, 768  # of pictures
 
 @dataclass(frozen=True)
 class ViewshedArguments:
-    """The parameters of ``antumbra viewshed``."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     sensors: SensorsOption = "face"
@@ -188,29 +206,31 @@ class ViewshedArguments:
     observers: Annotated[
         Path | None, typer.Option(help="A file of observers: .csv, .parquet, .npy or .npz.", show_default=False)
     ] = None
-    eye_height: Annotated[float, typer.Option(help="World units that eyes are above the observers.")] = 0.0
+    eye_height: Annotated[float, typer.Option(help="Height of the eyes above the observers, in world units.")] = 0.0
     on_surface: Annotated[
-        bool, typer.Option("--on-surface", help="Put each observer on the highest surface at its place first.")
+        bool, typer.Option("--on-surface", help="First place each observer on the highest surface at its position.")
     ] = False
-    min_distance: Annotated[float, typer.Option(help="World units from the eye; nearer sensors are not seen.")] = 0.0
+    min_distance: Annotated[float, typer.Option(help="Least distance of visible sensors, in world units.")] = 0.0
     max_distance: Annotated[
         float | None,
-        typer.Option(help="World units; farther ones are not seen.  [default: no limit]", show_default=False),
+        typer.Option(help="Greatest distance of visible sensors.  [default: no limit]", show_default=False),
     ] = None
     azimuth: Annotated[
         str, typer.Option(help="Compass directions, degrees clockwise from north.", metavar="FROM:TO")
     ] = "0:360"
     elevation: Annotated[str, typer.Option(help="Degrees above the horizontal.", metavar="LOWEST:HIGHEST")] = "-90:90"
-    curvature: Annotated[bool, typer.Option("--curvature", help="Let the earth curve away from each observer.")] = False
-    refraction: Annotated[float, typer.Option(help="Share of the curvature that bent light takes back.")] = 0.13
-    earth_radius: Annotated[float, typer.Option(help="World units.")] = 6_371_000.0
+    curvature: Annotated[bool, typer.Option("--curvature", help="Account for the curvature of the earth.")] = False
+    refraction: Annotated[
+        float, typer.Option(help="Refraction coefficient: share of the curvature that refraction offsets.")
+    ] = 0.13
+    earth_radius: Annotated[float, typer.Option(help="Radius of the earth in world units.")] = 6_371_000.0
     output: OutputsOption = None
     column: ColumnOption = None
     camera: CameraOption = None
     bits: Annotated[
         Path | None,
         typer.Option(
-            help="A .npy file: which observer sees which sensor, 64 observers in a word.",
+            help="A .npy file of bits: which observer sees which sensor, 64 observers per word.",
             show_default=False,
             callback=writes(".npy"),
         ),
@@ -225,12 +245,12 @@ class ViewshedArguments:
 
 
 @takes(ViewshedArguments)
-def viewshed(given: ViewshedArguments) -> int:
+def viewshed(args: ViewshedArguments) -> int:
     """Count the observers that see each sensor of SCENE.
 
-    The columns of the result are seen (the number of observers), first and nearest (their numbers from 0, -1: none) and
-    distance. A raster becomes a map or a GeoTIFF, other sensors a view of the scene. raster:2+1.6 asks for targets 1.6
-    above the highest surfaces. Distances are straight, from the eye.
+    The result has the columns seen (number of observers), first and nearest (observer indices, -1: none) and distance.
+    Rasters are written as a map or GeoTIFF, other sensors as a view of the scene. raster:2+1.6 places targets 1.6 above
+    the highest surfaces. Distances are straight-line distances from the eye.
 
     \b
     Examples
@@ -239,104 +259,113 @@ def viewshed(given: ViewshedArguments) -> int:
       antumbra viewshed city.glb --up z --sensors grid:2 --observers people.csv --max-distance 300 -o seen.png
       antumbra viewshed hills.ply --up z --observer 0,0,900 --curvature --azimuth 350:10 -o seen.parquet
     """
-    spec = arguments.parse_scene(given.scene)
+    spec = arguments.parse_scene(args.scene)
     angles = (
-        arguments.parse_interval(given.azimuth, "--azimuth"),
-        arguments.parse_interval(given.elevation, "--elevation"),
+        arguments.parse_interval(args.azimuth, "--azimuth"),
+        arguments.parse_interval(args.elevation, "--elevation"),
     )
-    asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
 
     from ..files import atomic_output
     from ..jobs.bit_matrices import write_rows
-    from ..jobs.line_of_sight.viewshed import viewshed as seen_from
+    from ..jobs.line_of_sight.viewshed import viewshed as compute_viewshed
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import check_file_crs, check_sensors, kind_of, sensors_of
 
-    check_sensors(given.sensors)
-    outputs = given.output or []
+    check_sensors(args.sensors)
+    outputs = args.output or []
     for path in outputs:
-        writer_of(path, kind_of(given.sensors))
-    bits = given.bits
-    eyes = points_or_file(given.observer, given.observers, "--observer", "--observers")
+        writer_of(path, kind_of(args.sensors))
+    bits = args.bits
+    eyes = points_or_file(args.observer, args.observers, "--observer", "--observers")
     if eyes is None:
         raise InputError("there is no observer: give --observer X,Y,Z or --observers FILE")
-    with ProgressDisplay(given.quiet) as display:
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
-        check_file_crs(opened, given.observers)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
+        check_file_crs(opened, args.observers)
         display.say("preparing")
-        sensors = sensors_of(given.sensors, opened, given.threads)
-        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, given.time, _SIZE)
+        sensors = sensors_of(args.sensors, opened, args.threads)
+        camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, args.time, _SIZE)
         start = perf_counter()
-        found = seen_from(
-            opened, sensors, eyes.points, eye_height=given.eye_height, on_surface=given.on_surface,
-            min_distance=given.min_distance, max_distance=given.max_distance, azimuth=angles[0], elevation=angles[1],
-            curvature=given.curvature, refraction=given.refraction, earth_radius=given.earth_radius,
-            bits=bits is not None, plan=given.plan, time=given.time, threads=given.threads,
-        )  # fmt: skip
+        result = compute_viewshed(
+            opened,
+            sensors,
+            eyes.points,
+            eye_height=args.eye_height,
+            on_surface=args.on_surface,
+            min_distance=args.min_distance,
+            max_distance=args.max_distance,
+            azimuth=angles[0],
+            elevation=angles[1],
+            curvature=args.curvature,
+            refraction=args.refraction,
+            earth_radius=args.earth_radius,
+            bits=bits is not None,
+            plan=args.plan,
+            time=args.time,
+            threads=args.threads,
+        )
         seconds = perf_counter() - start
         display.say("writing the results")
-        table = found.table
+        table = result.table
         table.camera = camera
         for path in outputs:
-            table.save(path, given.column)
-        if bits is not None and found.bits is not None:
+            table.save(path, args.column)
+        if bits is not None and result.bits is not None:
             with atomic_output(bits) as temporary:
-                write_rows(temporary, found.bits)
+                write_rows(temporary, result.bits)
     answer = _answer(table, len(eyes), seconds)
     written = [str(path) for path in [*outputs, *([bits] if bits else [])]]
-    if given.json:
-        report.print_json({"scene": opened.name, **answer, "outputs": written})
-    elif not given.quiet:
-        report.print_fields([*_fields(answer), *(("written", path) for path in written)])
+    if args.json:
+        console.print_json({"scene": opened.name, **answer, "outputs": written})
+    elif not args.quiet:
+        console.print_fields([*_fields(answer), *(("written", path) for path in written)])
     return 0
 
 
-def _answer(table, observers: int, seconds: float) -> dict:
+def _answer(table: "Table", observers: int, seconds: float) -> dict[str, Any]:
     """The fields of ``--json``."""
     counted = table.sensors.covered
-    seen, sensors = table["seen"][counted] > 0, int(counted.sum())
-    answer = {"sensors": sensors, "observers": observers, "seen": int(seen.sum()), "seconds": seconds}
+    visible, sensors = table["seen"][counted] > 0, int(counted.sum())
+    answer = {"sensors": sensors, "observers": observers, "seen": int(visible.sum()), "seconds": seconds}
     if table.sensors.areas is not None:
         areas = table.sensors.areas[counted]
-        answer |= {"area": float(areas.sum()), "area_seen": float(areas[seen].sum())}
+        answer |= {"area": float(areas.sum()), "area_seen": float(areas[visible].sum())}
     return answer
 
 
-def _fields(answer: dict) -> list[tuple[str, str]]:
-    n, seen = answer["sensors"], answer["seen"]
+def _fields(answer: dict[str, Any]) -> list[tuple[str, str]]:
+    n, visible = answer["sensors"], answer["seen"]
     fields = [("sensors", f"{n:,}"), ("observers", f"{answer['observers']:,}")]
-    fields.append(("seen by any", f"{seen:,} ({100.0 * seen / max(n, 1):.1f} %)"))
+    fields.append(("seen by any", f"{visible:,} ({100.0 * visible / max(n, 1):.1f} %)"))
     if "area" in answer:
         fields.append(("area seen", f"{answer['area_seen']:,.6g} of {answer['area']:,.6g}"))
-    return [*fields, ("time", report.duration(answer["seconds"]))]
+    return [*fields, ("time", console.duration(answer["seconds"]))]
 
 
-# --- ``antumbra matrix``: which of many points see which others -------------------------------------------------------
+# --- ``antumbra matrix`` ----------------------------------------------------------------------------------------------
 
-
-if TYPE_CHECKING:
-    from ..jobs.line_of_sight.visibility_matrix import VisibilityMatrix
 
 _BITS, _SPARSE = ".npy", ".npz"
 
 
 @dataclass(frozen=True)
 class MatrixArguments:
-    """The arguments of the command line."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
-        typer.Option(help="The same forms as --sensors.  [default: the sensors themselves]", show_default=False),
+        typer.Option(help="Targets, in the forms of --sensors.  [default: the sensors themselves]", show_default=False),
     ] = None
     output: Annotated[
         Path | None,
         typer.Option(
             "--output",
             "-o",
-            help="A .npy file of bits, 64 targets in a word; it goes on where it stopped.",
+            help="A .npy file of bits, 64 targets per word; an interrupted run continues in it.",
             show_default=False,
             callback=writes(_BITS),
         ),
@@ -349,7 +378,7 @@ class MatrixArguments:
             callback=writes(_SPARSE),
         ),
     ] = None
-    counts: Annotated[list[Path] | None, tables("A file of the number of targets that each sensor sees")] = None
+    counts: Annotated[list[Path] | None, tables("File of the number of targets visible from each sensor")] = None
     plan: PlanOption = None
     time: TimeOption = 0.0
     up: UpOption = None
@@ -363,11 +392,11 @@ class MatrixArguments:
 
 
 @takes(MatrixArguments)
-def matrix(given: MatrixArguments) -> int:
-    """Find which sensors of SCENE see which targets: one bit for each pair.
+def matrix(args: MatrixArguments) -> int:
+    """Find which sensors of SCENE see which targets, as one bit per pair.
 
-    Sensors on surfaces are seen from their outer side only. Bit j % 64 of word j // 64 of row i says whether sensor i
-    and target j see each other. Without --targets each pair is traced once, and no sensor sees itself.
+    Sensors on surfaces are visible only from their outer side. Bit j % 64 of word j // 64 in row i is set if sensor i
+    and target j see each other. Without --targets, each pair is traced once, and no sensor sees itself.
 
     \b
     Examples
@@ -375,62 +404,64 @@ def matrix(given: MatrixArguments) -> int:
       antumbra matrix hall.glb --sensors grid:0.5 -o seen.npy --counts seen.png
       antumbra matrix city.glb --up z --sensors people.csv --targets face -o seen.npy --sparse seen.npz
     """
-    spec = arguments.parse_scene(given.scene)
+    spec = arguments.parse_scene(args.scene)
 
     from ..jobs.line_of_sight.visibility_matrix import visibility_matrix
     from ..jobs.result_table import Column, Table
     from ..jobs.sensor_files import check_sensors, sensors_of
 
-    check_sensors(given.sensors)
-    if given.targets is not None:
-        check_sensors(given.targets, "--targets")
-    bits, pairs, counts = _checked_outputs(given)
+    check_sensors(args.sensors)
+    if args.targets is not None:
+        check_sensors(args.targets, "--targets")
+    bits, pairs, counts = _checked_outputs(args)
     outputs = [path for path in (bits, pairs, *counts) if path is not None]
-    engine = engine_for(given, outputs[0])
-    with ProgressDisplay(given.quiet) as display:
+    executor = executor_for(args, outputs[0])
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         display.say("preparing")
-        own = sensors_of(given.sensors, opened, given.threads)
-        others = None if given.targets is None else sensors_of(given.targets, opened, given.threads)
+        sensors = sensors_of(args.sensors, opened, args.threads)
+        others = None if args.targets is None else sensors_of(args.targets, opened, args.threads)
         start = perf_counter()
-        found = visibility_matrix(
-            opened, own, others, output=bits, plan=given.plan, time=given.time, threads=given.threads, keep=engine
+        result = visibility_matrix(
+            opened, sensors, others, output=bits, plan=args.plan, time=args.time, threads=args.threads, keep=executor
         )
         seconds = perf_counter() - start
-        if found is None:
-            return report_shard(engine, given, seconds)
+        if result is None:
+            return report_shard(executor, args, seconds)
         display.say("writing the results")
         if pairs is not None:
-            found.save(pairs)
-        column = Column(found.counts, "", f"targets that it sees, of {found.columns}")
+            result.save(pairs)
+        column = Column(result.counts, "", f"visible targets, of {result.columns}")
         for path in counts:
-            Table(own, {"seen": column}, {"job": "matrix"}, opened).save(path)
-    _tell(given, opened.name, found, seconds, [str(path) for path in outputs])
+            Table(sensors, {"seen": column}, {"job": "matrix"}, opened).save(path)
+    _print_summary(args, opened.name, result, seconds, [str(path) for path in outputs])
     return 0
 
 
-def _checked_outputs(given: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
-    """The files to write, checked before a scene is read: of bits, of pairs, and of counts."""
+def _checked_outputs(args: MatrixArguments) -> tuple[Path | None, Path | None, list[Path]]:
+    """The output files of bits, pairs and counts, checked before a scene is read."""
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
-    counts = given.counts or []
+    counts = args.counts or []
     for path in counts:
-        writer_of(path, kind_of(given.sensors))
-    if given.output is None and given.sparse is None and not counts:
+        writer_of(path, kind_of(args.sensors))
+    if args.output is None and args.sparse is None and not counts:
         raise InputError("there is nothing to write: give --output, --sparse or --counts")
-    return given.output, given.sparse, counts
+    return args.output, args.sparse, counts
 
 
-def _tell(given: MatrixArguments, name: str, found: "VisibilityMatrix", seconds: float, written: list[str]) -> None:
-    rows, columns = found.shape
-    visible = int(found.counts.sum())
-    if given.json:
+def _print_summary(
+    args: MatrixArguments, name: str, result: "VisibilityMatrix", seconds: float, written: list[str]
+) -> None:
+    rows, columns = result.shape
+    visible = int(result.counts.sum())
+    if args.json:
         answer = {"scene": name, "rows": rows, "columns": columns, "visible": visible, "seconds": seconds}
-        report.print_json({**answer, "outputs": written})
-    elif not given.quiet:
+        console.print_json({**answer, "outputs": written})
+    elif not args.quiet:
         share = 100.0 * visible / max(rows * columns, 1)
         fields = [("matrix", f"{rows:,} x {columns:,}"), ("visible", f"{visible:,} pairs ({share:.2f} %)")]
-        fields.append(("time", report.duration(seconds)))
-        report.print_fields([*fields, *(("written", path) for path in written)])
+        fields.append(("time", console.duration(seconds)))
+        console.print_fields([*fields, *(("written", path) for path in written)])

@@ -1,18 +1,18 @@
-"""``antumbra sun``: hours of direct sun."""
+"""``antumbra sun``: hours of direct sunlight on sensors, as tables, pictures, models and CityJSON attributes."""
 
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 from ..engine.plan import DEFAULT_PLAN
 from ..errors import InputError
-from . import console as report
+from . import console
 from .arguments import SceneSpec, limit_memory, open_scene, parse_bytes, parse_scene
 from .console import ProgressDisplay
 from .options import (
@@ -32,9 +32,12 @@ from .options import (
     takes,
     writes,
 )
-from .shards import MergeOption, RayOption, ShardOption, engine_for, report_shard
+from .shards import MergeOption, RayOption, ShardOption, executor_for, report_shard
 
-# --- The command-line arguments of ``antumbra sun`` -------------------------------------------------------------------
+if TYPE_CHECKING:
+    from ..jobs.result_table import Table
+
+# --- Arguments --------------------------------------------------------------------------------------------------------
 
 
 class HoursInterval(StrEnum):
@@ -44,17 +47,17 @@ class HoursInterval(StrEnum):
 
 @dataclass(frozen=True)
 class SunArguments:
-    """The arguments of the command line: each field is an argument or an option."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
     sensors: Annotated[
-        str | None, typer.Option(help=SENSORS_HELP + "  [default: face; in areas raster:0.5]", show_default=False)
+        str | None, typer.Option(help=SENSORS_HELP + "  [default: face; with --areas raster:0.5]", show_default=False)
     ] = None
     days: Annotated[
         str | None,
         typer.Option(
-            help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or several with commas.  [default: those of the rule "
-            "or of the EPW file]",
+            help="2026-06-21, 2026-03-21:2026-09-21, year:2026, or a comma-separated list.  [default: those of the "
+            "rule or the EPW file]",
             metavar="DAYS",
             show_default=False,
         ),
@@ -62,7 +65,7 @@ class SunArguments:
     step: Annotated[
         float | None,
         typer.Option(
-            help="Minutes that each sun stands for.  [default: 60, or those of the rule]",
+            help="Minutes represented by each sun position.  [default: 60, or as the rule requires]",
             metavar="MINUTES",
             show_default=False,
         ),
@@ -73,43 +76,45 @@ class SunArguments:
     areas: Annotated[
         Path | None,
         typer.Option(
-            help="GeoJSON polygons of gardens or other areas of the ground, for br209-amenity.",
+            help="GeoJSON polygons of gardens or other ground areas, for br209-amenity.",
             metavar="FILE",
             show_default=False,
         ),
     ] = None
     epw: Annotated[
         Path | None,
-        typer.Option(help="Weather file: place, days, direct and diffuse radiation.", metavar="FILE"),
+        typer.Option(help="EPW weather file: location, days, direct and diffuse radiation.", metavar="FILE"),
     ] = None
     crs: CrsOption = None
     latitude: DegreesOption = None
     longitude: DegreesOption = None
     north: NorthOption = None
     timezone: TimezoneOption = None
-    energy: Annotated[bool, typer.Option("--energy", help="Add the energy of direct light under a clear sky.")] = False
+    energy: Annotated[bool, typer.Option("--energy", help="Add the direct energy under a clear sky.")] = False
     sky: Annotated[
-        int, typer.Option(help="Add the sky-view factor, by so many directions.", min=0, max=16384, metavar="N")
+        int, typer.Option(help="Add the sky-view factor, from N directions.", min=0, max=16384, metavar="N")
     ] = 0
-    by: Annotated[list[HoursInterval] | None, typer.Option(help="Hours for each month or hour; may be repeated.")] = (
-        None
-    )
-    samples: Annotated[int, typer.Option(help="Points on the sun's disk; 1: its centre.", min=1, max=64)] = 1
+    by: Annotated[
+        list[HoursInterval] | None, typer.Option(help="Also list hours per month or hour of the day; may be repeated.")
+    ] = None
+    samples: Annotated[int, typer.Option(help="Sample points on the sun's disk; 1: its centre.", min=1, max=64)] = 1
     output: OutputsOption = None
     column: ColumnOption = None
     city_output: Annotated[
         Path | None,
         typer.Option(
-            help="A copy of a CityJSON file, .json or .jsonl, with the results as attributes.",
+            help="Copy the CityJSON file, .json or .jsonl, with the results as attributes.",
             metavar="FILE",
             callback=writes(".json", ".jsonl"),
         ),
     ] = None
     matrix: Annotated[
         Path | None,
-        typer.Option(help="A .npy file of the bits of each sensor and sun.", metavar="FILE", callback=writes(".npy")),
+        typer.Option(
+            help="A .npy file of bits: which sensor sees which sun position.", metavar="FILE", callback=writes(".npy")
+        ),
     ] = None
-    plan: Annotated[str, typer.Option(help="Methods to use; see antumbra plans.")] = DEFAULT_PLAN
+    plan: Annotated[str, typer.Option(help="Plan; see antumbra plans.")] = DEFAULT_PLAN
     threads: Threads = None
     max_memory: MaxMemoryOption = None
     up: UpOption = None
@@ -120,25 +125,25 @@ class SunArguments:
     quiet: Quiet = False
 
 
-# --- ``antumbra sun``: hours of direct sun ----------------------------------------------------------------------------
+# --- The command ------------------------------------------------------------------------------------------------------
 
 
-_MOST_AREAS = 50  # that are printed
+_MOST_AREAS = 50  # most areas that are printed
 
 
 @takes(SunArguments)
-def sun(given: SunArguments) -> int:
+def sun(args: SunArguments) -> int:
     """Find the hours of direct sun on the surfaces of SCENE.
 
-    The place comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun stands
-    for an interval of --step minutes. Results are exact for these suns. An interrupted command continues when you
-    repeat it.
+    The location comes from the file's CRS (CityJSON), --crs, --latitude and --longitude, or an EPW file. Each sun
+    position represents --step minutes, and results are exact for these positions. Repeat an interrupted command to
+    continue it.
 
     \b
     Outputs
-      .png            picture in false colours, with a legend
+      .png            false-colour picture with a legend
       .glb            the model in these colours
-      .csv .parquet .json .npz    a table, one row for each sensor
+      .csv .parquet .json .npz    table with a row per sensor
       .tif            GeoTIFF, for raster sensors
 
     \b
@@ -158,96 +163,107 @@ def sun(given: SunArguments) -> int:
     from ..jobs.sun.sun_hours import sun_hours
     from ..jobs.sun.sun_positions import checked_step, parse_days
 
-    spec = parse_scene(given.scene)
+    spec = parse_scene(args.scene)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(given, name) for name in names})
-    in_areas = given.areas is not None
-    asked = given.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
-    if given.areas is not None:
-        check_areas(given.areas)
-    check_sensors(asked, areas=in_areas)
-    days = None if given.days is None else parse_days(given.days)
-    if given.step is not None:
-        checked_step(given.step)
-    if given.rule is not None:
-        check_rule(given.rule, days, in_areas)
-    parse_plan(given.plan)
-    memory = None if given.max_memory is None else parse_bytes(given.max_memory, "--max-memory")
-    outputs = _checked_outputs(given, spec, asked)
-    engine = engine_for(given, outputs[0])
-    if given.city_output is not None:
-        _check_city(spec, given.city_output)
-    with ProgressDisplay(given.quiet) as display:
+    position = given_position(**{name: getattr(args, name) for name in names})
+    in_areas = args.areas is not None
+    sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
+    if args.areas is not None:
+        check_areas(args.areas)
+    check_sensors(sensor_form, areas=in_areas)
+    days = None if args.days is None else parse_days(args.days)
+    if args.step is not None:
+        checked_step(args.step)
+    if args.rule is not None:
+        check_rule(args.rule, days, in_areas)
+    parse_plan(args.plan)
+    memory = None if args.max_memory is None else parse_bytes(args.max_memory, "--max-memory")
+    outputs = _checked_outputs(args, spec, sensor_form)
+    executor = executor_for(args, outputs[0])
+    if args.city_output is not None:
+        _check_city(spec, args.city_output)
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        scene = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        scene = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         limit_memory(scene, memory)
         place = place_of(scene, **position)
-        sensors = sensors_of(asked, scene, given.threads, given.areas)
+        sensors = sensors_of(sensor_form, scene, args.threads, args.areas)
         display.say("preparing")
-        ask = partial(
-            sun_hours, scene, days=days, place=place, step=given.step, rule=given.rule, epw=given.epw,
-            energy=given.energy, sky=given.sky, by=[by.value for by in given.by or ()], samples=given.samples,
-            plan=given.plan, threads=given.threads,
-        )  # fmt: skip
-        if given.column is not None:
-            ask(sensors=sensors.part(0, 0)).shown(given.column)  # an unknown column is found before the long work
+        run = partial(
+            sun_hours,
+            scene,
+            days=days,
+            place=place,
+            step=args.step,
+            rule=args.rule,
+            epw=args.epw,
+            energy=args.energy,
+            sky=args.sky,
+            by=[by.value for by in args.by or ()],
+            samples=args.samples,
+            plan=args.plan,
+            threads=args.threads,
+        )
+        if args.column is not None:
+            run(sensors=sensors.part(0, 0)).shown(args.column)  # reports an unknown column before the long work
         start = perf_counter()
-        keep = engine or outputs[0].with_suffix(".parts")
-        table = ask(sensors=sensors, matrix=given.matrix, keep=keep)
+        keep = executor or outputs[0].with_suffix(".parts")
+        table = run(sensors=sensors, matrix=args.matrix, keep=keep)
         seconds = perf_counter() - start
         if table is None:
-            return report_shard(engine, given, seconds)
-        table.about |= {"scene": given.scene, "sensors": asked, "plan": given.plan}
+            return report_shard(executor, args, seconds)
+        table.about |= {"scene": args.scene, "sensors": sensor_form, "plan": args.plan}
         display.say("writing")
         for path in outputs:
-            table.save(path, given.column)
-        if given.city_output is not None:
-            _write_city(table, spec, given.city_output)
-    written = [str(path) for path in (*outputs, given.city_output, given.matrix) if path is not None]
-    _tell(given, table, seconds, written)
+            table.save(path, args.column)
+        if args.city_output is not None:
+            _write_city(table, spec, args.city_output)
+    written = [str(path) for path in (*outputs, args.city_output, args.matrix) if path is not None]
+    _print_summary(args, table, seconds, written)
     return 0
 
 
-def _checked_outputs(given: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
-    """The files to write; their formats are checked before a scene is read."""
+def _checked_outputs(args: SunArguments, spec: SceneSpec, sensors: str) -> list[Path]:
+    """The output files, whose formats are checked before a scene is read."""
     from ..jobs.result_table import writer_of
     from ..jobs.sensor_files import kind_of
 
-    paths = given.output or [Path(f"{spec.stem}-sun.png")]
+    paths = args.output or [Path(f"{spec.stem}-sun.png")]
     for path in paths:
         writer_of(path, kind_of(sensors))
     return paths
 
 
 def _check_city(spec: SceneSpec, path: Path) -> None:
-    """Raise an InputError unless a copy of the scene's file can be written to `path`: before the scene is read."""
+    """Raise an InputError unless a copy of the CityJSON file can be written to `path`."""
     from ..engine.scene_reading import CITY_SUFFIXES
     from ..files import checked_output
 
     suffix = "" if spec.path is None else spec.path.suffix.lower()
     if suffix not in CITY_SUFFIXES:
-        raise InputError(f"--city-output is for CityJSON, and {spec.stem} is none; leave it out")
+        raise InputError(f"--city-output is for CityJSON files, unlike {spec.stem}; leave it out")
     checked_output(path, (suffix,))
 
 
-def _write_city(table, spec: SceneSpec, path: Path) -> None:
-    """Write the columns of numbers as attributes of a copy of the CityJSON file."""
+def _write_city(table: "Table", spec: SceneSpec, path: Path) -> None:
+    """Write the numeric columns as attributes to a copy of the CityJSON file."""
     from ..formats.cityjson.attribute_writer import write_attributes
 
     values = {name: table.of_faces(name) for name in table.columns if table[name].dtype.kind in "fiub"}
+    assert spec.path is not None  # checked before the work: only CityJSON files have attributes
     write_attributes(spec.path, path, values, lod=spec.lod)
 
 
-def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> None:
+def _print_summary(args: SunArguments, table: "Table", seconds: float, written: list[str]) -> None:
     rays = len(table) * table.about["suns"] * table.about["samples"]
-    there = table.sensors.covered
-    hours = table["sun_hours"][there]
+    covered = table.sensors.covered
+    hours = table["sun_hours"][covered]
     numbers = {"sensors": len(table), "suns": table.about["suns"], "rays": rays, "seconds": seconds}
-    if given.json:
+    if args.json:
         columns = {name: column.values for name, column in table.columns.items() if column.values.dtype.kind in "fiub"}
-        found = {name: float(values[there].mean()) for name, values in columns.items()} if there.any() else {}
-        report.print_json({**table.about, **numbers, "means": found, "files": written})
-    elif not given.quiet:
+        means = {name: float(values[covered].mean()) for name, values in columns.items()} if covered.any() else {}
+        console.print_json({**table.about, **numbers, "means": means, "files": written})
+    elif not args.quiet:
         about = table.about
         least, middle, most = np.percentile(hours, (0, 50, 100)) if len(hours) else (0.0, 0.0, 0.0)
         rows = [
@@ -257,22 +273,22 @@ def _tell(given: SunArguments, table, seconds: float, written: list[str]) -> Non
             ("hours of sun", f"{least:,.1f} to {most:,.1f}, median {middle:,.1f}"),
         ]
         if "passes" in table.columns and "areas" not in about:
-            rows.append((about["rule"], f"{table['passes'][there].mean():.1%} of the sensors on surfaces pass"))
-        rows.append(("time", f"{report.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
+            rows.append((about["rule"], f"{table['passes'][covered].mean():.1%} of the sensors on surfaces pass"))
+        rows.append(("time", f"{console.duration(seconds)}, {rays / 1e6 / max(seconds, 1e-9):,.1f} Mrays/s"))
         rows += [("written", path) for path in written]
-        report.print_fields(rows)
+        console.print_fields(rows)
         if "areas" in about:
-            report.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
+            console.print_table(*_areas(about["areas"]), right=(1, 2, 3, 4))
 
 
-def _areas(records: list[dict]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _areas(records: list[dict[str, Any]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """The columns and rows of a table of areas."""
     judged = "share" in records[0]
     names = "area", "cells", "inside buildings", "mean hours", *(("at least 2 h", "passes") if judged else ())
     return names, [_area(each)[: len(names)] for each in records[:_MOST_AREAS]]
 
 
-def _area(record: dict) -> tuple[str, ...]:
+def _area(record: dict[str, Any]) -> tuple[str, ...]:
     """The row of an area."""
     hours, share = record["sun_hours"], record.get("share")
     row = record["name"], f"{record['cells']:,}", f"{record['left_out']:,}", "" if hours is None else f"{hours:.1f}"

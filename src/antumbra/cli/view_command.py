@@ -1,4 +1,4 @@
-"""``antumbra view``: shows a scene in the browser."""
+"""``antumbra view``: show a scene in the browser."""
 
 import webbrowser
 from contextlib import suppress
@@ -29,23 +29,24 @@ from .options import (
     takes,
 )
 
-_SIZE = 1024, 1024  # of the camera before the browser says its own
+_SIZE = 1024, 1024  # of the camera until the browser reports its size
 
 
 @dataclass(frozen=True)
 class ViewArguments:
-    """The parameters of ``antumbra view``."""
+    """The command-line arguments and options, one per field."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")] = arguments.DEFAULT_SCENE
-    port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8080
+    port: Annotated[int, typer.Option(help="Port of the page; 0: any free port.", min=0, max=65535)] = 8080
     host: Annotated[
         str,
-        typer.Option(help="Address to listen at; 0.0.0.0 lets all look who can reach it and know its token."),
+        typer.Option(help="Address to listen on; 0.0.0.0 exposes the page to the network, protected by a token."),
     ] = "127.0.0.1"
     allow_host: Annotated[
-        list[str] | None, typer.Option(help="Another name under which browsers may reach the page. Repeatable.")
+        list[str] | None,
+        typer.Option(help="Additional host name of the page, such as that of a proxy; may be repeated."),
     ] = None
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Open no browser.")] = False
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False
     camera: CameraOption = None
     light: PictureLightOption = None
     sky: SkyOption = None
@@ -63,13 +64,13 @@ class ViewArguments:
 
 
 @takes(ViewArguments)
-def view(given: ViewArguments) -> int:
+def view(args: ViewArguments) -> int:
     """Show SCENE in the browser, until Ctrl-C.
 
-    Drag to turn, scroll to come nearer. While the camera moves, the browser shows triangles with baked light. As soon
-    as it rests, traced pictures appear, from coarse to fine. Click a surface: the panel says which lights it sees and
-    which triangle blocks them. Lights have handles. Sliders move the sun and the animation. With a place on Earth
-    (--latitude and --longitude, or --crs), the sun follows a day and an hour.
+    Drag to rotate, scroll to zoom. While the camera moves, the browser shows a mesh with baked light; when it stops,
+    traced pictures appear, from coarse to fine. Click a surface to list the lights it sees and the triangles that block
+    the others. Drag the handles of lights to move them, and use sliders for the sun and the animation. With a location
+    on Earth (--latitude and --longitude, or --crs), the sun follows a date and time.
 
     \b
     Examples
@@ -79,42 +80,52 @@ def view(given: ViewArguments) -> int:
       antumbra view city.city.json --timezone Europe/Amsterdam
       antumbra view city.antumbra --max-memory 2G --no-browser
     """
-    spec = arguments.parse_scene(given.scene)
-    asked_camera = None if given.camera is None else arguments.parse_camera(given.camera)
-    asked_lights = [arguments.parse_light(text) for text in given.light or []]
-    asked_sky = None if given.sky is None else arguments.parse_sky(given.sky)
-    memory = None if given.max_memory is None else arguments.parse_bytes(given.max_memory, "--max-memory")
+    spec = arguments.parse_scene(args.scene)
+    camera_spec = None if args.camera is None else arguments.parse_camera(args.camera)
+    light_specs = [arguments.parse_light(text) for text in args.light or []]
+    sky = None if args.sky is None else arguments.parse_sky(args.sky)
+    memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
     from ..jobs.sun.location import given_position, place_of
     from ..viewer.viewer_page import checked_port
-    from ..viewer.viewer_page import view as shown
+    from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
-    port = checked_port(given.host, given.port)
+    port = checked_port(args.host, args.port)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(given, name) for name in names})
-    with ProgressDisplay(given.quiet) as display:
+    position = given_position(**{name: getattr(args, name) for name in names})
+    with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
-        opened = open_scene(spec, None if given.up is None else given.up.value, given.quiet, given.crs)
+        opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)
         limit_memory(opened, memory)
         place = place_of(opened, **position)
-        if place is None and (given.north is not None or given.timezone is not None):
+        if place is None and (args.north is not None or args.timezone is not None):
             raise InputError("--north and --timezone need a place; give --latitude and --longitude, or --crs")
-        time = opened.clamped(given.time)
-        camera = None if asked_camera is None else arguments.make_camera(asked_camera, opened, time, _SIZE)
+        time = opened.clamped(args.time)
+        camera = None if camera_spec is None else arguments.make_camera(camera_spec, opened, time, _SIZE)
         lights = None
-        if asked_lights or asked_sky is not None:
-            lights = arguments.make_picture_lights(asked_lights, asked_sky, opened, time)
+        if light_specs or sky is not None:
+            lights = arguments.make_picture_lights(light_specs, sky, opened, time)
         display.say("preparing the first picture")
-        viewer = shown(
-            opened, lights, camera=camera, time=time, plan=given.plan, threads=given.threads, max_memory=memory,
-            place=place, port=port, host=given.host, allow_host=given.allow_host or (), browser=False,
-        )  # fmt: skip
+        viewer = open_viewer(
+            opened,
+            lights,
+            camera=camera,
+            time=time,
+            plan=args.plan,
+            threads=args.threads,
+            max_memory=memory,
+            place=place,
+            port=port,
+            host=args.host,
+            allow_host=args.allow_host or (),
+            browser=False,
+        )
     with viewer:
-        if not given.quiet:
-            print(f"{opened.name} is at {viewer.url} (Ctrl-C ends it)", flush=True)
-        if not given.no_browser and not webbrowser.open(viewer.url):
+        if not args.quiet:
+            print(f"{opened.name} is at {viewer.url} (press Ctrl-C to stop)", flush=True)
+        if not args.no_browser and not webbrowser.open(viewer.url):
             say(f"no browser was found; open {viewer.url}")
         with suppress(KeyboardInterrupt):
             viewer.wait()

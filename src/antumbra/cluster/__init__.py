@@ -1,9 +1,8 @@
-"""Jobs on the nodes of a Ray cluster (``pip install 'antumbra[ray]'``).
+"""Jobs on a Ray cluster (``pip install 'antumbra[ray]'``).
 
-- calls: `run`, a function of this package on a cluster
-- engine: the engine; crew: hands units to nodes, hears of them, and replaces workers that are lost
-- node: what happens on a node; inputs: its files, by path or fetched; named: the files that arguments name
-- survey: what nodes have
+- `ray_executor`: the executor that distributes units over a cluster, and `run`, which calls a function with it
+- `ray_workers`: the worker of a node, the pool that assigns units to workers and replaces lost ones, and `survey`
+- `node_files`: the input files of a job on a node, opened by path or fetched
 """
 
 from .ray_executor import Cluster, connected, run

@@ -1,4 +1,4 @@
-"""The input files of a job on a node: found in arguments, opened by path, or fetched once to the node's disk.
+"""The input files of a job on a node: found in the arguments, opened by path, or fetched once to the node's disk.
 
 Arguments name files by a path, or in text such as ``city.json?lod=2.2`` or ``raster:dem.tif+1.6``.
 """
@@ -19,26 +19,26 @@ from ..jobs.sensor_files import raster_file
 from ..progress import LOG
 from ..store.store_format import STORE_SUFFIX
 
-# --- The input files of a job on a node: by path where the node has them, else fetched once to its disk ---------------
+# --- Files on a node --------------------------------------------------------------------------------------------------
 
 
-PIECE = 8 << 20  # bytes that are fetched at once
+PIECE = 8 << 20  # bytes fetched at once
 
-_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
-_WITH_MORE = ".gltf", ".obj", ".vrt"  # files that may name others
+_HEADER = 4096  # bytes of the first page of a store, with the checksum of all chunk checksums
+_REFERRING = ".gltf", ".obj", ".vrt"  # suffixes of files that may refer to others
 
 
 class Input(NamedTuple):
-    """A file that a job reads, as the driver has it."""
+    """A file that a job reads, as it is on the driver."""
 
     path: str  # absolute
     size: int  # bytes; -1: a folder
     sha256: str  # of the whole file
-    header: str  # of a store: SHA-256 of its first page, by which a file is known without reading it; else empty
+    header: str  # of a store: SHA-256 of its first page, which identifies it without reading the rest; else empty
 
 
 def input_of(path: Path) -> Input:
-    """What identifies a file, or a folder."""
+    """The identity of a file or folder."""
     path = path.resolve()
     if path.is_dir():
         return Input(str(path), -1, "", "")
@@ -46,64 +46,64 @@ def input_of(path: Path) -> Input:
     return Input(str(path), path.stat().st_size, _sum(path), header)
 
 
-def local_path(wanted: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
+def local_path(source: Input, read: Callable[[str, int], bytes], folder: Path | None = None) -> str:
     """The path of an input on this node.
 
-    The file is opened by path if it is there and is the same. Otherwise it is fetched, unless an earlier job did so.
+    If the same file exists at its path, it is used; otherwise it is fetched, unless an earlier job did so.
 
     read : function of (path, offset) that returns up to `PIECE` bytes of the driver's file
-    folder : where fetched files are kept. None: in the folder for temporary files
+    folder : folder for fetched files; None: in the folder for temporary files
 
     Raises
     ------
     InputError
-        If a file that refers to others, or a folder, is not there, or if the fetched file has another sum.
+        If a folder or a file that refers to others is missing, or if the fetched file has a different checksum.
     """
-    path = Path(wanted.path)
-    if (wanted.size < 0 and path.is_dir()) or _is_same(path, wanted):
-        return wanted.path
-    if wanted.size < 0 or path.suffix.lower() in _WITH_MORE:
+    path = Path(source.path)
+    if (source.size < 0 and path.is_dir()) or _is_same(path, source):
+        return source.path
+    if source.size < 0 or path.suffix.lower() in _REFERRING:
         raise InputError(
-            f"{path}: is not on node {platform.node()}, and names other files; share it, or use one file, "
+            f"{path}: is not on node {platform.node()}, and names other files; share it, or use a single file, "
             "such as .glb or .tif"
         )
-    folder = (folder or own_temporary() / "inputs") / wanted.sha256
+    folder = (folder or user_temporary_folder() / "inputs") / source.sha256
     make_folder(folder)
     target = folder / path.name
     with file_lock(folder / "fetching.lock"):  # another worker of this machine may be fetching it
-        if not _is_same(target, wanted):
-            _fetch(wanted, read, target)
+        if not _is_same(target, source):
+            _fetch(source, read, target)
     return str(target)
 
 
-def own_temporary() -> Path:
-    """The folder of this user among the temporary files, which other jobs of the user share.
+def user_temporary_folder() -> Path:
+    """The user's folder for temporary files, shared by all of the user's jobs.
 
-    Anyone may have made a folder of this name. If it is not this user's, it is a folder of this process alone.
+    Anyone may have created a folder of this name. If it belongs to another user, use a folder of this process alone.
     """
     folder = Path(tempfile.gettempdir()) / f"antumbra-{getattr(os, 'getuid', int)()}"  # Windows has no ids
     try:
         make_folder(folder)
         checked_own(folder, folder.lstat())
         if not os.access(folder, os.W_OK):
-            raise PermissionError(f"nothing can be written in {folder}")
+            raise PermissionError(f"{folder} is not writable")
     except OSError as error:
         LOG.warning(f"{error}: files are fetched for this process alone")
         return private_folder("inputs")
     return folder
 
 
-def _fetch(wanted: Input, read: Callable[[str, int], bytes], target: Path) -> None:
-    if shutil.disk_usage(target.parent).free < wanted.size:
-        raise InputError(f"{target.parent}: has no room for {wanted.path} ({wanted.size >> 20} MiB); set TMPDIR")
+def _fetch(source: Input, read: Callable[[str, int], bytes], target: Path) -> None:
+    if shutil.disk_usage(target.parent).free < source.size:
+        raise InputError(f"{target.parent}: has no room for {source.path} ({source.size >> 20} MiB); set TMPDIR")
     digest = hashlib.sha256()
     with atomic_output(target) as temporary, open(temporary, "wb") as out:
-        for offset in range(0, wanted.size, PIECE):
-            piece = read(wanted.path, offset)
+        for offset in range(0, source.size, PIECE):
+            piece = read(source.path, offset)
             digest.update(piece)
             out.write(piece)
-        if digest.hexdigest() != wanted.sha256:
-            raise InputError(f"{wanted.path}: changed while it was fetched; run the command again")
+        if digest.hexdigest() != source.sha256:
+            raise InputError(f"{source.path}: changed while it was fetched; run the command again")
 
 
 def piece_of(path: str, offset: int) -> bytes:
@@ -113,11 +113,11 @@ def piece_of(path: str, offset: int) -> bytes:
         return file.read(PIECE)
 
 
-def _is_same(path: Path, wanted: Input) -> bool:
+def _is_same(path: Path, source: Input) -> bool:
     try:
-        if path.stat().st_size != wanted.size:
+        if path.stat().st_size != source.size:
             return False
-        return _header(path) == wanted.header if wanted.header else _sum(path) == wanted.sha256
+        return _header(path) == source.header if source.header else _sum(path) == source.sha256
     except OSError:
         return False
 
@@ -132,22 +132,21 @@ def _sum(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The files that arguments name: by a path, or in a text such as ``city.json?lod=2.2`` or ``raster:dem.tif+1.6``.
+# --- Files in arguments -----------------------------------------------------------------------------------------------
 
 
 INPUTS = "scene", "sensors", "targets", "areas", "epw", "sky"
-"""Arguments of jobs, on the command line or in Python, that may name a file or a folder to read."""
+"""Arguments of jobs, on the command line or in Python, that may name an input file or folder."""
 
 
 def files_in(named: Mapping[str, Any]) -> dict[str, Path]:
-    """The files and folders that arguments name, if they exist, by the names of the arguments."""
-    found = {name: _path_in(named.get(name)) for name in INPUTS}
-    return {name: Path(path) for name, path in found.items() if path and Path(path).exists()}
+    """Argument -> the existing file or folder that it names."""
+    paths = {name: _path_in(named.get(name)) for name in INPUTS}
+    return {name: Path(path) for name, path in paths.items() if path and Path(path).exists()}
 
 
 def with_files(named: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, Any]:
-    """The arguments that name files, with other paths of these files.
+    """The arguments that name files, with the paths replaced.
 
     paths : argument -> path
     """
@@ -159,7 +158,7 @@ def with_files(named: Mapping[str, Any], paths: Mapping[str, str]) -> dict[str, 
 
 
 def _path_in(value: Any) -> str:
-    """The path in an argument; empty: it is neither a path nor a text."""
+    """The path in an argument; empty if it is neither a path nor a string."""
     if isinstance(value, str):
         return raster_file(value) or value.partition("?")[0]
     return fspath(value) if isinstance(value, PathLike) else ""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,32 +21,37 @@ from ..jobs.executors import UnitCollector, Units, numbered
 from ..progress import LOG
 from .node_files import files_in, input_of, with_files
 
-# --- The engine that hands a job's units to a Ray cluster -------------------------------------------------------------
+# --- The executor -----------------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
-    from .ray_workers import Log
+    from .ray_workers import Log, Prepare
 
 _STORE = 256 << 20  # bytes of the object store of a local cluster
-_PATIENCE = 5.0  # seconds until a head node answers
-_PLACE = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
+_TIMEOUT = 5.0  # seconds to connect to a head node
+_HOST_PORT = re.compile(r"\[?([^\[\]]+)\]?:(\d{1,5})")  # HOST:PORT
 
 
 class Cluster:
-    """Does the units of a job on the nodes of a Ray cluster, and writes the files that they send.
+    """Runs the units of a job on the nodes of a Ray cluster, and writes the files they return.
 
-    folder : where units are kept that are no results
-    address : "local": a cluster of this machine alone; "auto", or HOST:PORT: one that runs
-    prepare : begins the job on a node, see `node.Prepare`
-    inputs : the files that the job reads, by names that `prepare` knows
-    plan : whose kernels are compiled before the first unit
-    say : tells the user a line; None: by the logger ``antumbra``
+    folder : folder for intermediate units
+    address : "local": a cluster of this machine alone; "auto" or HOST:PORT: a running cluster
+    prepare : starts the job on a node, see `ray_workers.Prepare`
+    inputs : the files that the job reads, by the names that `prepare` uses
+    plan : plan whose kernels are compiled before the first unit
+    say : function that prints a line for the user; None: logs it to ``antumbra``
     """
 
     def __init__(
-        self, folder: Path, address: str, prepare, inputs: dict[str, Path], plan: str | None = None,
+        self,
+        folder: Path,
+        address: str,
+        prepare: "Prepare",
+        inputs: dict[str, Path],
+        plan: str | None = None,
         say: Callable[[str], None] | None = None,
-    ):  # fmt: skip
+    ):
         import_extra("ray", "a cluster", "ray")
         self.folder, self.address, self._say = folder, address, say or LOG.info
         self._prepare, self._inputs, self._plan = prepare, inputs, plan
@@ -62,11 +68,11 @@ class Cluster:
                 todo.append(number)
         if todo:
             inputs = {name: input_of(path) for name, path in self._inputs.items()}
-            sent = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
+            node_job = NodeJob(self._prepare, inputs, self._plan, self.folder.name)
             with connected(self.address) as ray:
-                crew = WorkerPool(ray, job, sent, self._say)
-                crew.do(todo)
-                self.log = crew.log
+                pool = WorkerPool(ray, job, node_job, self._say)
+                pool.do(todo)
+                self.log = pool.log
         return True
 
     def end(self, job: Sequence[Units]) -> None:
@@ -75,28 +81,28 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str) -> Iterator:
-    """The module ``ray``, connected to a cluster. A connection that exists already is used, and stays.
+def connected(address: str) -> Iterator[Any]:
+    """The module ``ray``, connected to a cluster. An existing connection is reused and kept.
 
     Raises
     ------
     InputError
-        If Ray is missing, or there is no cluster at the address, also where a connection exists.
+        If Ray is missing, or there is no cluster at the address, even if a connection exists.
     """
     ray = import_extra("ray", "a cluster", "ray")
     if "://" in address:
         raise InputError(f"--ray is {address!r}; run the command on a node of the cluster, with --ray auto")
     if address not in ("auto", "local"):
-        _check_place(ray, address)
+        _check_address(ray, address)
     if ray.is_initialized():
         yield ray
         return
-    own = {}
+    options: dict[str, Any] = {}
     if address == "local":
-        own = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
+        options = {"num_cpus": os.cpu_count(), "include_dashboard": False, "object_store_memory": _STORE}
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
-        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **own)
+        ray.init(address=address, log_to_driver=False, logging_level="ERROR", **options)
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())[:160]
         raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status") from None
@@ -106,34 +112,36 @@ def connected(address: str) -> Iterator:
         ray.shutdown()
 
 
-def _check_place(ray, address: str) -> None:
-    """Raise InputError unless something listens at HOST:PORT. Ray itself tries for more than half a minute."""
-    match = _PLACE.fullmatch(address.strip())
+def _check_address(ray: Any, address: str) -> None:
+    """Raise InputError unless HOST:PORT accepts connections. Ray itself retries for more than half a minute."""
+    match = _HOST_PORT.fullmatch(address.strip())
     if match is None or not 0 < int(match[2]) < 65536:
         raise InputError(f"--ray is {address!r}; write auto, local, or HOST:PORT of the head node")
     hosts = [match[1]]
     if match[1] in ("localhost", "127.0.0.1"):
-        hosts.append(ray.util.get_node_ip_address())  # as Ray itself reads it
+        hosts.append(ray.util.get_node_ip_address())  # as Ray resolves it
     reason = ""
     for host in hosts:
         try:
-            socket.create_connection((host, int(match[2])), _PATIENCE).close()
+            socket.create_connection((host, int(match[2])), _TIMEOUT).close()
             return
         except OSError as error:
             reason = error.strerror or str(error)
     raise InputError(f"--ray {address}: cannot be reached ({reason}); look at: ray status")
 
 
-# --- A function of this package on a cluster: the Python side of ``--ray`` --------------------------------------------
+# --- `run`, the Python counterpart of ``--ray`` -----------------------------------------------------------------------
 
 
 _OUTPUTS = "output", "matrix", "folder"
 
 
-def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> Any:
+def run(
+    function: Callable[..., Any], scene: str | PathLike[str], *args: Any, address: str = "local", **kwargs: Any
+) -> Any:
     """Call a function of this package on a Ray cluster (needs ``antumbra[ray]``).
 
-    Each node opens the scene by its path, or fetches the file once to its disk, and does parts of the work. The result
+    Each node opens the scene by its path, or fetches the file once to its disk, and does part of the work. The result
     equals that of ``function(load(scene), *args, **kwargs)``.
 
     Parameters
@@ -143,14 +151,14 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     scene : str or path-like
         The path of the scene.
     *args, **kwargs
-        The other arguments, without `keep` and `threads`: each node uses all of its cores.
+        The other arguments, except `keep` and `threads`: each node uses all its cores.
     address : str
-        "local": a cluster of this machine alone. "auto", or HOST:PORT: a cluster that runs.
+        "local": a cluster of this machine alone. "auto" or HOST:PORT: a running cluster.
 
     Raises
     ------
     InputError
-        If Ray is missing, there is no such cluster, or an argument is wrong.
+        If Ray is missing, there is no such cluster, or an argument is invalid.
 
     Examples
     --------
@@ -158,32 +166,41 @@ def run(function: Callable, scene, *args, address: str = "local", **kwargs) -> A
     """
     if not inspect.isfunction(function) or "keep" not in inspect.signature(function).parameters:
         name = getattr(function, "__name__", quoted(function))
-        raise InputError(f"{name} has no parts; use sun_hours, visibility_matrix, bake or dataset")
+        raise InputError(f"{name} cannot be distributed; use sun_hours, visibility_matrix, bake or dataset")
     scene = path_of(scene, "scene")
     text(address, "address")
     home = function.__module__, function.__name__
     with temporary_folder() as folder:
         prepare = partial(_prepare, home, args, kwargs)
         plan = None if kwargs.get("plan") is None else str(kwargs["plan"])
-        engine = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
-        return function(_opened(function, scene), *args, keep=engine, **kwargs)
+        executor = Cluster(folder / "parts", address, prepare, files_in(_named(function, scene, args, kwargs)), plan)
+        return function(_opened(function, scene), *args, keep=executor, **kwargs)
 
 
-def _named(function: Callable, scene, args, kwargs) -> dict[str, Any]:
-    """The arguments of a call by their names."""
+def _named(
+    function: Callable[..., Any], scene: str | PathLike[str], args: tuple[Any, ...], kwargs: dict[str, Any]
+) -> dict[str, Any]:
+    """The arguments of a call by name."""
     try:
         return dict(inspect.signature(function).bind(scene, *args, **kwargs).arguments)
     except TypeError as error:
         raise InputError(f"{function.__name__}: {error}; see its documentation") from None
 
 
-def _opened(function: Callable, scene):
-    """The scene as a function takes it: `bake` keeps what else is in the file."""
+def _opened(function: Callable[..., Any], scene: str | PathLike[str]) -> Any:
+    """The scene as a function expects it: `bake` takes the path, since it keeps everything else in the file."""
     return scene if function.__name__ == "bake" else load(scene)
 
 
-def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads: int, engine: UnitCollector) -> None:
-    """Begin the call on a node. Its results go to the current folder."""
+def _prepare(
+    home: tuple[str, str],
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    paths: dict[str, str],
+    threads: int,
+    executor: UnitCollector,
+) -> None:
+    """Start the call on a node. Its results go to the current folder."""
     function = getattr(import_module(home[0]), home[1])
     named = _named(function, Path(), args, kwargs)
     named |= with_files(named, paths)
@@ -191,4 +208,4 @@ def _prepare(home: tuple[str, str], args, kwargs, paths: dict[str, str], threads
     for name in _OUTPUTS:
         if named.get(name) is not None:
             named[name] = Path(named[name]).name
-    function(**named, threads=threads, keep=engine)
+    function(**named, threads=threads, keep=executor)

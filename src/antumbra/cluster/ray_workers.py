@@ -1,6 +1,6 @@
-"""The workers of a cluster, one per node: what runs there, how units are assigned and lost workers replaced.
+"""The workers of a cluster, one per node, and the pool that assigns units to them and replaces lost ones.
 
-`survey` lists what each node has, for ``antumbra doctor``.
+`survey` lists the resources of each node, for ``antumbra doctor``.
 """
 
 import os
@@ -24,17 +24,17 @@ from ..kernels.toolchain import kernel_manifest as needs
 from ..kernels.toolchain.kernel_cache import user_cache
 from ..progress import ignore_progress, progress_listener, report_progress
 from ..version import VERSION
-from .node_files import Input, local_path, own_temporary, piece_of
+from .node_files import Input, local_path, piece_of, user_temporary_folder
 
-# --- A node of a cluster: one process that owns its cores, opens the scene once, and does units of a job --------------
+# --- The worker of a node: one process with all its cores, which opens the scene once and does units of a job ---------
 
 
 Prepare = Callable[[dict[str, str], int, UnitCollector], Any]
-"""prepare(paths of inputs by name, threads, engine): begin a job, and give its units to the engine."""
+"""prepare(paths of inputs by name, threads, executor): start a job and pass its units to the executor."""
 
 
 class NodeJob(NamedTuple):
-    """A job as nodes get it."""
+    """A job as sent to nodes."""
 
     prepare: Prepare
     inputs: dict[str, Input]
@@ -42,41 +42,43 @@ class NodeJob(NamedTuple):
     folder: str  # name of the folder of units
 
 
-class Done(NamedTuple):
-    """A unit that a node has done."""
+class UnitResult(NamedTuple):
+    """The result of a unit."""
 
-    files: dict[str, bytes]  # by their names below the root; none if it cannot be done
+    files: dict[str, bytes]  # by their names below the root; empty if the unit failed
     seconds: float
 
 
 def signature(job: Sequence[Units]) -> list[tuple[int, list[str]]]:
-    """What tells a job from others: numbers of units, and names of files, which have digests."""
+    """The identity of a job: numbers of units, and file names, which contain digests."""
     return [(len(units), units.files(0) if len(units) else []) for units in job]
 
 
 class Node:
-    """The worker of a node. Files are written in a folder of its own, and sent from there."""
+    """The worker of a node. It writes files to its own folder and sends them from there."""
 
     def __init__(self, threads: int):
-        self._threads, self._open = threads, ExitStack()
-        self._own = self._open.enter_context(temporary_folder())  # of a killed node, the next one removes it
+        self._threads, self._resources = threads, ExitStack()
+        self._folder = self._resources.enter_context(
+            temporary_folder()
+        )  # that of a killed worker is removed by the next one
         self._units: list[tuple[Units, int]] = []
 
-    def begin(self, job: NodeJob, read: Callable[[str, int], bytes] | None) -> list[tuple[int, list[str]]]:
-        """Open the inputs, compile what is missing, and prepare the job; return its `signature`.
+    def begin(self, job: NodeJob, read: Callable[[str, int], bytes]) -> list[tuple[int, list[str]]]:
+        """Open the inputs, compile missing kernels, and prepare the job; return its `signature`.
 
-        read : reads a piece of a file of the driver, see `inputs.local_path`
+        read : reads a piece of a file on the driver, see `node_files.local_path`
         """
         with progress_listener(ignore_progress):
             paths = {name: local_path(each, read, None) for name, each in job.inputs.items()}
-            os.chdir(self._own)  # results of a job have relative names here
+            os.chdir(self._folder)  # results of a job have relative paths
             precompile_plan_kernels(job.plan)
-            asked = UnitCollector(Path(job.folder))
-            job.prepare(paths, self._threads, asked)
-        self._units = [(units, k) for _, units, k in numbered(asked.job)]
-        return signature(asked.job)
+            collector = UnitCollector(Path(job.folder))
+            job.prepare(paths, self._threads, collector)
+        self._units = [(units, k) for _, units, k in numbered(collector.job)]
+        return signature(collector.job)
 
-    def do(self, number: int) -> Done:
+    def do(self, number: int) -> UnitResult:
         """Do a unit."""
         units, k = self._units[number]
         start = perf_counter()
@@ -85,104 +87,104 @@ class Node:
         assert units.root is not None
         files = {name: units.root / name for name in units.files(k)}
         if not all(path.exists() for path in files.values()):
-            return Done({}, perf_counter() - start)
-        found = {name: path.read_bytes() for name, path in files.items()}
+            return UnitResult({}, perf_counter() - start)
+        contents = {name: path.read_bytes() for name, path in files.items()}
         for path in files.values():
             path.unlink()
-        return Done(found, perf_counter() - start)
+        return UnitResult(contents, perf_counter() - start)
 
     def leave(self) -> None:
-        """Remove the node's own files."""
+        """Remove the worker's files."""
         os.chdir(tempfile.gettempdir())
-        self._open.close()
+        self._resources.close()
 
 
 def precompile_plan_kernels(plan: str | None) -> None:
-    """Compile the kernels of a plan that are missing on this machine. Its other workers wait, and find them."""
-    wanted = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
-    if missing_of(wanted):
-        with file_lock(own_temporary() / "warm.lock"):
-            if missing := missing_of(wanted):
+    """Compile the missing kernels of a plan on this machine. Its other workers wait for them."""
+    kernels = {each for job in all_jobs([parse_plan(plan or DEFAULT_PLAN)]) for each in job.kernels() or ()}
+    if missing_of(kernels):
+        with file_lock(user_temporary_folder() / "warm.lock"):
+            if missing := missing_of(kernels):
                 compile_missing(missing)
 
 
-# --- The workers of a cluster, one on each node: who does what, and what happens if one is lost -----------------------
+# --- The pool of workers ----------------------------------------------------------------------------------------------
 
 
-_AHEAD = 2  # units that a worker has: one that it does, and the next one
-_TRIES = 4  # losses of a unit with its worker, or of workers of a node, until nobody tries again
-_POLL, _LOOK = 0.2, 2.0  # seconds between two looks at results, and at the nodes of the cluster
-_PATIENCE = 120.0  # seconds without any worker
+_AHEAD = 2  # units assigned to a worker: the current one and the next
+_TRIES = 4  # losses of a unit with its worker, or of workers on a node, before giving up
+_POLL, _SCAN = 0.2, 2.0  # seconds between checks for results and for nodes
+_PATIENCE = 120.0  # seconds to wait for the first worker
 
 
 class Log(NamedTuple):
-    """What a crew did, for measurements. Times are those of `time.monotonic`, or seconds."""
+    """The history of a pool, for measurements. Times are from `time.monotonic`; durations are in seconds."""
 
-    ready: dict[str, float]  # node -> when its worker was ready
-    seconds: dict[int, float]  # unit -> how long a node took
-    written: list[float]  # when the files of each unit had been written
+    ready: dict[str, float]  # node -> time at which its worker was ready
+    seconds: dict[int, float]  # unit -> duration on its node
+    written: list[float]  # times at which the files of units were written
 
 
 class NodeWorker:
-    """A worker, or one that is being started."""
+    """A worker, running or starting."""
 
-    def __init__(self, node: str, host: str, actor):
+    def __init__(self, node: str, host: str, actor: Any):
         self.node, self.host, self.actor = node, host, actor
         self.ready, self.lost = False, False
-        self.flying = 0  # calls whose answer has not come
+        self.pending = 0  # calls without a result yet
 
 
 class WorkerPool:
-    """Does units of a job on the nodes of a cluster.
+    """Runs units of a job on the nodes of a cluster, one worker per node.
 
     ray : the module, connected
-    say : tells the user a line
+    say : function that prints a line for the user
     """
 
-    def __init__(self, ray, job: Sequence[Units], sent: NodeJob, say: Callable[[str], None]):
-        self._ray, self._job, self._sent, self._say = ray, job, sent, say
+    def __init__(self, ray: Any, job: Sequence[Units], node_job: NodeJob, say: Callable[[str], None]):
+        self._ray, self._job, self._node_job, self._say = ray, job, node_job, say
         self._units = [(units, k) for _, units, k in numbered(job)]
         self._todo = deque[int]()
-        self._flying: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> who does it, and the unit; None: begin
+        self._pending: dict[Any, tuple[NodeWorker, int | None]] = {}  # call -> its worker, and the unit; None: begin
         self._workers: dict[str, NodeWorker] = {}
         self._losses: Counter[str] = Counter()  # by node
         self._tries: Counter[int] = Counter()  # by unit
-        self._looked = -_LOOK
+        self._last_scan = -_SCAN
         self._reader = self._read = None
         self.log = Log({}, {}, [])
 
     def do(self, numbers: Sequence[int]) -> None:
-        """Do the units of these numbers."""
+        """Run the units with these numbers."""
         self._todo.extend(numbers)
         missing, since = set(numbers), monotonic()
-        self._serve_inputs()
+        self._start_reader()
         try:
             with report_progress(f"{self._job[0].what or 'frames'}, on a cluster") as progress:
                 while missing:
-                    self._look_for_nodes()
-                    self._hand_out()
+                    self._start_workers()
+                    self._assign()
                     if self._workers:
                         since = monotonic()
                     elif monotonic() - since > _PATIENCE:
                         raise InputError("no node of the cluster has a free core; look at: ray status")
-                    for number in self._heard():
+                    for number in self._collect():
                         missing.discard(number)
                         progress(len(numbers) - len(missing), len(numbers))
         finally:
-            self._dismiss()
+            self._stop_workers()
 
-    def _serve_inputs(self) -> None:
-        """Start a process beside this one that reads inputs for nodes that lack them."""
-        if not self._sent.inputs:
+    def _start_reader(self) -> None:
+        """Start a process on this node that reads inputs for nodes without them."""
+        if not self._node_job.inputs:
             return
         remote, here = self._ray.remote(_Reader), self._ray.get_runtime_context().get_node_id()
         self._reader = remote.options(num_cpus=0, scheduling_strategy=on_node(self._ray, here)).remote()
 
-    def _look_for_nodes(self) -> None:
-        """Start a worker on each node that has none."""
-        if monotonic() - self._looked < _LOOK:
+    def _start_workers(self) -> None:
+        """Start a worker on each node without one."""
+        if monotonic() - self._last_scan < _SCAN:
             return
-        self._looked = monotonic()
+        self._last_scan = monotonic()
         for node in self._ray.nodes():
             name, cores = node["NodeID"], int(node["Resources"].get("CPU", 0))
             if node["Alive"] and cores and name not in self._workers and self._losses[name] < _TRIES:
@@ -191,32 +193,32 @@ class WorkerPool:
                 )
                 worker = NodeWorker(name, node["NodeManagerHostname"], actor.remote(cores))
                 self._workers[name] = worker
-                self._call(worker, worker.actor.begin.remote(self._sent, _Remote(self._reader)), None)
+                self._call(worker, worker.actor.begin.remote(self._node_job, _RemoteReader(self._reader)), None)
 
-    def _hand_out(self) -> None:
+    def _assign(self) -> None:
         for worker in self._workers.values():
-            while worker.ready and worker.flying < _AHEAD and self._todo:
+            while worker.ready and worker.pending < _AHEAD and self._todo:
                 number = self._todo.popleft()
                 self._call(worker, worker.actor.do.remote(number), number)
 
-    def _call(self, worker: NodeWorker, call, number: int | None) -> None:
-        worker.flying += 1
-        self._flying[call] = worker, number
+    def _call(self, worker: NodeWorker, call: Any, number: int | None) -> None:
+        worker.pending += 1
+        self._pending[call] = worker, number
 
-    def _heard(self) -> list[int]:
-        """The units whose results have come; they are written."""
-        if not self._flying:
+    def _collect(self) -> list[int]:
+        """Write the results that have arrived; return the numbers of their units."""
+        if not self._pending:
             self._ray.wait([self._ray.put(0)], timeout=_POLL)
             return []
-        ready, _ = self._ray.wait(list(self._flying), num_returns=1, timeout=_POLL)
+        ready, _ = self._ray.wait(list(self._pending), num_returns=1, timeout=_POLL)
         done = []
         for call in ready:
-            worker, number = self._flying[call]
+            worker, number = self._pending[call]
             answer = self._answer(call, worker)
             if worker.lost:
                 continue
-            del self._flying[call]
-            worker.flying -= 1
+            del self._pending[call]
+            worker.pending -= 1
             if number is None:
                 self._check(worker, answer)
             else:
@@ -226,8 +228,8 @@ class WorkerPool:
                 done.append(number)
         return done
 
-    def _answer(self, call, worker: NodeWorker):
-        """The answer of a call; if its worker is lost, what it had goes to others."""
+    def _answer(self, call: Any, worker: NodeWorker) -> Any:
+        """The result of a call. If its worker is lost, requeue its units."""
         errors = self._ray.exceptions
         try:
             return self._ray.get(call)
@@ -235,28 +237,28 @@ class WorkerPool:
             cause = error.cause
             raise cause if isinstance(cause, Exception) else error from None
         except (errors.RayActorError, errors.WorkerCrashedError, errors.ObjectLostError, errors.NodeDiedError):
-            self._lose(worker)
+            self._drop(worker)
 
-    def _lose(self, worker: NodeWorker) -> None:
+    def _drop(self, worker: NodeWorker) -> None:
         worker.lost = True
         self._workers.pop(worker.node, None)
         self._losses[worker.node] += 1
         with suppress(Exception):
             self._ray.kill(worker.actor)
-        lost = [number for who, number in self._flying.values() if who is worker and number is not None]
-        self._flying = {call: held for call, held in self._flying.items() if held[0] is not worker}
+        lost = [number for owner, number in self._pending.values() if owner is worker and number is not None]
+        self._pending = {call: entry for call, entry in self._pending.items() if entry[0] is not worker}
         self._todo.extendleft(reversed(lost))
-        self._tries.update(lost[:1])  # the others were only waiting
-        self._looked = -_LOOK
-        self._say(f"note: the worker on {worker.host} was lost; {len(lost)} parts are done again")
+        self._tries.update(lost[:1])  # the others had not started
+        self._last_scan = -_SCAN
+        self._say(f"note: the worker on {worker.host} was lost; repeating {len(lost)} parts")
         often = [number for number in lost if self._tries[number] >= _TRIES]
         if often:
-            raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; do the nodes lack memory?")
+            raise InputError(f"part {often[0]} was lost {_TRIES} times with its worker; the nodes may lack memory")
 
-    def _check(self, worker: NodeWorker, told) -> None:
-        if told != signature(self._job):
+    def _check(self, worker: NodeWorker, answer: list[tuple[int, list[str]]]) -> None:
+        if answer != signature(self._job):
             raise InputError(
-                f"{worker.host} would do other work than this machine; install the same version of antumbra there"
+                f"{worker.host} would do different work than this machine; install the same version of antumbra there"
             )
         worker.ready = True
         self.log.ready[worker.node] = monotonic()
@@ -271,55 +273,58 @@ class WorkerPool:
             with atomic_output(path) as temporary:
                 temporary.write_bytes(data)
         if not files:
-            units.do(k)  # it fails here as it failed there, and the user hears why
+            units.do(k)  # fails here as on the node, which shows the error to the user
         elif not units.done(k):
-            raise InputError(f"{worker.host} sent a part of other work ({next(iter(files))}); run the command again")
+            raise InputError(
+                f"{worker.host} sent a part of different work ({next(iter(files))}); run the command again"
+            )
         else:
             units.found(k)
 
-    def _dismiss(self) -> None:
-        """End all workers."""
+    def _stop_workers(self) -> None:
+        """Stop all workers."""
         with suppress(Exception):
-            leaving = [worker.actor.leave.remote() for worker in self._workers.values() if not worker.flying]
+            leaving = [worker.actor.leave.remote() for worker in self._workers.values() if not worker.pending]
             self._ray.wait(leaving, num_returns=len(leaving), timeout=5.0) if leaving else None
         for actor in [*(worker.actor for worker in self._workers.values()), *([self._reader] if self._reader else [])]:
             with suppress(Exception):
                 self._ray.kill(actor)
 
 
-def on_node(ray, node: str):
+def on_node(ray: Any, node: str) -> Any:
     """The strategy that places an actor on a node."""
     return ray.util.scheduling_strategies.NodeAffinitySchedulingStrategy(node, soft=False)
 
 
 class _Reader:
-    """Reads files of the driver's machine for others."""
+    """Reads files on the driver's machine for other nodes."""
 
     def piece(self, path: str, offset: int) -> bytes:
         return piece_of(path, offset)
 
 
-class _Remote:
-    """A function that asks a `_Reader` in another process."""
+class _RemoteReader:
+    """A function that calls a `_Reader` in another process."""
 
-    def __init__(self, reader):
+    def __init__(self, reader: Any):
         self._reader = reader
 
     def __call__(self, path: str, offset: int) -> bytes:
         import ray
 
-        return ray.get(self._reader.piece.remote(path, offset))
+        piece: bytes = ray.get(self._reader.piece.remote(path, offset))
+        return piece
 
 
-# --- What the nodes of a cluster have, for ``antumbra doctor`` --------------------------------------------------------
+# --- Resources of the nodes, for ``antumbra doctor`` ------------------------------------------------------------------
 
 
 def about_node() -> dict[str, Any]:
-    """What this machine has for a job: cores, memory and room in GiB, this package, and its compiled kernels."""
-    wanted = needs.read_manifests(needs.MANIFEST).kernels
-    found: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
-    found |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
-    return {**found, "missing": len(missing_of(wanted)), "cache": str(user_cache().path)}
+    """The resources of this machine: cores, memory and disk space in GiB, package version, missing kernels."""
+    kernels = needs.read_manifests(needs.MANIFEST).kernels
+    facts: dict[str, Any] = {"host": platform.node(), "cores": os.cpu_count(), "memory": _memory()}
+    facts |= {"room": shutil.disk_usage(tempfile.gettempdir()).free / 2**30, "antumbra": VERSION}
+    return {**facts, "missing": len(missing_of(kernels)), "cache": str(user_cache().path)}
 
 
 def _memory() -> float | None:
@@ -329,8 +334,8 @@ def _memory() -> float | None:
         return None
 
 
-def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
-    """What each node of the cluster has, in the order of hosts; "error" of those that do not answer."""
+def survey(ray: Any, seconds: float = 60.0) -> list[dict[str, Any]]:
+    """The resources of each node, sorted by host; "error" for nodes that do not answer."""
     ask = ray.remote(about_node)
     calls = {}
     for node in ray.nodes():
@@ -338,11 +343,11 @@ def survey(ray, seconds: float = 60.0) -> list[dict[str, Any]]:
             call = ask.options(num_cpus=0, max_retries=0, scheduling_strategy=on_node(ray, node["NodeID"])).remote()
             calls[call] = node["NodeManagerHostname"], int(node["Resources"].get("CPU", 0))
     ready, late = ray.wait(list(calls), num_returns=len(calls), timeout=seconds)
-    found = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]
+    records = [{"host": calls[call][0], "error": f"no answer in {seconds:g} s"} for call in late]
     for call in ready:
         host, cores = calls[call]
         try:
-            found.append({**ray.get(call), "cores": cores})
+            records.append({**ray.get(call), "cores": cores})
         except ray.exceptions.RayError as error:
-            found.append({"host": host, "error": " ".join(str(error).split())[:160]})
-    return sorted(found, key=lambda each: each["host"])
+            records.append({"host": host, "error": " ".join(str(error).split())[:160]})
+    return sorted(records, key=lambda each: each["host"])

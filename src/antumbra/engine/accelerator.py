@@ -1,16 +1,17 @@
 """Accelerators: build, optimise or update a BVH by a plan, prepare it for the plan's tracer, and answer queries.
 
-The accelerator of the plan `auto` chooses the builder of each frame's tree. Scenes in memory cache the trees of their
-latest time sample.
+The accelerator of the plan `auto` also chooses the builder of each frame's tree. `SceneTrees` caches the trees of a
+scene in memory at its latest time sample.
 """
 
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.block_tree import block_tree
 from ..bvh.nodes import Bvh
@@ -27,25 +28,28 @@ from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree
 from .auto.cost_model import BEST, GOOD, QUICK, best_pays, good_pays, lost_share, predicted_rate
 from .auto.query_features import features_of
 from .auto.strategies import AutoTracer, StrategyMemory, suitable_strategies
-from .method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS
+from .method_registry import BUILDERS, CULLERS, OPTIMISERS, TRACERS, UPDATERS, Builder, Optimiser
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Acceleration by a plan: build, optimise or update a BVH, prepare it for the plan's tracer, and answer queries.
+# --- Acceleration by a plan -------------------------------------------------------------------------------------------
+
+
+Progress: TypeAlias = Callable[[int, int], Any]
+"""Called about ten times a second with (rays done, total), or whatever unit the tracer counts."""
 
 
 class Accelerated(NamedTuple):
-    """A scene at one moment with its BVH, if the plan has one."""
+    """A scene at one time sample with its BVH, if the plan has one."""
 
     triangles: Triangles  # all triangles, including culled ones
-    bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer walks no BVH
-    prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left
-    cutouts: CutoutTree | None = None  # faces with holes, which are not in the BVH; None: there are none
+    bvh: Bvh | None  # over the triangles left by culling; prim_ids index `triangles`; None: the tracer uses no BVH
+    prepared: Any  # the tracer's input: the BVH, a structure made from it, or a `Soup` of the triangles left by culling
+    cutouts: CutoutTree | None = None  # alpha-masked faces, which are not in the BVH; None: there are none
 
     @property
     def scheduled(self) -> ChcRtState | None:
-        """The state of a tracer that remembers earlier frames; None for other tracers."""
+        """The state of the tracer `chcrt`, which spans frames; None for other tracers."""
         return self.prepared if isinstance(self.prepared, ChcRtState) else None
 
     @property
@@ -54,33 +58,41 @@ class Accelerated(NamedTuple):
         return self.prepared if isinstance(self.prepared, AutoTracer) else None
 
     def begin(self) -> None:
-        """Tell the tracer that a new frame, or a new query of points, begins."""
+        """Begin a new frame or point query in a tracer with state."""
         if isinstance(self.prepared, (ChcRtState, AutoTracer)):
             self.prepared.begin()
 
 
 class Accelerator:
-    """Builds the structure that a plan's tracer takes, and answers queries with it; keeps the state of updaters.
+    """Builds the input of a plan's tracer and answers queries with it. It also holds the state of updaters.
 
     Parameters
     ----------
     plan : Plan
     threads : int
+
+    Attributes
+    ----------
+    showing : RepresentativeRaySelector or None
+        Selects the sample rays of a ray-guided builder; None: the plan has none.
+    one_tree : bool
+        Whether shadow rays and camera rays share a BVH.
     """
 
     def __init__(self, plan: Plan, threads: int):
         self.plan, self.threads = plan, threads
         self.showing = RepresentativeRaySelector(plan.sample or SrdhRays(), threads) if plan.wants_rays else None
-        self.one_tree = plan.tracer.builds and self.showing is None  # one BVH for shadow rays and camera rays
-        self._kept = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
-        self._updated: tuple[Triangles, Bvh] | None = None  # all triangles that the updater saw last, and their BVH
-        self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # those asked for last
-        self._rays: Callable | None = None  # (vertices, their BVH) -> Intersections; set while a builder runs
+        self.one_tree = plan.tracer.builds and self.showing is None
+        self._updater = UPDATERS[plan.update].keep(self._new_tree) if plan.update else None
+        self._updated: tuple[Triangles, Bvh] | None = None  # the triangles of the last update, and their BVH
+        self._cutouts: tuple[Triangles, CutoutTree | None] | None = None  # the latest ones
+        self._rays: Callable[[Any, Bvh | None], Any] | None = None  # (vertices, their BVH) -> Intersections, in a build
 
     def begin(self, rays: int, later: int = 0) -> None:
-        """Begin a frame, or a query of points.
+        """Begin a frame or a point query.
 
-        rays, later : about so many rays in the queries for which a tree is built, and others in the same tree
+        rays : estimated number of rays in the queries for which a tree is built
+        later : estimated number of further rays in the same tree
         """
 
     @property
@@ -91,153 +103,175 @@ class Accelerator:
 
     @property
     def optimiser(self) -> str | None:
-        """The name of the optimiser of the next tree; None: it stays as it was built."""
+        """The name of the optimiser of the next tree; None: no optimisation."""
         return self.plan.optimise
 
-    def ran(self, accelerated: Accelerated) -> Plan:
-        """The plan with the methods of a frame that used this tree."""
+    def executed_plan(self, accelerated: Accelerated) -> Plan:
+        """The plan with the methods that actually ran in a frame with this tree."""
         return self.plan
 
-    def outgrown(self, accelerated: Accelerated) -> bool:
-        """Should a tree that was kept be built again, by a better builder?"""
+    def needs_rebuild(self, accelerated: Accelerated) -> bool:
+        """Whether rebuilding a cached tree with a better builder now pays off."""
         return False
 
-    def culled(self, triangles: Triangles, queries) -> CullResult | None:
-        """The triangles that segments of these queries can meet; None if the plan has no culler."""
-        return CULLERS[self.plan.cull].cull(triangles, queries, self.threads) if self.plan.cull else None
+    def culled(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> CullResult | None:
+        """The triangles that segments of these queries can hit; None if the plan has no culler."""
+        if not self.plan.cull:
+            return None
+        result: CullResult = CULLERS[self.plan.cull].cull(triangles, queries, self.threads)
+        return result
 
     def show(
-        self, triangles: Triangles, queries, bvh: Bvh | None = None, bounce: Bounce | None = None
+        self,
+        triangles: Triangles,
+        queries: Sequence[ShadowQuery],
+        bvh: Bvh | None = None,
+        bounce: Bounce | None = None,
     ) -> RepresentativeRays | None:
-        """The rays to show to this plan's builder for these queries; None if it takes none. See `Showing.show`."""
+        """Sample rays of these queries for a ray-guided builder; None for others. See `RepresentativeRaySelector`."""
         return self.showing.show(queries, triangles, bvh, bounce) if self.showing else None
 
     def build(
-        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
     ) -> Accelerated:
-        """Prepare all triangles, or the culled set, for tracing; build a BVH unless the tracer walks none.
+        """Prepare all or the unculled triangles for tracing; build a BVH unless the tracer uses none.
 
         Parameters
         ----------
         triangles : Triangles
             All triangles of the scene.
-        culled : Culled or None
+        culled : CullResult or None
             The triangles left by culling; None: all.
-        shown : Shown or None
+        sample_rays : RepresentativeRays or None
             Rays for a ray-guided builder.
 
         Raises
         ------
         InputError
-            If the builder is ray-guided and `shown` is None.
+            If the builder is ray-guided and `sample_rays` is None.
         """
-        left = solid_of(triangles, culled, self.threads)
+        solid = solid_of(triangles, culled, self.threads)
         if not self.plan.tracer.builds:
-            return self.prepare(triangles, None, left)
+            return self.prepare(triangles, None, solid)
         if self.showing is not None:
-            if shown is None:
-                raise InputError(f"plan {str(self.plan)!r}: its builder wants rays of a picture, or of points that ask")
-            kept = triangles.solid if left is None or self._kept is not None else left.kept
-            self._rays = lambda vertices, bvh: shown.among(vertices, kept, self.threads, bvh)
+            if sample_rays is None:
+                raise InputError(
+                    f"plan {str(self.plan)!r}: its builder needs sample rays; render an image or query points"
+                )
+            indices = triangles.solid if solid is None or self._updater is not None else solid.kept
+            self._rays = lambda vertices, bvh: sample_rays.among(vertices, indices, self.threads, bvh)
         try:
-            bvh = self._updated_tree(triangles, culled) if self._kept is not None else self._tree(triangles, left)
+            bvh = self._updated_tree(triangles, culled) if self._updater is not None else self._tree(triangles, solid)
         finally:
             self._rays = None
         if self.showing is not None:
             self.showing.built(bvh)
-        return self.prepare(triangles, bvh, left)
+        return self.prepare(triangles, bvh, solid)
 
     def _tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
-        """A new BVH of all triangles, or of those that are left."""
+        """A new BVH of all triangles, or of those left by culling."""
         if culled is None:
             return self._new_tree(triangles.vertices, self.threads)
         bvh = self._new_tree(culled.vertices, self.threads)
         return bvh._replace(prim_ids=culled.kept[bvh.prim_ids])
 
     def _updated_tree(self, triangles: Triangles, culled: CullResult | None) -> Bvh:
-        """The BVH of the solid triangles that the updater keeps, or its part with those that culling left."""
-        assert self._kept is not None
-        if self._updated is None or self._updated[0] is not triangles:  # else a frame asks once more
-            self._updated = triangles, solid_tree(self._kept.update, triangles, self.threads)
+        """The updater's BVH of all solid triangles, filtered to those left by culling."""
+        assert self._updater is not None
+        if self._updated is None or self._updated[0] is not triangles:  # otherwise a further query of the same frame
+            self._updated = triangles, solid_tree(self._updater.update, triangles, self.threads)
         bvh = self._updated[1]
-        left = solid_of(triangles, culled, self.threads) if culled is not None else None
-        return bvh if left is None else filter_tree(bvh, left.kept, self.threads)
+        solid = solid_of(triangles, culled, self.threads) if culled is not None else None
+        return bvh if solid is None else filter_tree(bvh, solid.kept, self.threads)
 
-    def _new_tree(self, vertices, threads) -> Bvh:
+    def _new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
         builder, name = BUILDERS[self.builder], self.optimiser
-        bvh = builder.build(vertices, threads, **self._shown_to(builder, vertices))
-        if name is None:
-            return bvh
-        return OPTIMISERS[name].optimise(bvh, threads, **self._shown_to(OPTIMISERS[name], vertices, bvh))
+        bvh: Bvh = builder.build(vertices, threads, **self._ray_arguments(builder, vertices))
+        if name is not None:
+            bvh = OPTIMISERS[name].optimise(bvh, threads, **self._ray_arguments(OPTIMISERS[name], vertices, bvh))
+        return bvh
 
-    def _shown_to(self, method, vertices, bvh: Bvh | None = None) -> dict:
-        """The extra arguments of a ray-guided method, or none; `bvh`: a BVH of the triangles, if there is one."""
+    def _ray_arguments(
+        self, method: Builder | Optimiser, vertices: np.ndarray, bvh: Bvh | None = None
+    ) -> dict[str, Any]:
+        """The extra arguments of a ray-guided method; empty for others. `bvh`: a BVH of the triangles, if any."""
         return {"rays": self._rays(vertices, bvh)} if method.wants_rays and self._rays else {}
 
-    def of_all(self, triangles: Triangles) -> Accelerated:
-        """All triangles, prepared for camera rays: in the plan's BVH, or in a separate one."""
+    def prepare_all(self, triangles: Triangles) -> Accelerated:
+        """All triangles, prepared for camera rays: in the plan's BVH or a separate one."""
         return self.build(triangles) if self.one_tree else self.for_camera(triangles)
 
     def for_camera(self, triangles: Triangles) -> Accelerated:
-        """A `bsah` BVH for camera rays, where the plan has no BVH or one specialised to shadow rays."""
+        """A `bsah` BVH for camera rays, for plans without a BVH or with one specialised to shadow rays."""
         bvh = solid_tree(BUILDERS["bsah"].build, triangles, self.threads)
         return Accelerated(triangles, bvh, block_tree(bvh, self.threads), self.cutouts_of(triangles))
 
     def cutouts_of(self, triangles: Triangles) -> CutoutTree | None:
-        """The tree of faces with holes; None if there are none. The last one is kept."""
+        """The tree of alpha-masked faces; None if there are none. The latest tree is cached."""
         if self._cutouts is None or self._cutouts[0] is not triangles:
             self._cutouts = triangles, cutout_tree(triangles, self.threads)
         return self._cutouts[1]
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
-        """Convert the BVH, or the triangles if the tracer walks no BVH, to the input of this plan's tracer.
+        """Convert the BVH, or the triangles if the tracer uses no BVH, to the input of this plan's tracer.
 
         `culled`: the triangles left by culling; None: all.
         """
-        made = soup_of(triangles, culled, self.threads) if bvh is None else bvh
-        return Accelerated(triangles, bvh, self.plan.tracer.prepare(made, self.threads), self.cutouts_of(triangles))
+        geometry = soup_of(triangles, culled, self.threads) if bvh is None else bvh
+        return Accelerated(triangles, bvh, self.plan.tracer.prepare(geometry, self.threads), self.cutouts_of(triangles))
 
-    def answer(self, accelerated: Accelerated, query: ShadowQuery, tally=None, progress=None) -> np.ndarray:
+    def answer(
+        self,
+        accelerated: Accelerated,
+        query: ShadowQuery,
+        tally: np.ndarray | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.uint64]:
         """Trace a query with this plan's tracer: (h, w, ceil(spp / 64)) uint64; bit s = sample s is occluded."""
         return self.answer_all(accelerated, [query], tally, progress)[0]
 
     def answer_all(
-        self, accelerated: Accelerated, queries: Sequence[ShadowQuery], tally=None, progress=None
-    ) -> list[np.ndarray]:
-        """Trace several queries of receivers of the same shape: the bits of each, as from `answer`."""
+        self,
+        accelerated: Accelerated,
+        queries: Sequence[ShadowQuery],
+        tally: np.ndarray | None = None,
+        progress: Progress | None = None,
+    ) -> list[NDArray[np.uint64]]:
+        """Trace several queries whose receivers have the same shape. Returns the bits of each, as from `answer`."""
         bits = [new_bits(query) for query in queries]
-        tracer, prepared, rest = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
+        tracer, prepared, arguments = self.plan.tracer, accelerated.prepared, (self.threads, tally, progress)
         if tracer.trace_all is not None:
-            tracer.trace_all(prepared, queries, bits, *rest)
+            tracer.trace_all(prepared, queries, bits, *arguments)
         else:
-            for query, found in zip(queries, bits):
-                tracer.trace(prepared, query, found, *rest)
+            for query, words in zip(queries, bits):
+                tracer.trace(prepared, query, words, *arguments)
         if accelerated.cutouts is not None:
-            for query, found in zip(queries, bits):
-                add_shadows(accelerated.cutouts, query, found, self.threads)
+            for query, words in zip(queries, bits):
+                add_shadows(accelerated.cutouts, query, words, self.threads)
         return bits
 
 
-# --- The plan `auto`: it chooses the builder of each frame's tree, and its tracer chooses the way of each query -------
+# --- The plan `auto`: its accelerator chooses the builder, and its tracer the strategy of each query ------------------
 
 
-_RAY = 1e-7  # seconds of one thread for a ray of which nothing is known
+_RAY = 1e-7  # default estimate of the time of a ray on one thread, in seconds
 
 
 class AutoAccelerator(Accelerator):
-    """An `Accelerator` that builds the tree that its rays need.
+    """An `Accelerator` that chooses the builder by the number of rays.
 
-    A tree of GOOD takes five times as long to build as one of QUICK, and rays take less time. It is built at once if
-    the predicted rays make up for it. It replaces a tree that was kept as soon as the rays so far would have. So at
-    most twice the necessary time is lost, however many rays follow. A tree of BEST replaces one of GOOD by the same
-    rule. Trees of animated scenes are refitted from the first tree of GOOD on, and so are those of BEST.
+    Building a GOOD tree takes five times as long as a QUICK one, but traversal is faster. A GOOD tree is built at once
+    if the predicted rays pay for it. Otherwise the cached tree is upgraded once traversal has lost more time than the
+    rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays follow. The
+    same rule replaces GOOD trees by BEST ones. Trees of animated scenes are refitted from the first GOOD tree on,
+    BEST trees included.
     """
 
     def __init__(self, plan: Plan, threads: int):
         super().__init__(plan, threads)
         self.memory = StrategyMemory()
         self._tree_name = self._built = QUICK  # the next tree, and the last one
-        self._rays_soon = self._later = 0  # rays of which only the number is known
+        self._rays_soon = self._later = 0  # predicted numbers of rays: of the coming queries, and of later ones
 
     def begin(self, rays: int, later: int = 0) -> None:
         self.memory.begin()
@@ -251,30 +285,32 @@ class AutoAccelerator(Accelerator):
     def optimiser(self) -> str | None:
         return self._tree_name.partition("+")[2] or None
 
-    def ran(self, accelerated: Accelerated) -> Plan:
+    def executed_plan(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
         tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
         tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
         return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
 
-    def culled(self, triangles: Triangles, queries) -> None:
-        """Choose the builder for these queries. Nothing is culled: a quick build costs no more than culling."""
+    def culled(self, triangles: Triangles, queries: Sequence[ShadowQuery]) -> None:
+        """Choose the builder for these queries. Nothing is culled, since a quick build costs no more than culling."""
         if self._tree_name != QUICK:
             return
         n, box = solid_count(triangles), np.stack(bounds(triangles.vertices, self.threads))
         lost = self.memory.lost + self._loss(self._later)
         for query in queries:
             facts = features_of(query, n, box)
-            cost, way = min((predicted_rate(way, facts), way) for way in suitable_strategies(query, box))
-            lost += cost * facts.rays / self.threads * lost_share(way)
+            cost, strategy = min(
+                (predicted_rate(strategy, facts), strategy) for strategy in suitable_strategies(query, box)
+            )
+            lost += cost * facts.rays / self.threads * lost_share(strategy)
         self._choose(lost, n)
         self._rays_soon = self._later = 0
 
     def _loss(self, rays: int) -> float:
-        """Seconds that rays of which nothing is known lose in a tree of QUICK."""
+        """Seconds that unknown rays would lose in a QUICK tree."""
         return rays * _RAY / self.threads * lost_share("")
 
-    def outgrown(self, accelerated: Accelerated) -> bool:
+    def needs_rebuild(self, accelerated: Accelerated) -> bool:
         chosen = accelerated.chosen
         if chosen is None:
             return False
@@ -287,9 +323,9 @@ class AutoAccelerator(Accelerator):
         return False
 
     def _optimise(self) -> None:
-        """Let the next tree be one of BEST. Later ones are of GOOD until they have lost the price again."""
+        """Make the next tree a BEST one. Later trees are GOOD again, until they have lost the cost of another BEST."""
         precompile(best_tree_job)
-        self._tree_name, self._kept = BEST, None
+        self._tree_name, self._updater = BEST, None
         self.memory.in_good = 0.0
 
     def _choose(self, lost: float, triangles: int) -> None:
@@ -297,22 +333,22 @@ class AutoAccelerator(Accelerator):
             self._tree_name = GOOD
 
     def build(
-        self, triangles: Triangles, culled: CullResult | None = None, shown: RepresentativeRays | None = None
+        self, triangles: Triangles, culled: CullResult | None = None, sample_rays: RepresentativeRays | None = None
     ) -> Accelerated:
         n = solid_count(triangles)
         self._choose(self._loss(self._rays_soon + self._later), n)
-        if self._tree_name == GOOD and self._kept is None and good_pays(self.memory.lost, n):
-            self._keep_trees()
-        if self._kept is not None and best_pays(self.memory.in_good, n):
+        if self._tree_name == GOOD and self._updater is None and good_pays(self.memory.lost, n):
+            self._start_refitting()
+        if self._updater is not None and best_pays(self.memory.in_good, n):
             self._optimise()
-            self._keep_trees()
-        return super().build(triangles, culled, shown)
+            self._start_refitting()
+        return super().build(triangles, culled, sample_rays)
 
-    def _keep_trees(self) -> None:
-        """Refit the trees of later moments to a new one, which the next moment gets."""
-        self._kept, self._updated = UPDATERS["refit"].keep(self._new_tree), None
+    def _start_refitting(self) -> None:
+        """Build a new tree at the next time sample, and refit it at later ones."""
+        self._updater, self._updated = UPDATERS["refit"].keep(self._new_tree), None
 
-    def _new_tree(self, vertices, threads) -> Bvh:
+    def _new_tree(self, vertices: np.ndarray, threads: int) -> Bvh:
         tree = super()._new_tree(vertices, threads)
         self._built = self._tree_name
         if self._tree_name == BEST:
@@ -321,24 +357,25 @@ class AutoAccelerator(Accelerator):
 
     def prepare(self, triangles: Triangles, bvh: Bvh | None, culled: CullResult | None = None) -> Accelerated:
         assert bvh is not None
-        better = partial(self._better, triangles) if self._tree_name == QUICK and self._kept is None else None
-        tracer = AutoTracer(bvh, self.threads, self.memory, self._built, better)
+        upgrade = partial(self._upgrade, triangles) if self._tree_name == QUICK and self._updater is None else None
+        tracer = AutoTracer(bvh, self.threads, self.memory, self._built, upgrade)
         return Accelerated(triangles, bvh, tracer, self.cutouts_of(triangles))
 
-    def _better(self, triangles: Triangles) -> Bvh:
-        """A tree of GOOD, which a query needs after all."""
+    def _upgrade(self, triangles: Triangles) -> Bvh:
+        """A GOOD tree, for a query that turns out to need it."""
         self._tree_name = GOOD
         return self._tree(triangles, solid_of(triangles, None, self.threads))
 
 
 def best_tree(vertices: np.ndarray, threads: int) -> Bvh:
-    """A tree of BEST."""
+    """A BEST tree."""
     build, _, optimise = BEST.partition("+")
-    return OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
+    bvh: Bvh = OPTIMISERS[optimise].optimise(BUILDERS[build].build(vertices, threads), threads)
+    return bvh
 
 
 def best_tree_job() -> Job:
-    """The job of a tree of BEST, which only scenes that are asked for long need."""
+    """The job of building a BEST tree, which only long runs of queries need."""
     return fixed_job("best tree", lambda: best_tree(small_scene().triangles(0.0, 2).vertices, 2))
 
 
@@ -347,11 +384,11 @@ def accelerator_of(plan: Plan, threads: int) -> Accelerator:
     return (AutoAccelerator if plan.chooses else Accelerator)(plan, threads)
 
 
-# --- The triangles of a scene in memory at its latest moment, and the trees that questions have had made for them -----
+# --- The cached triangles and trees of a scene in memory --------------------------------------------------------------
 
 
 class SceneTrees:
-    """What the engines of one scene share: triangles at a time, and a tree for each plan. Threads of Python may ask it.
+    """Triangles at the latest time sample and a tree per plan, shared by the engines of a scene. It is thread-safe.
 
     data : MemoryData
     """
@@ -360,28 +397,34 @@ class SceneTrees:
         self._data, self._lock = data, threading.RLock()
         self._time: float | None = None
         self._triangles: Triangles | None = None
-        self._made: dict[Plan, Accelerated] = {}
+        self._accelerated: dict[Plan, Accelerated] = {}
 
     def triangles(self, time: float, threads: int) -> Triangles:
-        """The triangles at a time within 0 .. `duration`; those of the latest time are kept."""
+        """The triangles at a time within 0 .. `duration`. Those of the latest time are cached."""
         with self._lock:
             if self._triangles is None or self._time != time:
-                self._time, self._made = time, {}
+                self._time, self._accelerated = time, {}
                 self._triangles = self._data.triangles(time, threads)
             return self._triangles
 
-    def of(self, make: Accelerator, time: float) -> Accelerated:
+    def of(self, accelerator: Accelerator, time: float) -> Accelerated:
         """The tree of a plan at a time within 0 .. `duration`. Plans that differ only in their tracer share a BVH."""
         with self._lock:
-            triangles, plan = self.triangles(time, make.threads), make.plan
-            kept = self._made.get(plan)
-            if kept is None or make.outgrown(kept):
-                like = None if plan.chooses else next((t for p, t in self._made.items() if p.tree == plan.tree), None)
-                kept = make.build(triangles) if like is None else make.prepare(triangles, like.bvh)
-                self._made[plan] = kept
-            return kept
+            triangles, plan = self.triangles(time, accelerator.threads), accelerator.plan
+            accelerated = self._accelerated.get(plan)
+            if accelerated is None or accelerator.needs_rebuild(accelerated):
+                sibling = (
+                    None
+                    if plan.chooses
+                    else next((t for p, t in self._accelerated.items() if p.tree == plan.tree), None)
+                )
+                accelerated = (
+                    accelerator.build(triangles) if sibling is None else accelerator.prepare(triangles, sibling.bvh)
+                )
+                self._accelerated[plan] = accelerated
+            return accelerated
 
-    def forget(self, plan: Plan) -> None:
-        """Make room for a better tree than that of this plan."""
+    def evict(self, plan: Plan) -> None:
+        """Drop the tree of this plan."""
         with self._lock:
-            self._made.pop(plan, None)
+            self._accelerated.pop(plan, None)

@@ -1,14 +1,14 @@
-"""The engine: the one door to all questions about a scene, and everything cached between them.
+"""The engine: answers all queries about a scene by one plan, and caches what later queries can reuse.
 
-The kernels of a plan are compiled before its first question. `Visibility` is the answer for points and lights.
+The kernels of a plan are compiled before its first query. `Visibility` holds the result for points and lights.
 """
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import byte_count, choice, instance
 from ..errors import InputError
@@ -39,34 +39,42 @@ from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from .scene_reading import data_of
 
-# --- Which samples of lights points see -------------------------------------------------------------------------------
+if TYPE_CHECKING:
+    from ..store.store_file import StoreData
+    from .paged_source import Paged
+
+# --- Visibility -------------------------------------------------------------------------------------------------------
 
 
 class Visibility(NamedTuple):
-    """What points see of a light, or of several; (...) is the points' leading shape, and (..., lights) for several."""
+    """Visibility of light samples from points.
 
-    bits: np.ndarray  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
-    fraction: np.ndarray  # (...) float32 in [0, 1]: share of the samples that are not occluded
-    samples: np.ndarray  # int64, () or (lights,): number of samples of each light
+    The leading shape (...) is that of the points for a single light, and (..., lights) for a list of lights.
+    """
+
+    bits: NDArray[np.uint64]  # (..., ceil(n / 64)) uint64: bit s = sample s occluded; 0 beyond the samples of a light
+    fraction: NDArray[np.float32]  # (...) float32 in [0, 1]: share of the samples that are not occluded
+    samples: NDArray[np.int64]  # int64, () or (lights,): number of samples of each light
 
     @property
-    def seen(self) -> np.ndarray:
-        """(...) bool: whether the point sees any sample. For a light of one sample, whether it sees the light."""
+    def seen(self) -> NDArray[np.bool_]:
+        """(...) bool: whether any sample is visible. For a light with one sample, whether the light is visible."""
         return self.fraction > 0.0
 
     @property
-    def seen_samples(self) -> np.ndarray:
-        """(..., n) bool: whether the point sees sample s. n: the most samples of a light; False beyond its own."""
+    def seen_samples(self) -> NDArray[np.bool_]:
+        """(..., n) bool: whether sample s is visible; False beyond the samples of a light. n is the largest count."""
         words = np.ascontiguousarray(self.bits).astype("<u8", copy=False)
         n = int(self.samples.max(initial=0))
         occluded = np.unpackbits(words.view(np.uint8), axis=-1, count=n, bitorder="little")
-        return (occluded == 0) & (np.arange(n) < self.samples[..., None])
+        visible: NDArray[np.bool_] = (occluded == 0) & (np.arange(n) < self.samples[..., None])
+        return visible
 
-    def reshaped(self, shape: tuple[int, ...], alone: bool) -> "Visibility":
-        """The same for points of another leading shape; `alone`: of the only light, without the axis of lights."""
+    def reshaped(self, shape: tuple[int, ...], single: bool) -> "Visibility":
+        """The same values with another leading shape; `single`: drop the axis of lights, which has length 1."""
         words = self.bits.shape[-1]
-        lights = () if alone else (len(self.samples),)
-        samples = self.samples.reshape(()) if alone else self.samples
+        lights = () if single else (len(self.samples),)
+        samples = self.samples.reshape(()) if single else self.samples
         return Visibility(
             self.bits.reshape((*shape, *lights, words)), self.fraction.reshape((*shape, *lights)), samples
         )
@@ -78,40 +86,40 @@ class Visibility(NamedTuple):
 
 
 def visibility_of(bits: Sequence[np.ndarray], counts: Sequence[int]) -> Visibility:
-    """The `Visibility` of a list of n points, (n, lights), from the bits of each light, (1, n, words) uint64."""
+    """The `Visibility` of n points, (n, lights), from the bits of each light, (1, n, words) uint64."""
     words = max(each.shape[-1] for each in bits)
-    fraction = _last_axis([fraction_lit(each, n)[0] for each, n in zip(bits, counts)])
-    return Visibility(_side_by_side(bits, words)[0], fraction, np.array(counts, np.int64))
+    fraction = _stack_last([fraction_lit(each, n)[0] for each, n in zip(bits, counts)])
+    return Visibility(_stack_bits(bits, words)[0], fraction, np.array(counts, np.int64))
 
 
-def _last_axis(arrays: Sequence[np.ndarray]) -> np.ndarray:
+def _stack_last(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return arrays[0][..., None] if len(arrays) == 1 else np.stack(arrays, axis=-1)
 
 
-def _side_by_side(found: Sequence[np.ndarray], words: int) -> np.ndarray:
-    """The bits of the lights, (1, m, lights, words)."""
-    if len(found) == 1:
-        return found[0][:, :, None]
-    bits = np.zeros((*found[0].shape[:2], len(found), words), np.uint64)
-    for k, of_light in enumerate(found):
-        bits[:, :, k, : of_light.shape[-1]] = of_light
+def _stack_bits(bits_per_light: Sequence[np.ndarray], words: int) -> np.ndarray:
+    """(1, m, lights, words): the bits of all lights, padded to the same number of words."""
+    if len(bits_per_light) == 1:
+        return bits_per_light[0][:, :, None]
+    bits = np.zeros((*bits_per_light[0].shape[:2], len(bits_per_light), words), np.uint64)
+    for k, light_bits in enumerate(bits_per_light):
+        bits[:, :, k, : light_bits.shape[-1]] = light_bits
     return bits
 
 
-# --- The kernels of plans, which are compiled before the first question is answered -----------------------------------
+# --- Precompilation of a plan's kernels -------------------------------------------------------------------------------
 
 
 def warm_up(plan: Plan, gbuffer: str) -> None:
-    """Compile the kernels of surfaces and shadows by a plan."""
+    """Compile the kernels that find surfaces and trace shadows by a plan."""
     precompile(tracing_job, plan, gbuffer)
     if plan.trace == "cones":
         precompile(wide_lights_job)
 
 
 def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
-    """The job of shadows by a plan, which has the record of pictures by this plan."""
+    """The job of tracing shadows by a plan. It shares the kernel record of rendering by this plan."""
 
-    def work():
+    def work() -> None:
         if plan.tracer.chooses:
             trace_all_ways(False)
         trace_small(plan, small_view())
@@ -120,9 +128,9 @@ def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
 
 
 def wide_lights_job() -> Job:
-    """The job of `cones` with lights too wide for one apex."""
+    """The job of `cones` with lights too wide for a single apex."""
 
-    def work():
+    def work() -> None:
         light = QuadLight(np.array([-1, 0.5, -1]), np.array([2, 0, 0]), np.array([0, 0, 2]))
         trace_small(Plan(trace="cones"), (Camera((0, 2, 3), (0, 0, 0), width=96, height=96), [light]), 16)
 
@@ -130,35 +138,37 @@ def wide_lights_job() -> Job:
 
 
 def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
-    """The name under which the kernels of pictures by a plan are recorded."""
+    """The name under which the kernels of rendering by a plan are recorded."""
     return f"{plan} ({gbuffer}{', counted' if counters else ''})"
 
 
 def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[KernelRequest] | None]:
-    """A function that gives the recorded kernels of pictures by a plan; None: there is no record.
+    """A function that returns the recorded kernels of rendering by a plan, or None if there is no record.
 
-    A plan without a record gets the kernels of recorded plans with its methods.
+    For a plan without a record, they are combined from the records of plans that use its methods.
     """
-    plain = lambda p: needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
 
-    def kernels():
-        found = needs.kernels_of_job(record_of(plan, gbuffer, counters))
-        if found is not None:
-            return found
+    def without_counters(p: Plan) -> set[KernelRequest]:
+        return needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
+
+    def kernels() -> set[KernelRequest] | None:
+        record = needs.kernels_of_job(record_of(plan, gbuffer, counters))
+        if record is not None:
+            return record
         tracing = needs.kernels_of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
-        usual = plain(Plan(trace="single"))
-        for methods in _parts(plan):
-            with_it = plain(replace(Plan(trace="single"), **methods))
-            tracing = (tracing - (usual - with_it)) | (with_it - usual)
+        base = without_counters(Plan(trace="single"))
+        for methods in _added_methods(plan):
+            extended = without_counters(Plan(trace="single", **methods))
+            tracing = (tracing - (base - extended)) | (extended - base)
         return tracing
 
     return kernels
 
 
-def _parts(plan: Plan) -> list[dict[str, Any]]:
-    """Methods whose kernels are recorded together, as fields of a plan, for all methods that the plan adds."""
+def _added_methods(plan: Plan) -> list[dict[str, Any]]:
+    """The methods that a plan adds to the default one, as plan fields, grouped as their kernels are recorded."""
     fields = "cull", "build", "optimise", "update"
     added = {f: method for f in fields if (method := getattr(plan, f)) not in (None, getattr(Plan(), f))}
     parts: list[dict[str, Any]] = [{field: method} for field, method in added.items()]
@@ -167,166 +177,203 @@ def _parts(plan: Plan) -> list[dict[str, Any]]:
     return parts
 
 
-def trace_small(plan: Plan, view: tuple[Camera, list], spp: int = 1) -> None:
+def trace_small(plan: Plan, view: tuple[Camera, list[Light]], spp: int = 1) -> None:
     """Trace the shadows of a view of the small scene by a plan."""
-    make, triangles, (camera, lights) = accelerator_of(plan, 2), small_scene().triangles(0.0, 2), view
+    accelerator, triangles, (camera, lights) = accelerator_of(plan, 2), small_scene().triangles(0.0, 2), view
     samples = [light_samples(light, spp) for light in lights]
     queries = shadow_queries(triangles, primary_visibility(triangles, camera, None, 2), lights, samples, 0, 2)
-    if make.showing is None:  # all triangles: culling leaves too few to reach all of a builder
-        make.build(triangles)
-    make.answer_all(make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries)), queries)
+    if accelerator.showing is None:  # all triangles: culling leaves too few to reach every kernel of a builder
+        accelerator.build(triangles)
+    accelerator.answer_all(
+        accelerator.build(triangles, accelerator.culled(triangles, queries), accelerator.show(triangles, queries)),
+        queries,
+    )
 
 
 def trace_all_ways(counters: bool) -> None:
-    """Trace the lights of the small scene in each way that `auto` may choose, over the trees that it may build."""
+    """Trace the lights of the small scene by every strategy of `auto`, over each kind of tree that it may build."""
     triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
     queries = shadow_queries(
         triangles, primary_visibility(triangles, camera, None, 2), lights, [light_samples(s, 1) for s in lights]
     )
     for build in (BUILDERS[QUICK].build, UPDATERS["refit"].keep(BUILDERS[GOOD].build).update):
         forms = TreeForms(build(triangles.vertices, 2), 2)
-        for name, way in STRATEGIES.items():
+        for name, strategy in STRATEGIES.items():
             for query in queries:
-                if way.suits(query, forms.box):
+                if strategy.suits(query, forms.box):
                     answer_query(name, forms, query, 2, new_counters() if counters else None)
 
 
-# --- The engine: the one door to all questions about a scene, and all that is remembered between them -----------------
+# --- The engine -------------------------------------------------------------------------------------------------------
 
 
-_KEPT = 8  # engines of other plans that an engine remembers
+_MAX_OTHER_ENGINES = 8  # engines of other plans that an engine caches
+
+_Options: TypeAlias = tuple[Plan, int, int | None]
+"""Plan, threads and memory limit."""
+
+_State: TypeAlias = tuple[SceneData, Plan, int, int | None, str]
+"""Scene data, plan, threads, memory limit and G-buffer method."""
 
 
 class Engine:
-    """Answers questions about one scene by one plan, and keeps what it builds and learns.
+    """Answers queries about one scene by one plan, and caches trees and measurements between them.
 
-    Threads of Python may share an engine. Questions of rays in memory run side by side; others take turns, and hold
-    `lock` meanwhile.
+    Python threads may share an engine. Ray queries of scenes in memory run concurrently; all other queries hold `lock`
+    while they run.
 
     Parameters
     ----------
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
         A scene in memory or in a store, a path, or a mesh of another library.
     plan : str, Plan or None
-        The methods, such as ``"bsah+single"``. None: ``"auto"``; for a scene in a store ``"bsah+chcrt"``. Ray lists in
-        memory have a tree of their own.
+        The methods, such as ``"bsah+single"``. None: ``"auto"``, or ``"bsah+chcrt"`` for a scene in a store. Ray lists
+        in memory always use a separate tree.
     threads : int or None
         None: all cores.
     max_memory : int or None
-        Limit in bytes on the memory of the process at any time, for a scene in a store; None: that of the scene, or
-        4 GiB.
+        For a scene in a store, the limit in bytes on the memory of the process at any time; None: the scene's own
+        limit, or 4 GiB.
     gbuffer : "raster", "rays" or "auto"
-        The method of `surfaces`; all give the same bits. "auto" is raster, or rays through a tree that an earlier
-        question has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
+        The method of `surfaces`; all give the same bits. "auto": rasterise; once a tree is cached, use whichever is
+        faster. Stores, and cameras that are not perspective, always use rays.
 
     Raises
     ------
     InputError
-        If a value is out of range, the plan is unknown, or the plan cannot answer for a scene in a store.
+        If a value is out of range, the plan is unknown, or the plan does not support stores.
     """
 
     def __init__(
-        self, scene: Any, plan: str | Plan | None = None, threads: int | None = None,
-        max_memory: int | None = None, *, gbuffer: str = AUTO,
-    ):  # fmt: skip
+        self,
+        scene: Any,
+        plan: str | Plan | None = None,
+        threads: int | None = None,
+        max_memory: int | None = None,
+        *,
+        gbuffer: str = AUTO,
+    ):
         data = data_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         limit = getattr(scene, "max_memory", None) if max_memory is None else max_memory
         self._start(data, _trees_of(data), plan, threads, limit, gbuffer)
 
-    def __getstate__(self) -> tuple:
-        """A pickle has what an engine is made of, and makes everything else again."""
+    def __getstate__(self) -> _State:
+        """Pickle the settings; everything else is rebuilt."""
         return self.data, self.plan, self.threads, self.max_memory, self.source.gbuffer
 
-    def __setstate__(self, state: tuple) -> None:
+    def __setstate__(self, state: _State) -> None:
         self._start(state[0], _trees_of(state[0]), *state[1:])
 
-    def _start(self, data: SceneData, trees: SceneTrees | None, plan, threads, max_memory, gbuffer: str) -> None:
+    def _start(
+        self,
+        data: SceneData,
+        trees: SceneTrees | None,
+        plan: str | Plan | None,
+        threads: int | None,
+        max_memory: int | None,
+        gbuffer: str,
+    ) -> None:
         self.data, self.threads = data, thread_count(threads)
         self.plan = parse_plan(default_plan_of(data) if plan is None else plan)
         self.max_memory, self._trees, self.lock = max_memory, trees, threading.RLock()
         self.accelerator: Accelerator = accelerator_of(self.plan, self.threads)
         self.source: RenderSource = self._new_source(gbuffer)
         self._frame, self._n_faces = tuple(data.origin.tolist()), data.n_triangles
-        self._others: dict[tuple, Engine] = {}
-        self._warm = False  # its kernels are compiled
+        self._others: dict[_Options, Engine] = {}  # least recently used first
+        self._warm = False  # whether its kernels are compiled
 
     def _new_source(self, gbuffer: str) -> RenderSource:
         if self._trees is None:
-            return _paged()(self.data, self.accelerator, self.max_memory)
+            return _paged()(cast("StoreData", self.data), self.accelerator, self.max_memory)
         if self.max_memory is not None:
             raise InputError(f"max_memory is for scenes in a store, and {self.data.name} is in memory; leave it out")
         assert isinstance(self.data, MemoryData)
         return InMemory(self.data, self.accelerator, self._trees, gbuffer)
 
     def with_options(self, plan: str | Plan | None, threads: int | None, max_memory: int | None) -> "Engine":
-        """The engine of another plan, number of threads or limit, which shares this one's triangles and trees.
+        """An engine with another plan, thread count or memory limit, which shares this one's triangles and trees.
 
-        None: as in this engine. Of a store, only the engine that was asked for last keeps chunks: those of others would
-        count against the limit on memory.
+        None: as in this engine. For a store, only the latest engine keeps chunks in memory, since those of the others
+        would count against the limit.
         """
-        if plan is threads is max_memory is None and not self._others:
+        if plan is None and threads is None and max_memory is None and not self._others:
             return self
-        own = self.plan, self.threads, self.max_memory
-        wanted = (
+        current = self.plan, self.threads, self.max_memory
+        requested = (
             self.plan if plan is None else parse_plan(plan),
             self.threads if threads is None else thread_count(threads),
             self.max_memory if max_memory is None else byte_count(max_memory, "max_memory", 1),
         )
         with self.lock:
-            if wanted == own:
+            if requested == current:
                 if self.source.in_store:
                     self._others.clear()
                 return self
-            found = self._others.pop(wanted, None)
+            engine = self._others.pop(requested, None)
             if self.source.in_store:
                 self._others.clear()
                 self.source.release()
-            if found is None:
-                found = Engine.__new__(Engine)
-                found._start(self.data, self._trees, *wanted, AUTO)
-            self._others[wanted] = found  # the last one is the latest
-            if len(self._others) > _KEPT:
+            if engine is None:
+                engine = Engine.__new__(Engine)
+                engine._start(self.data, self._trees, *requested, AUTO)
+            self._others[requested] = engine
+            if len(self._others) > _MAX_OTHER_ENGINES:
                 self._others.pop(next(iter(self._others)))
-            return found
+            return engine
 
     def occluded(
-        self, origins, directions=None, tmin=0.0, tmax=np.inf, skip_face=None, time=0.0, *, targets=None,
-        cull_faces=None, threads=None,
-    ) -> np.ndarray:  # fmt: skip
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        targets: "ArrayLike | None" = None,
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> NDArray[np.bool_]:
         """(...) bool: whether a triangle blocks each ray; `antumbra.Scene.occluded` documents the parameters."""
-        rays = rays_of(
-            origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces, targets
-        )  # fmt: skip
+        rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces, targets)
         return self._hits(rays, True, time, threads).blocked.reshape(rays.shape)
 
     def closest_hit(
-        self, origins, directions=None, tmin=0.0, tmax=np.inf, skip_face=None, time=0.0, *, cull_faces=None,
-        threads=None,
-    ) -> Hit:  # fmt: skip
+        self,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
+        *,
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> Hit:
         """The nearest hits of rays; `antumbra.Scene.closest_hit` documents the parameters."""
         rays = rays_of(origins, directions, tmin, tmax, skip_face, cull_faces, self._frame, self._n_faces)
-        found = self._hits(rays, False, time, threads)
-        faces = HitFaces(*(array.reshape(rays.shape) for array in (found.t, found.face, found.u, found.v)))
+        hits = self._hits(rays, False, time, threads)
+        faces = HitFaces(*(array.reshape(rays.shape) for array in (hits.t, hits.face, hits.u, hits.v)))
         data = self.data
         return Hit.of_scene(faces, self._finder(rays, faces.face, self._moment(time)), lambda: data.object_of_face)
 
     def _finder(
         self, rays: RayArguments, face: np.ndarray, moment: float
     ) -> Callable[[], tuple[Triangles, np.ndarray]]:
-        """A function that gives the triangles of hits: those at hand, or those that a store is asked for again."""
+        """A function that returns the triangles of hits: those in memory, or those found in a store by a new query."""
         if not self.source.in_store:
-            met = self.source.triangles_hit(rays, face, moment)
-            return lambda: met
-        own = rays.copied()
+            hit = self.source.triangles_hit(rays, face, moment)
+            return lambda: hit
+        copy = rays.copied()
 
-        def find():
+        def find() -> tuple[Triangles, np.ndarray]:
             with self.lock:
-                return self.source.triangles_hit(own, face, moment)
+                return self.source.triangles_hit(copy, face, moment)
 
         return find
 
-    def _hits(self, rays: RayArguments, any_hit: bool, time, threads: int | None) -> HitArrays:
+    def _hits(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None) -> HitArrays:
         moment = self._moment(time)
         threads = self.threads if threads is None else thread_count(threads)
         if not self.source.in_store:
@@ -336,45 +383,58 @@ class Engine:
             engine.source.warm_up()
             return engine.source.trace_rays(rays, any_hit, moment)
 
-    def _moment(self, time) -> float:
+    def _moment(self, time: float) -> float:
         return 0.0 if type(time) is float and time == 0.0 else self.data.clamped(time)
 
     def surfaces(self, camera: Camera, time: float = 0.0) -> GBuffer:
-        """The G-buffer of a camera at a time in seconds: the surfaces that its pixels see."""
+        """The G-buffer of a camera at a time in seconds: the visible surface at each pixel."""
         instance(camera, Camera, "camera")
         with self.lock:
             self._warm_up()
             self.source.begin(FrameMemory(0, 0, 0))
-            triangles, whole = self.source.moment(self._moment(time))
-            if whole is None and (camera.listed or self.source.gbuffer == "rays"):
-                whole = self.accelerator.of_all(triangles)
-            surfaces = self.source.look(camera, triangles, whole)
+            triangles, tree = self.source.moment(self._moment(time))
+            if tree is None and (camera.listed or self.source.gbuffer == "rays"):
+                tree = self.accelerator.prepare_all(triangles)
+            surfaces = self.source.look(camera, triangles, tree)
             return surfaces.gbuffer._replace(face=surfaces.ids)
 
     def visibility(
-        self, receivers: Receivers, lights: Light | Sequence[Light], *, spp: int = 16,
-        sampler: str = "larcher-pillichshammer", cull_faces: str | None = None, time: float = 0.0,
+        self,
+        receivers: Receivers,
+        lights: Light | Sequence[Light],
+        *,
+        spp: int = 16,
+        sampler: str = "larcher-pillichshammer",
+        cull_faces: str | None = None,
+        time: float = 0.0,
         progress: Progress | bool | None = None,
-    ) -> Visibility:  # fmt: skip
-        """Which samples of lights a list of n receivers sees: a `Visibility` of shape (n, lights).
+    ) -> Visibility:
+        """The visibility of light samples from n receivers: a `Visibility` of shape (n, lights).
 
-        `antumbra.visibility` documents the parameters. Receivers are made by `Receivers.on_surface` and `in_space`.
+        `antumbra.visibility` documents the parameters. `Receivers.on_surface` and `in_space` make receivers.
         """
         instance(receivers, Receivers, "receivers")
         lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
         for light in lights:
             if light.domain == "hemisphere" and not receivers.normals.size and receivers.n:
-                raise InputError(f"{type(light).__name__} is seen around a normal; give the points' normals")
-        with show_progress("tracing shadow rays", progress) as heard:
-            found = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=heard)
-        return visibility_of([bits for _, bits in found], [each.shape[1] for each in samples])
+                raise InputError(f"{type(light).__name__} needs surface normals; give the points' normals")
+        with show_progress("tracing shadow rays", progress) as callback:
+            answers = self.shadows(receivers, lights, samples, cull_value(cull_faces), time, progress=callback)
+        return visibility_of([bits for _, bits in answers], [each.shape[1] for each in samples])
 
     def shadows(
-        self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,
-        time: float = 0.0, *, later: int = 0, progress: Progress | None = None,
-    ) -> list[tuple[ShadowQuery, np.ndarray]]:  # fmt: skip
-        """The shadow query of each light from receivers, and its bits: (h, w, ceil(n / 64)) uint64.
+        self,
+        receivers: Receivers,
+        lights: Sequence[Light],
+        samples: Sequence[NDArray[np.float64]],
+        facing: int = 0,
+        time: float = 0.0,
+        *,
+        later: int = 0,
+        progress: Progress | None = None,
+    ) -> list[tuple[ShadowQuery, NDArray[np.uint64]]]:
+        """The shadow query of each light and its bits, (h, w, ceil(n / 64)) uint64.
 
         Parameters
         ----------
@@ -387,7 +447,7 @@ class Engine:
         time : float
             Seconds, clamped to 0 .. `duration`.
         later : int
-            About so many rays follow in other questions. The plan `auto` builds better trees for more rays.
+            Estimated number of rays in further queries. The plan `auto` builds better trees for more rays.
         progress : function of (done, total), optional
 
         Raises
@@ -396,33 +456,41 @@ class Engine:
             If points or lights are too far from the scene, or memory is too small.
         """
         with self.lock:
-            make, source = self.accelerator, self.source
+            accelerator, source = self.accelerator, self.source
             self._warm_up()
             if source.in_store:
                 needs = [points_memory(receivers.n, *each) for each in zip(lights, samples)]
                 source.begin(FrameMemory(*map(sum, zip(*needs))))
-            make.begin(receivers.n * sum(each.shape[1] for each in samples), later)
-            triangles, ready = source.for_points(self._moment(time))
+            accelerator.begin(receivers.n * sum(each.shape[1] for each in samples), later)
+            triangles, accelerated = source.for_points(self._moment(time))
             queries = self._queries(triangles, receivers, lights, samples, facing)
-            if ready is None:  # the tree depends on the queries
-                ready = make.build(triangles, make.culled(triangles, queries), make.show(triangles, queries))
-            ready.begin()
-            return list(zip(queries, make.answer_all(ready, queries, None, split_progress(progress, len(queries)))))
+            if accelerated is None:  # the tree depends on the queries
+                accelerated = accelerator.build(
+                    triangles, accelerator.culled(triangles, queries), accelerator.show(triangles, queries)
+                )
+            accelerated.begin()
+            return list(
+                zip(queries, accelerator.answer_all(accelerated, queries, None, split_progress(progress, len(queries))))
+            )
 
     def queries(
-        self, receivers: Receivers, lights: Sequence[Light], samples: Sequence[np.ndarray], facing: int = 0,
+        self,
+        receivers: Receivers,
+        lights: Sequence[Light],
+        samples: Sequence[NDArray[np.float64]],
+        facing: int = 0,
         time: float = 0.0,
-    ) -> list[ShadowQuery]:  # fmt: skip
+    ) -> list[ShadowQuery]:
         """The queries of `shadows`, without their bits."""
         with self.lock:
             return self._queries(self.source.moment(self._moment(time))[0], receivers, lights, samples, facing)
 
     def frame_tracer(self) -> FrameTracer:
-        """Traces the rays of one frame. Hold `lock` from its first call to the last."""
+        """A tracer for the rays of one frame. Hold `lock` from the first call of its methods to the last."""
         return FrameTracer(self.source, self.accelerator)
 
     def accelerated(self, time: float = 0.0) -> Accelerated:
-        """The triangles and the tree of this plan at a time, whose tree does not depend on the question.
+        """The triangles at a time and their tree by this plan, which must not depend on the query.
 
         Raises
         ------
@@ -430,27 +498,29 @@ class Engine:
             If the scene is in a store.
         """
         if self._trees is None:
-            from ..store.store_file import StoreData  # late, as in `_paged`
-
-            assert isinstance(self.data, StoreData)
-            raise self.data.refusal()
+            raise cast("StoreData", self.data).refusal()
         return self._trees.of(self.accelerator, self._moment(time))
 
-    def _queries(self, triangles: Triangles, receivers: Receivers, lights, samples, facing: int) -> list[ShadowQuery]:
+    def _queries(
+        self,
+        triangles: Triangles,
+        receivers: Receivers,
+        lights: Sequence[Light],
+        samples: Sequence[NDArray[np.float64]],
+        facing: int,
+    ) -> list[ShadowQuery]:
         origins, sides, normals = receivers
         box = self.source.box(triangles)
         reach = reach_of(box, origins, self.threads) if origins.size else 1.0
         corners, no_faces = triangles.vertices.reshape(-1, 9), np.full(sides.shape, -1, np.int32)
+        placed = [place(light, triangles.origin, box, reach) for light in lights]
         return [
-            ShadowQuery(
-                origins, no_faces, sides, normals, corners, place(light, triangles.origin, box, reach), sets, facing,
-                no_faces,
-            )
-            for light, sets in zip(lights, samples)
-        ]  # fmt: skip
+            ShadowQuery(origins, no_faces, sides, normals, corners, light, sets, facing, no_faces)
+            for light, sets in zip(placed, samples)
+        ]
 
     def _warm_up(self) -> None:
-        """Compile the kernels of shadows and surfaces by this plan."""
+        """Compile the kernels of this plan at its first query."""
         if not self._warm:
             warm_up(self.plan, compiled_for(self.source.gbuffer))
             self.source.warm_up()
@@ -458,7 +528,7 @@ class Engine:
 
 
 def default_plan_of(data: SceneData) -> str:
-    """The plan of an engine of a scene for which none is named."""
+    """The plan of an engine if none is given."""
     return InMemory.default_plan if isinstance(data, MemoryData) else _paged().default_plan
 
 
@@ -466,7 +536,7 @@ def _trees_of(data: SceneData) -> SceneTrees | None:
     return SceneTrees(data) if isinstance(data, MemoryData) else None
 
 
-def _paged():
-    from .paged_source import Paged  # imported late: scenes in memory start sooner without it
+def _paged() -> "type[Paged]":
+    from .paged_source import Paged  # imported late: scenes in memory start faster without it
 
     return Paged

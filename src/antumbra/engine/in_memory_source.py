@@ -1,6 +1,8 @@
 """Scenes in memory: all triangles are resident, and any plan can trace them.
 
-So at most twice the necessary time is lost, however many rays follow. `AutoAccelerator` has the same rule for pictures.
+Ray lists begin with a GOOD tree at each time sample. It is replaced by a BEST one once the rays have lost as much time
+as that rebuild costs (the ski-rental rule), so the total loss is at most twice the minimum, however many rays follow.
+`AutoAccelerator` applies the same rule to images.
 """
 
 import sys
@@ -15,7 +17,7 @@ from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
 from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
-from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
 from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
@@ -23,7 +25,7 @@ from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
 from .accelerator import Accelerated, Accelerator, SceneTrees, best_tree_job
 from .auto.cost_model import BEST, GOOD, seconds_before_best
-from .frame_tracer import FrameMemory
+from .frame_tracer import FrameMemory, Progress
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .primary_visibility import (
@@ -36,35 +38,33 @@ from .primary_visibility import (
     subpixel_visibility,
 )
 
-# --- Ray lists in memory: a moment's tree is optimised once its rays have lost the time that this takes ---------------
-#
-# So at most twice the necessary time is lost, however many rays follow. `choosing` has the same rule for pictures.
+# --- Ray lists --------------------------------------------------------------------------------------------------------
 
 
 PLANS = f"{GOOD}+wide", f"{BEST}+wide"
-"""The plan of a moment's first rays, and that of later ones."""
+"""The plan of the first rays at a time sample, and that of later ones."""
 
 
-class _Ready(NamedTuple):
-    """The tree of a moment."""
+class _RayTree(NamedTuple):
+    """The tree of a time sample."""
 
     time: float
     plan: Plan
-    until: float  # seconds of rays, after which a better tree pays
+    upgrade_after: float  # seconds of tracing after which a better tree pays off
     accelerated: Accelerated
     tracer: RayTracer
 
 
 class RayLists:
-    """Traces the ray lists of a scene in memory. Threads of Python may share it.
+    """Traces the ray lists of a scene in memory. It is thread-safe.
 
     spent : float
-        Seconds that the rays of the latest moment took.
+        Seconds spent on the rays of the latest time sample.
     """
 
     def __init__(self, data: MemoryData, trees: SceneTrees, threads: int):
         self._data, self._trees, self._threads = data, trees, threads
-        self._ready: _Ready | None = None
+        self._ready: _RayTree | None = None
         self._lock = threading.RLock()
         self.spent = 0.0
 
@@ -74,13 +74,13 @@ class RayLists:
         Raises
         ------
         InputError
-            If a ray holds an illegal number: NaN, infinity, a zero direction, ...
+            If a ray is invalid: NaN, infinity, a zero direction, ...
         """
         ready = self._ready_at(time)
         out, start = hit_arrays(rays.n, any_hit), perf_counter()
-        legal = ready.tracer.trace(rays, any_hit, out, threads)
+        valid = ready.tracer.trace(rays, any_hit, out, threads)
         self.spent += perf_counter() - start
-        if not legal:  # and what was traced is not whole
+        if not valid:  # the output is incomplete
             rays.arrays().check()
             raise changed()
         if ready.accelerated.cutouts is not None:
@@ -88,7 +88,7 @@ class RayLists:
         return out
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        """The triangles that rays with these hits meet, and the index of each ray's triangle in them, or -1."""
+        """The triangles hit by these rays, and the index of each ray's triangle among them, or -1."""
         return self._ready_at(time).accelerated.triangles, face
 
     @property
@@ -96,32 +96,34 @@ class RayLists:
         """The plan of the latest rays."""
         return None if self._ready is None else self._ready.plan
 
-    def _ready_at(self, time: float) -> _Ready:
+    def _ready_at(self, time: float) -> _RayTree:
         ready = self._ready
-        return self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.until else ready
+        return (
+            self._make_ready(time) if ready is None or ready.time != time or self.spent > ready.upgrade_after else ready
+        )
 
-    def _make_ready(self, time: float) -> _Ready:
+    def _make_ready(self, time: float) -> _RayTree:
         with self._lock:
             ready = self._ready
             if ready is None or ready.time != time:
                 precompile(rays_job)
                 self.spent, plan = 0.0, parse_plan(PLANS[0])
-            elif self.spent > ready.until:
+            elif self.spent > ready.upgrade_after:
                 precompile(best_tree_job)
-                self._trees.forget(ready.plan)
+                self._trees.evict(ready.plan)
                 plan = parse_plan(PLANS[1])
-            else:  # another thread was faster
+            else:  # another thread has built it
                 return ready
-            made = self._trees.of(Accelerator(plan, self._threads), time)
-            until = seconds_before_best(self._data.n_triangles) if str(plan) == PLANS[0] else np.inf
-            self._ready = _Ready(time, plan, until, made, RayTracer(made.prepared))
+            accelerated = self._trees.of(Accelerator(plan, self._threads), time)
+            upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == PLANS[0] else np.inf
+            self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
             return self._ready
 
 
 def rays_job() -> Job:
     """The job of ray queries."""
 
-    def work():
+    def work() -> None:
         triangles = small_scene().triangles(0.0, 1)
         tracer = RayTracer(Accelerator(parse_plan(PLANS[0]), 1).build(triangles).prepared)
         rays = rays_of(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, (0.0, 0.0, 0.0), 1)
@@ -131,7 +133,7 @@ def rays_job() -> Job:
     return fixed_job("ray queries", work)
 
 
-# --- Scenes in memory: all triangles are resident, and any plan can trace them ----------------------------------------
+# --- Scenes in memory -------------------------------------------------------------------------------------------------
 
 
 class InMemory:
@@ -142,22 +144,22 @@ class InMemory:
     data : MemoryData
     accelerator : Accelerator
         Holds the plan and builds its trees.
-    trees : Trees
+    trees : SceneTrees
         Shared with other engines of the scene.
     gbuffer : "raster", "rays" or "auto"
-        The method of primary visibility; "auto": the faster one, see `looking`.
+        The method of primary visibility; "auto": the faster one, see `primary_visibility`.
     """
 
-    default_plan: ClassVar = DEFAULT_PLAN
-    in_store: ClassVar = False
-    looks: ClassVar = 0
+    default_plan: ClassVar[str] = DEFAULT_PLAN
+    in_store: ClassVar[bool] = False
+    looks: ClassVar[int] = 0
 
     def __init__(self, data: MemoryData, accelerator: Accelerator, trees: SceneTrees, gbuffer: str = AUTO):
-        self.scene, self.gbuffer, self._looking, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
+        self.scene, self.gbuffer, self._method_chooser, self._trees = data, gbuffer, PrimaryMethodChooser(), trees
         self._accelerator, self.threads = accelerator, accelerator.threads
-        self._box: tuple[Triangles, np.ndarray] | None = None  # of the triangles that were asked for last
+        self._box: tuple[Triangles, np.ndarray] | None = None  # the latest triangles and their bounds
         self.ray_lists = RayLists(data, trees, self.threads)
-        self._last: Accelerated | None = None  # of earlier frames, if later frames can reuse it
+        self._last: Accelerated | None = None  # the tree of earlier frames, if later frames can reuse it
 
     def warm_up(self) -> None:
         if self.scene.cutouts is not None:
@@ -176,7 +178,7 @@ class InMemory:
         return sys.maxsize
 
     def moment(self, time: float) -> tuple[Triangles, Accelerated | None]:
-        if self._last is None or self._accelerator.outgrown(self._last):
+        if self._last is None or self._accelerator.needs_rebuild(self._last):
             self._last = None
             return self._trees.triangles(time, self.threads), None
         return self._last.triangles, self._last
@@ -189,7 +191,7 @@ class InMemory:
         return ready.triangles, ready
 
     def keep(self, accelerated: Accelerated) -> None:
-        """Keep the tree if its tracer remembers frames and later frames use the same triangles and tree."""
+        """Cache the tree if its tracer has state across frames, and later frames use the same triangles and tree."""
         plan = self._accelerator.plan
         if plan.tracer.keeps and not (self.scene.animated or plan.cull or plan.wants_rays):
             self._last = accelerated
@@ -197,18 +199,28 @@ class InMemory:
     def bands(self, height: int) -> Iterator[slice]:
         yield slice(0, height)
 
-    def look(self, camera, triangles: Triangles, whole: Accelerated | None, progress=None, rows=None) -> Surfaces:
+    def look(
+        self,
+        camera: Camera,
+        triangles: Triangles,
+        tree: Accelerated | None,
+        progress: Progress | None = None,
+        rows: slice | None = None,
+    ) -> Surfaces:
+        """The surfaces visible to a camera; `progress` and `rows` are not used."""
         cutouts = self._accelerator.cutouts_of(triangles)
-        seen = lambda tree: surfaces_of(primary_visibility(triangles, camera, tree, self.threads, cutouts), triangles)
-        if camera.listed or self.gbuffer != AUTO:
-            return seen(whole if camera.listed or self.gbuffer == RAYS else None)
-        method = self._looking.choose(whole)
-        return self._looking.timed(
-            method, camera.width * camera.height, lambda: seen(whole if method == RAYS else None)
-        )
 
-    def nearest_in(self, whole: Accelerated) -> Nearest:
-        return nearest_in(whole, self.threads)
+        def surfaces(by_rays: bool) -> Surfaces:
+            gbuffer = primary_visibility(triangles, camera, tree if by_rays else None, self.threads, cutouts)
+            return surfaces_of(gbuffer, triangles)
+
+        if camera.listed or self.gbuffer != AUTO:
+            return surfaces(camera.listed or self.gbuffer == RAYS)
+        method = self._method_chooser.choose(tree)
+        return self._method_chooser.timed(method, camera.width * camera.height, lambda: surfaces(method == RAYS))
+
+    def nearest_in(self, tree: Accelerated) -> Nearest:
+        return nearest_in(tree, self.threads)
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
         return self.ray_lists.trace_rays(rays, any_hit, time, threads)
@@ -217,12 +229,12 @@ class InMemory:
         return self.ray_lists.triangles_hit(rays, face, time)
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None
     ) -> Surfaces:
         if isinstance(view, ExplicitRays):
-            assert whole is not None
+            assert tree is not None
             rays, shape = subpixel_rays(view, edge, self.threads)
-            return next(self.nearest_in(whole)([rays], shape))
+            return next(self.nearest_in(tree)([rays], shape))
         cutouts = self._accelerator.cutouts_of(triangles)
         return surfaces_of(subpixel_visibility(triangles, view, edge, self.threads, cutouts), triangles)
 

@@ -301,7 +301,7 @@ def register_family(name: str, find: Family) -> None:
 
 def add_plugins() -> None:
     """Add the methods of all packages that announce methods; once per process."""
-    plugins.load_plugins("antumbra.engine.method_registry")
+    plugins.load_plugins("antumbra.methods")
 
 
 def own_methods(field: str) -> list[str]:

@@ -11,29 +11,30 @@ from .scene import AnyScene, DataAttribute
 class PagedScene(AnyScene):
     """A scene whose triangles are in a store; `antumbra.load` returns it for a file ``*.antumbra``.
 
-    The scene is static. Name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
-    sources, and so do the answers to all questions. The store does not record the mesh of a triangle, so all its faces
-    are one object. Methods that need all triangles at once raise InputError. A pickled scene opens its store again, by
-    its path.
+    The scene is static. Its name, up axis, CRS, bounds, origin, cameras and lights equal those of a `Scene` of the same
+    sources, as do the results of all queries. The store does not record the mesh of a triangle, so all faces form one
+    object. Methods that need all triangles at once raise InputError. Unpickling a scene opens its store again, by its
+    path.
 
     Attributes
     ----------
     store : Store
         The open file.
     max_memory : int or None
-        Limit in bytes on the memory of the process, for all questions that do not give their own, such as `occluded`
+        Limit in bytes on the memory of the process, for all queries without a `max_memory` argument, such as `occluded`
         and `closest_hit`; None: 4 GiB.
     """
 
     data: StoreData
     store = DataAttribute[Store]()
+    _max_memory: int | None
 
     def __init__(self, store: Store):
         self.__setstate__({"data": StoreData(store)})
 
     @property
     def max_memory(self) -> int | None:
-        """Limit in bytes on the memory of the process; None: 4 GiB. Setting it raises InputError if it is no size."""
+        """Limit in bytes on the memory of the process; None: 4 GiB. Setting an invalid size raises InputError."""
         return self._max_memory
 
     @max_memory.setter

@@ -1,17 +1,18 @@
 """Scenes in a store: chunks are read when rays reach them, and evicted to stay within a memory budget.
 
-Pictures are traced in bands of rows, and ray lists in batches of similar rays, so that each chunk is read once per band
-or batch. For `antumbra explain`, the tree of a store is joined as far as segments reach.
+Images are traced in bands of rows, and ray lists in batches of coherent rays, so that each chunk is read once per band
+or batch. For `antumbra explain`, `tree_for` joins the part of a store's tree that segments can reach.
 
-Bands. A flight over a large city sees more chunks than memory holds. If all camera rays come before all shadow rays,
-both read all chunks. The chunks of a band fit in memory, and its shadow rays find them there [Mattausch et al. 2015,
-Sec. 5.4].
+A flight over a large city needs more chunks than fit in memory. If all camera rays were traced before all shadow rays,
+both would read every chunk. The chunks of a band fit in memory, so its shadow rays reuse those of its camera rays
+[Mattausch et al. 2015, Sec. 5.4].
 """
 
 from collections.abc import Iterator, Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.nodes import CHILDREN, EMPTY, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, bvh_link
 from ..checks import byte_count
@@ -26,12 +27,12 @@ from ..query.query_bounds import morton_codes
 from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
-from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.triangles import Triangles, concatenate
-from ..store.chunk_residency import Copies, Paging, Residency, hit_slots, slot_starts
+from ..store.chunk_residency import Paging, Residency, TriangleCopies, hit_slots, slot_starts
 from ..store.store_file import StoreData
 from ..store.store_format import Chunk
-from ..store.system_resources import release_freed, resident
+from ..store.system_resources import release_freed, resident_memory
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
 from ..techniques.chcrt.occlusion_queries import Pairs, ask
@@ -42,106 +43,102 @@ from ..trace.rays.ray_hits import Nearest, surfaces_met
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator
-from .frame_tracer import FrameMemory
+from .frame_tracer import FrameMemory, Progress
 from .method_registry import BUILDERS
 from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Bands of a picture's rows. The rays of a band meet few chunks, so its camera and shadow rays read each chunk once.
-#
-# A flight over a large city sees more chunks than memory holds. If all camera rays come before all shadow rays, both
-# read all chunks. The chunks of a band fit in memory, and its shadow rays find them there [Mattausch et al. 2015, Sec.
-# 5.4].
+# --- Bands of rows ----------------------------------------------------------------------------------------------------
 
 
-_LEAST = 16  # rows of a band: a region
-_FIRST = 64  # rows of the first band
-_FULL = 0.5  # the share of memory that the chunks of a band's camera rays may fill
-_FEW = 0.1  # the share of memory that shadow rays may read in any case
-_PAUSE = 16  # frames in one piece after bands have not helped
+_MIN_ROWS = 16  # the rows of a region
+_FIRST_ROWS = 64  # rows of the first band
+_CAMERA_SHARE = 0.5  # share of memory that the chunks of a band's camera rays may fill
+_SHADOW_SHARE = 0.1  # share of memory that a band's shadow rays may read in any case
+_PAUSE_FRAMES = 16  # frames without bands after bands have not helped
 
 
 class Bands:
-    """Chooses the bands of each frame by what was read for the bands before."""
+    """Chooses the bands of each frame from the bytes read for earlier bands."""
 
-    def __init__(self):
-        self._kept: dict[int, int] = {}  # first row -> rows, of the last frame's bands whose chunks were in memory
-        self._rows = _FIRST
+    def __init__(self) -> None:
+        self._fitting_bands: dict[int, int] = {}  # first row -> rows, of the last frame's bands that fit in memory
+        self._rows = _FIRST_ROWS
         self._pause = 0
 
     def of_frame(self, height: int, needed: bool) -> Iterator[slice]:
-        """Yield the rows of each band, top down. The caller calls `read` after each.
+        """Yield the rows of each band from top to bottom. The caller calls `read` after each.
 
-        needed : whether the chunks of the whole picture far exceed the memory; otherwise there is one band
+        needed : whether the chunks of the whole image far exceed memory; otherwise, there is a single band
         """
         self._pause -= 1
         banded = needed and self._pause <= 0
-        first, kept, self._kept = 0, self._kept if banded else {}, {}
-        self._rows = _FIRST if banded else height
+        first, fitting, self._fitting_bands = 0, self._fitting_bands if banded else {}, {}
+        self._rows = _FIRST_ROWS if banded else height
         while first < height:
-            rows = self._rows = min(kept.get(first, self._rows), height - first)
+            rows = self._rows = min(fitting.get(first, self._rows), height - first)
             yield slice(first, first + rows)
             if self._fit:
-                self._kept[first] = rows
+                self._fitting_bands[first] = rows
             first += rows
 
-    def read(self, looked: int, again: int, budget: int) -> None:
+    def read(self, camera_bytes: int, shadow_bytes: int, budget: int) -> None:
         """Choose the rows of the next band.
 
-        looked, again : bytes that the last band's camera rays read, and its shadow rays
-        budget : bytes of chunks that memory holds
+        camera_bytes, shadow_bytes : bytes read by the camera rays and by the shadow rays of the last band
+        budget : limit in bytes on the chunks in memory
         """
-        best = self._rows * _FULL * budget / max(looked, 1)
-        self._fit = again <= max(looked / 2, _FEW * budget)
+        best = self._rows * _CAMERA_SHARE * budget / max(camera_bytes, 1)
+        self._fit = shadow_bytes <= max(camera_bytes / 2, _SHADOW_SHARE * budget)
         if self._fit:
             self._rows = _regions(min(2 * self._rows, best))
-        elif self._rows > _LEAST:
+        elif self._rows > _MIN_ROWS:
             self._rows = _regions(min(self._rows / 2, best))
-        else:  # the rays of the smallest band meet more than memory holds
-            self._rows, self._pause = 1 << 30, _PAUSE
+        else:  # the chunks of even the smallest band do not fit in memory
+            self._rows, self._pause = 1 << 30, _PAUSE_FRAMES
 
 
 def _regions(rows: float) -> int:
-    """At most so many rows of whole regions, at least one."""
-    return max(int(rows) // _LEAST, 1) * _LEAST
+    """Round down to the rows of whole regions; at least one region."""
+    return max(int(rows) // _MIN_ROWS, 1) * _MIN_ROWS
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Ray lists through a store: batches of rays in an order in which neighbours are alike, each batch one question.
+# --- Ray lists: batches of coherent rays ------------------------------------------------------------------------------
 
 
 RAY_BYTES = 160
 """Memory of a ray while it is traced."""
 
-LEAST = 1 << 16
-"""Rays of a batch, if there are so many: with fewer, each chunk would be read for few rays."""
+MIN_BATCH = 1 << 16
+"""Minimum size of a batch, except the last: in smaller ones, each chunk would be read for few rays."""
 
-_LEAST_EXPONENT = 0  # shorter directions are lengthened
+_MIN_EXPONENT = 0  # shorter directions are scaled up
 
 
 class HitBatch(NamedTuple):
-    """Some rays of a list, and their hits."""
+    """A batch of rays of a list, and their hits."""
 
-    places: np.ndarray  # (n,) int64: index of each ray in the list
+    places: NDArray[np.int64]  # (n,): index of each ray in the list
     rays: RayPass
     hits: Hits  # (1, n)
-    triangles: Triangles  # the triangles that they hit; empty for any-hit
-    faces: np.ndarray  # (n,) int32: index of each hit's triangle in `triangles`, or -1
+    triangles: Triangles  # the triangles hit; empty for any-hit
+    faces: NDArray[np.int32]  # (n,): index of each hit's triangle in `triangles`, or -1
 
 
-def batches(paged, arguments: RayArrays, any_hit: bool, cull_faces: int, most: int) -> Iterator[HitBatch]:
-    """Trace the rays of a list, at most `most` at a time."""
-    order = _alike(arguments)
-    for begin in range(0, len(order), most):
-        places = order[begin : begin + most]
-        some = arguments.part(places)
-        rays, spans = some.rays(), np.concatenate([some.tmin, some.tmax], 1, dtype=np.float64)
+def trace_batches(
+    paged: "Paged", arguments: RayArrays, any_hit: bool, cull_faces: int, max_rays: int
+) -> Iterator[HitBatch]:
+    """Trace the rays of a list, at most `max_rays` at a time."""
+    order = _coherent_order(arguments)
+    for begin in range(0, len(order), max_rays):
+        places = order[begin : begin + max_rays]
+        part = arguments.part(places)
+        rays, spans = part.rays(), np.concatenate([part.tmin, part.tmax], 1, dtype=np.float64)
         rays, factors = _lengthened(rays)
-        targets = some.local()[1] if some.segments else None
-        if not (np.isfinite(rays.origins).all() and np.isfinite(some.local()[1]).all()):
-            raise changed()  # they were checked before
-        with np.errstate(over="ignore", under="ignore"):  # no t is as large or as small
+        targets = part.local()[1] if part.segments else None
+        if not (np.isfinite(rays.origins).all() and np.isfinite(part.local()[1]).all()):
+            raise changed()  # they were valid when they were checked
+        with np.errstate(over="ignore", under="ignore"):  # such bounds are beyond any t
             spans = spans / factors
         hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
         hits = hits._replace(t=hits.t * factors.T)
@@ -152,8 +149,8 @@ def batches(paged, arguments: RayArrays, any_hit: bool, cull_faces: int, most: i
             yield HitBatch(places, rays, hits, triangles, faces[0])
 
 
-def _alike(arguments: RayArrays) -> np.ndarray:
-    """The order of rays by the cells of their origins, then of their directions, both in Morton order."""
+def _coherent_order(arguments: RayArrays) -> np.ndarray:
+    """The order of rays by the Morton codes of their origins, then of their directions."""
     with np.errstate(invalid="ignore", over="ignore"):
         directions = arguments.directions.astype(np.float32)
         if arguments.segments:
@@ -163,18 +160,18 @@ def _alike(arguments: RayArrays) -> np.ndarray:
 
 
 def _lengthened(rays: RayPass) -> tuple[RayPass, np.ndarray]:
-    """The rays with short directions times a power of two, which is exact; and these powers, (n, 1) float64.
+    """Scale short directions up by powers of two, which is exact. Returns the rays and the (n, 1) float64 factors.
 
-    Tracers take multiples of directions that are as long as the scene, which float32 might not hold.
+    Tracers compute multiples of directions that are as long as the scene, which might overflow float32.
     """
     exponents = np.frexp(np.abs(rays.directions).max(1, initial=0.0, keepdims=True))[1]
-    factors = np.ldexp(1.0, np.maximum(_LEAST_EXPONENT - exponents, 0))
+    factors = np.ldexp(1.0, np.maximum(_MIN_EXPONENT - exponents, 0))
     return rays._replace(directions=(rays.directions * factors).astype(np.float32)), factors
 
 
 @kernel
 def _write_weights(ticket, rays, faces, corners, u, v):
-    """Worker: write the weights of the second and the third corner at each hit."""
+    """Worker: write the weights of the second and third corner at each hit."""
     for i in items(ticket):
         if faces[i] >= 0:
             o, d = rays.origins[i], rays.directions[i]
@@ -183,28 +180,27 @@ def _write_weights(ticket, rays, faces, corners, u, v):
 
 
 def weights(batch: HitBatch, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """(u, v) of a batch's hits, (n,) float32 each; 0 on a miss."""
+    """(u, v) of a batch's hits, each (n,) float32; 0 on a miss."""
     u, v = np.zeros(len(batch.places), np.float32), np.zeros(len(batch.places), np.float32)
     corners = batch.triangles.vertices.reshape(-1, 9)
     run(_write_weights, threads, new_ticket(len(u), 4096), batch.rays, batch.faces, corners, u, v)
     return u, v
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Scenes in a store: chunks are read on demand when rays reach them, and evicted to stay within a memory budget.
+# --- Scenes in a store ------------------------------------------------------------------------------------------------
 
 
 MAX_MEMORY = 4 << 30
 _CHUNKS_AT_ONCE = 256  # chunks whose triangles are numbered together
-_NONE = np.empty(0, np.int64)
-_MANY = 4  # neighbouring bands read some chunks twice: they pay where a frame reads so many times the memory
-_SPARE = 48 << 20  # bytes reserved for small allocations
+_NO_SLOTS = np.empty(0, np.int64)
+_BAND_FACTOR = 4  # bands pay off if a frame reads more than this multiple of the budget: neighbours share some chunks
+_RESERVED = 48 << 20  # bytes reserved for small allocations
 
 
 def paged_job() -> Job:
-    """The additional job of rendering a scene in a store, besides the job of its plan."""
+    """The job of rendering a scene in a store, in addition to the job of its plan."""
 
-    def work():
+    def work() -> None:
         scene, (h, w) = small_scene(), (8, 8)
         scheduled = prepare(BUILDERS["bsah"].build(scene.triangles().vertices, 2), ChcRtOptions(), 2)
         first, view = np.zeros(len(scheduled.parts.trees), np.int64), small_view()[0].rays(scene.origin)
@@ -227,7 +223,7 @@ class Paged:
     ----------
     data : StoreData
     accelerator : Accelerator
-        Its plan names the tracer for the store's trees.
+        Its plan gives the tracer for the store's trees.
     max_memory : int or None
         Limit in bytes on the memory of the process at any time; None: 4 GiB.
 
@@ -244,26 +240,26 @@ class Paged:
         If the plan needs all triangles, or `max_memory` is out of range.
     """
 
-    default_plan: ClassVar = str(Plan(trace="chcrt"))
-    in_store: ClassVar = True
-    looks: ClassVar = 1
+    default_plan: ClassVar[str] = str(Plan(trace="chcrt"))
+    in_store: ClassVar[bool] = True
+    looks: ClassVar[int] = 1
     gbuffer = "rays"
 
     def __init__(self, data: StoreData, accelerator: Accelerator, max_memory: int | None = None):
         plan = accelerator.plan
         if plan.tracer.culling is None or plan.cull or plan.optimise or plan.update or plan.build != Plan().build:
             raise InputError(
-                f"plan {str(plan)!r}: {data.name} is in a store, whose trees are built; use {self.default_plan}"
+                f"plan {str(plan)!r}: {data.name} is in a store, whose trees are prebuilt; use {self.default_plan}"
             )
-        most = MAX_MEMORY if max_memory is None else byte_count(max_memory, "max_memory", 1)
+        limit = MAX_MEMORY if max_memory is None else byte_count(max_memory, "max_memory", 1)
         store = data.store
-        self.scene, self.threads, self.max_memory = data, accelerator.threads, most
-        self.store, self.residency = store, Residency(store, most)
-        self._before: Paging | None = None  # when the frame began
-        self._room = 0
-        self._together: dict[int, int] = {}  # size -> how many were traced together
-        self._bands, self._looked = Bands(), 0  # bytes read when the last camera rays had been traced
-        self._reads = int(store.chunks.bytes.sum())  # bytes that the last frame read; at first those of the store
+        self.scene, self.threads, self.max_memory = data, accelerator.threads, limit
+        self.store, self.residency = store, Residency(store, limit)
+        self._start_paging: Paging | None = None  # the counts when the frame began
+        self._joint_budget = 0  # bytes for rays that are traced together
+        self._batch_sizes: dict[int, int] = {}  # size of an item -> number of items traced together
+        self._bands, self._camera_mark = Bands(), 0  # the total of bytes read when the last camera rays were traced
+        self._frame_reads = int(store.chunks.bytes.sum())  # bytes read in the last frame; initially the whole store
         parts = parts_of_chunks(store.top.nodes, store.chunks.root, self.residency.trees, self.residency, store)
         scheduled = ChcRtState(parts, plan.tracer.culling)
         self.accelerated: Accelerated = Accelerated(self._triangles(), None, scheduled)
@@ -272,47 +268,47 @@ class Paged:
         precompile(paged_job)
 
     def begin(self, memory: FrameMemory) -> None:
-        """Begin a frame. Its rays that are asked together get up to half of the memory, and the chunks the rest."""
+        """Begin a frame. Rays that are traced together get up to half of the memory, and chunks the rest."""
         self.residency.begin_question()  # before memory is measured
         release_freed()
         free = self.budget(memory)
         together, cells = min(free // 2, memory.passes), min(free // 8, memory.cells)
-        self._room, self.accelerated.prepared.room = together, cells
-        if self._before is not None:
-            self._reads = self.residency.paging.bytes - self._before.bytes
-        self.residency.budget, self._before = free - together - cells, self.residency.paging
+        self._joint_budget, self.accelerated.prepared.room = together, cells
+        if self._start_paging is not None:
+            self._frame_reads = self.residency.paging.bytes - self._start_paging.bytes
+        self.residency.budget, self._start_paging = free - together - cells, self.residency.paging
         self.residency.trim()
 
     def release(self) -> None:
-        """Leave the memory of all chunks to others."""
+        """Evict all chunks, to leave their memory to other engines."""
         self.residency.budget = 0
         self.residency.trim()
 
     def together(self, size: int) -> int:
-        n, kept = self.at_once(size), self._together.get(size, 0)
-        if 3 * n <= 4 * kept <= 5 * n:  # as in the frame before: its states are of the same questions
-            return kept
-        self._together[size] = n
+        n, previous = self.at_once(size), self._batch_sizes.get(size, 0)
+        if 3 * n <= 4 * previous <= 5 * n:  # keep the previous number: the tracer's states are per batch
+            return previous
+        self._batch_sizes[size] = n
         return n
 
     def at_once(self, size: int) -> int:
-        return max(1, self._room // 2 // max(size, 1))
+        return max(1, self._joint_budget // 2 // max(size, 1))
 
     def budget(self, memory: FrameMemory) -> int:
-        """Bytes left for chunks, and for rays that are asked together, in a frame.
+        """Bytes left in a frame for chunks and for rays that are traced together.
 
         Raises
         ------
         InputError
-            If the budget does not hold two chunks and the least of such rays.
+            If they do not suffice for two chunks and a minimum of such rays.
         """
-        free = self.max_memory - memory.fixed - _SPARE - (resident() - self.residency.held)
-        least = self.residency.least_budget() * 2
-        if free < least:
-            need = -(-(self.max_memory - free + least) >> 20)
+        free = self.max_memory - memory.fixed - _RESERVED - (resident_memory() - self.residency.held)
+        required = self.residency.min_budget() * 2
+        if free < required:
+            need = -(-(self.max_memory - free + required) >> 20)
             raise InputError(
-                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for so many pixels or "
-                f"points; give at least {need}M, or ask for fewer"
+                f"{self.scene.name}: {self.max_memory >> 20}M of memory is not enough for this many pixels or "
+                f"points; give at least {need}M, or reduce their number"
             )
         return free
 
@@ -329,55 +325,69 @@ class Paged:
 
     def paging(self) -> dict[str, int]:
         """Counts of chunks read and evicted in this frame."""
-        now, before = self.residency.paging, self._before
+        now, before = self.residency.paging, self._start_paging
         assert before is not None
         return {name: a - b for name, a, b in zip(now._fields, now, before)}
 
     def bands(self, height: int) -> Iterator[slice]:
         budget = self.residency.budget
-        for rows in self._bands.of_frame(height, self._reads > _MANY * budget):
+        for rows in self._bands.of_frame(height, self._frame_reads > _BAND_FACTOR * budget):
             before = self.residency.paging.bytes
             yield rows
-            self._bands.read(self._looked - before, self.residency.paging.bytes - self._looked, budget)
+            self._bands.read(self._camera_mark - before, self.residency.paging.bytes - self._camera_mark, budget)
 
-    def look(self, camera, triangles=None, whole=None, progress=None, rows: slice | None = None) -> Surfaces:
-        """The surfaces that a camera sees; `triangles` and `whole` are not used."""
+    def look(
+        self,
+        camera: Camera,
+        triangles: Triangles | None = None,
+        tree: Accelerated | None = None,
+        progress: Progress | None = None,
+        rows: slice | None = None,
+    ) -> Surfaces:
+        """The surfaces visible to a camera; `triangles` and `tree` are not used."""
         if camera.listed:
             rows = rows or slice(0, camera.height)
-            passes, shape = [camera_pass(camera.view(self.scene.origin), rows)], (rows.stop - rows.start, camera.width)
-            found = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
-            surfaces = next(self._met(passes, found, shape))
-            self._looked = self.residency.paging.bytes
+            passes, shape = (
+                [camera_pass(cast(ExplicitRays, camera.view(self.scene.origin)), rows)],
+                (rows.stop - rows.start, camera.width),
+            )
+            listed_hits = nearest_hits(self.accelerated.prepared, passes, shape, self.threads, progress)
+            surfaces = next(self._surfaces_hit(passes, listed_hits, shape))
+            self._camera_mark = self.residency.paging.bytes
             return surfaces
         rays = camera.rays(self.scene.origin)
         hits = camera_hits(self.accelerated.prepared, rays, self.threads, progress, rows)
         triangles, (face,) = self.hit_triangles([hits])
         gbuffer = from_hits(face, hits.t, triangles, rays, self.threads, rows.start if rows else 0)
-        self._looked = self.residency.paging.bytes
+        self._camera_mark = self.residency.paging.bytes
         return Surfaces(gbuffer, triangles, hits.face, self.store.meta.box)
 
-    def nearest_in(self, whole: Accelerated) -> Nearest:
+    def nearest_in(self, tree: Accelerated) -> Nearest:
         return self.nearest
 
     def nearest(
         self, passes: Sequence[RayPass], shape: tuple[int, int], by: ChcRtState | None = None
     ) -> Iterator[Surfaces]:
-        """The first surfaces that each of some passes of rays meets. Each chunk is read once for all of them.
+        """The first surfaces hit by each of several passes of rays. Each chunk is read once for all passes.
 
-        shape : (H, W) of the picture
-        by : another tracer of the same parts; None: the plan's tracer
+        shape : (H, W) of the image
+        by : another tracer over the same parts; None: the plan's tracer
         """
-        return self._met(passes, nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads), shape)
+        return self._surfaces_hit(
+            passes, nearest_hits(by or self.accelerated.prepared, passes, shape, self.threads), shape
+        )
 
-    def _met(self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]) -> Iterator[Surfaces]:
-        """Yield the surfaces of the hits of passes, the question that has just ended."""
+    def _surfaces_hit(
+        self, passes: Sequence[RayPass], hits: Sequence[Hits], shape: tuple[int, int]
+    ) -> Iterator[Surfaces]:
+        """Yield the surfaces hit by passes, which must be the latest query."""
         triangles, faces = self.hit_triangles(hits)
-        for rays, met, face in zip(passes, hits, faces):
-            gbuffer = surfaces_met(rays, face.reshape(-1), met.t.reshape(-1), shape, triangles, self.threads)
-            yield Surfaces(gbuffer, triangles, met.face, self.store.meta.box)
+        for rays, hit, face in zip(passes, hits, faces):
+            gbuffer = surfaces_met(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
+            yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
-        """`threads` is not used: those of the engine trace."""
+        """The hits of rays. `threads` is not used; the engine's number of threads applies."""
         arrays, out = rays.arrays(), hit_arrays(rays.n, any_hit)
         for batch in self._batches(arrays, any_hit, rays.cull_faces):
             at, hits = batch.places, batch.hits
@@ -389,33 +399,33 @@ class Paged:
         return out
 
     def triangles_hit(self, rays: RayArguments, face: np.ndarray, time: float) -> tuple[Triangles, np.ndarray]:
-        """The same rays find the triangles again: a store has none in memory."""
-        faces, found, n = np.full(rays.n, -1), [], 0
+        """Trace the same rays again to find the triangles, since a store has none in memory."""
+        faces, parts, n = np.full(rays.n, -1), [], 0
         for batch in self._batches(rays.arrays(), False, rays.cull_faces):
             faces[batch.places] = np.where(batch.faces >= 0, batch.faces + n, -1)
-            found.append(batch.triangles)
+            parts.append(batch.triangles)
             n += len(batch.triangles.vertices)
-        self.release()  # such questions are rare
-        return concatenate(found or [self.accelerated.triangles]), faces.reshape(face.shape)
+        self.release()  # such queries are rare
+        return concatenate(parts or [self.accelerated.triangles]), faces.reshape(face.shape)
 
     def _batches(self, rays: RayArrays, any_hit: bool, cull_faces: int) -> Iterator[HitBatch]:
         rays.check()
         m = len(rays.origins)
         self.begin(FrameMemory(0, 0, 2 * m * RAY_BYTES))
         self.accelerated.begin()
-        return batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), LEAST))
+        return trace_batches(self, rays, any_hit, cull_faces, max(self.together(RAY_BYTES), MIN_BATCH))
 
     def subpixels(
-        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, whole: Accelerated | None = None
+        self, triangles: Triangles, view: CameraRays | ExplicitRays, edge: np.ndarray, tree: Accelerated | None = None
     ) -> Surfaces:
-        """`triangles` and `whole` are not used: rays find the surfaces."""
+        """The surfaces of the sub-pixels of selected pixels, by rays; `triangles` and `tree` are not used."""
         rays, shape = subpixel_rays(view, edge, self.threads)
         return next(self.nearest([rays], shape))
 
     def hit_triangles(self, hits: Sequence[Hits]) -> tuple[Triangles, list[np.ndarray]]:
-        """Copies of the triangles that rays hit, each once; and for each of `hits` (h, w) int32 indices of them or -1.
+        """Copies of the triangles that rays hit, each once, and for each of `hits` their (h, w) int32 indices, or -1.
 
-        `hits` are those of the question that has just ended.
+        `hits` must be those of the latest query.
         """
         parts = np.zeros(len(self.store), np.bool_)
         for each in hits:
@@ -425,12 +435,12 @@ class Paged:
             for each in hits:
                 mark_hits(each, first, marks, self.threads)
 
-        faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[Copies](), 0
+        faces, copies, n = [np.full(each.part.shape, -1, np.int32) for each in hits], list[TriangleCopies](), 0
         chunks, sizes = np.flatnonzero(parts), self.store.chunks.triangles
         for begin in range(0, len(chunks), _CHUNKS_AT_ONCE):
-            some = chunks[begin : begin + _CHUNKS_AT_ONCE]
-            first, numbers = slot_starts(some, sizes), np.zeros(int(sizes[some].sum()), np.int32)
-            for k, slots in hit_slots(some, sizes, mark):
+            group = chunks[begin : begin + _CHUNKS_AT_ONCE]
+            first, numbers = slot_starts(group, sizes), np.zeros(int(sizes[group].sum()), np.int32)
+            for k, slots in hit_slots(group, sizes, mark):
                 numbers[first[k] + slots] = np.arange(n, n + len(slots), dtype=np.int32)
                 copies.append(self.residency.triangles(k, slots))
                 n += len(slots)
@@ -438,64 +448,74 @@ class Paged:
                 number_hits(each, first, numbers, face, self.threads)
         return self._triangles(copies), faces
 
-    def _triangles(self, copies: Sequence[Copies] = ()) -> Triangles:
-        """Copied triangles in one `Triangles`; never empty, since kernels may read the first entry."""
-        none = Copies(_NONE, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32))
+    def _triangles(self, copies: Sequence[TriangleCopies] = ()) -> Triangles:
+        """Concatenate copied triangles. The result is never empty, since kernels may read the first entry."""
+        none = TriangleCopies(
+            _NO_SLOTS, np.zeros((1, 3, 3), np.float32), np.zeros((1, 3), np.float32), np.zeros(1, np.int32)
+        )
         _, vertices, colour, ids = (np.concatenate(arrays) for arrays in zip(*(copies or [none])))
         return Triangles(vertices, self.scene.origin.copy(), ids, colour)
 
 
-# --- The tree of a store as one `Bvh`, as far as the segments of some queries reach: for `antumbra explain` -----------
+# --- The tree of a store as a single `Bvh`, for `antumbra explain` ----------------------------------------------------
 
 
-_BYTES = 140  # memory of a triangle while the tree is made
+_TRIANGLE_BYTES = 140  # memory of a triangle while the tree is joined
 
 
 def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndarray]:
-    """The tree over the chunks that segments may enter: (Bvh, indices in the whole scene of its prim_ids).
+    """The tree over the chunks that segments may enter: (Bvh, index in the whole scene of each of its triangles).
 
-    Other chunks are missing children, so each ray takes the same steps as through the whole tree.
+    Other chunks become empty children, so each ray takes the same steps as through the whole tree.
 
     Raises
     ------
     InputError
-        If memory does not hold the tree.
+        If the tree does not fit in memory.
     """
     store = paged.store
-    wanted = _reached(paged, queries)
-    need = int(store.chunks.triangles[wanted].sum()) * _BYTES + resident() - paged.residency.held
+    reached = _reached_chunks(paged, queries)
+    need = int(store.chunks.triangles[reached].sum()) * _TRIANGLE_BYTES + resident_memory() - paged.residency.held
     if need > paged.max_memory:
         raise InputError(
             f"{paged.scene.name}: the trees that these rays may enter take {need >> 20}M of memory; give at least as "
             "much, or a smaller view"
         )
-    chunks = [store.chunk(int(k)) for k in wanted]
+    chunks = [store.chunk(int(k)) for k in reached]
     ids = np.unique(np.concatenate([chunk.bvh.prim_ids for chunk in chunks])) if chunks else np.empty(0, np.int32)
-    bvh = _joined(store.top.nodes, len(store), wanted, chunks, ids)
+    bvh = _join_trees(store.top.nodes, len(store), reached, chunks, ids)
     if leaf_depths(bvh).max(initial=0) > MAX_DEPTH:
-        raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels, so no steps can be counted")
+        raise InputError(f"{paged.scene.name}: its tree has more than {MAX_DEPTH} levels; steps cannot be counted")
     return bvh, ids
 
 
-def _reached(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
-    """The chunks whose boxes segments meet, whether or not something blocks them before."""
+def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
+    """The chunks whose boxes segments enter, whether or not they are blocked before."""
     scheduled, k = paged.accelerated.prepared, len(paged.store)
-    met = np.zeros(k, np.bool_)
+    reached = np.zeros(k, np.bool_)
     for query in queries:
         bits = new_bits(query)
         for step in segments_of(scheduled.parts, query):
-            how = {"threads": paged.threads, "counters": None, "progress": None}
-            rays = SegmentRaySets(scheduled.parts, scheduled.options, query, bits, *step, **how)
+            rays = SegmentRaySets(
+                scheduled.parts,
+                scheduled.options,
+                query,
+                bits,
+                *step,
+                threads=paged.threads,
+                counters=None,
+                progress=None,
+            )
             for s in range(rays.sets):
-                screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that is the whole screen
+                screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                met |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
-    return np.flatnonzero(met)
+                reached |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+    return np.flatnonzero(reached)
 
 
-def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
-    """One tree of a top tree and some of k chunks; `top`: see `store.store_file.TopTree`."""
-    m = len(top) if k > 1 else 0  # the top tree of one chunk is not needed
+def _join_trees(top: np.ndarray, k: int, reached: np.ndarray, chunks: list[Chunk], ids: np.ndarray) -> Bvh:
+    """Join the top tree of k chunks and the trees of those reached; `top`: see `store.store_file.TopTree`."""
+    m = len(top) if k > 1 else 0  # a single chunk needs no top tree
     sizes = np.array([0, *(len(chunk.bvh.nodes) for chunk in chunks)])
     firsts = m + np.cumsum(sizes)
     nodes = aligned_empty((max(int(firsts[-1]), 1), 16), "f4")
@@ -507,16 +527,16 @@ def _joined(top: np.ndarray, k: int, wanted: np.ndarray, chunks: list[Chunk], id
         return Bvh(nodes[:1], nodes[:1].view(np.int32), np.empty(0, np.int32), np.empty((0, 9), np.float32))
     if m:
         root_of = np.full(k, EMPTY, np.int64)
-        root_of[wanted] = firsts[:-1]
+        root_of[reached] = firsts[:-1]
         nodes[:m] = top
         leaf = (links[:m] < 0) & (links[:m] != EMPTY)
         links[:m][leaf] = root_of[bvh_leaf(links[:m][leaf]).first]
     for first, end, chunk in zip(firsts[:-1], firsts[1:], chunks):
         nodes[first:end] = chunk.bvh.nodes
-        own = links[first:end]
-        is_full, leaf = (own < 0) & (own != EMPTY), bvh_leaf(own)
+        chunk_links = links[first:end]
+        is_full, leaf = (chunk_links < 0) & (chunk_links != EMPTY), bvh_leaf(chunk_links)
         moved = bvh_link(leaf.first + slots, leaf.count)
-        own[...] = np.where(is_full, moved, np.where(own >= 0, own + int(first), own))
+        chunk_links[...] = np.where(is_full, moved, np.where(chunk_links >= 0, chunk_links + int(first), chunk_links))
         slots += len(chunk.bvh.prim_ids)
     prim_ids = np.searchsorted(ids, np.concatenate([chunk.bvh.prim_ids for chunk in chunks])).astype(np.int32)
     corners = np.concatenate([chunk.bvh.corners for chunk in chunks])

@@ -16,32 +16,41 @@ from .scene_loading import SceneLike, scene_of
 
 @with_quiet_progress
 def visibility(
-    scene: SceneLike, points: ArrayLike, light: Light | Sequence[Light], normals: ArrayLike | None = None, *,
-    spp: int = 16, plan: str | Plan | None = None, time: float = 0.0, threads: int | None = None,
-    sampler: str = "larcher-pillichshammer", cull_faces: str | None = None,
-    max_memory: int | None = None, progress: Progress | bool | None = None,
-) -> Visibility:  # fmt: skip
-    """Find which samples of lights are visible from arbitrary points, such as mesh vertices or sensors.
+    scene: SceneLike,
+    points: "ArrayLike",
+    light: Light | Sequence[Light],
+    normals: "ArrayLike | None" = None,
+    *,
+    spp: int = 16,
+    plan: str | Plan | None = None,
+    time: float = 0.0,
+    threads: int | None = None,
+    sampler: str = "larcher-pillichshammer",
+    cull_faces: str | None = None,
+    max_memory: int | None = None,
+    progress: Progress | bool | None = None,
+) -> Visibility:
+    """Compute which samples of lights are visible from arbitrary points, such as mesh vertices or sensors.
 
-    Sample s is occluded if a triangle meets the segment from the point to the sample strictly between its ends.
+    Sample s is occluded if a triangle intersects the segment from the point to the sample strictly between its ends.
 
     Parameters
     ----------
-    scene : Scene, PagedScene, or anything that `antumbra.load` takes
+    scene : Scene, PagedScene, or anything that `antumbra.load` accepts
     points : (..., 3) float
         World coordinates, in any array type that supports DLPack.
     light : a light, or a list of lights
-        Of a list, the results have one more axis, the lights. One tree serves all of them. Ambient occlusion needs
-        `normals`. With `PointLights` or `DirectionalLights` each point tests every light: bit s is light s.
+        For a list, the results have an additional axis, the lights, which share a tree. Ambient occlusion needs
+        `normals`. With `PointLights` or `DirectionalLights`, each point tests every light: bit s is light s.
     normals : (..., 3) float or None
-        For points on surfaces: the surface normals towards the tested side, of any length. They are broadcast against
-        the points. Each point is moved off its surface by a few units in the last place, and samples below its horizon
+        For points on surfaces: surface normals of any length, pointing to the tested side. They broadcast against the
+        points. Each point is offset from its surface by a few units in the last place, and samples below its horizon
         are occluded. None: the points lie in free space and are used unchanged.
     spp, plan, time, threads, sampler, cull_faces
         As in `antumbra.render`. Point i uses sample set i mod 4.
     max_memory : int or None
-        Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB. The scene keeps the chunks
-        that were read for the next query with the same plan, threads and memory.
+        For a scene in a store, the limit in bytes on the memory of the process; None: 4 GiB. The chunks read stay in
+        memory for the next query with the same plan, threads and limit.
     progress : function of (done, total), or bool, optional
         Called about ten times a second. False: nothing is shown. None: terminals and notebooks show a bar after a
         second.
@@ -49,8 +58,8 @@ def visibility(
     Returns
     -------
     Visibility
-        `bits` (..., ceil(n / 64)) uint64 and `fraction` (...) float32; of a list (..., lights, ceil(n / 64)) and
-        (..., lights). `seen` and `seen_samples` are bool arrays.
+        `bits` (..., ceil(n / 64)) uint64 and `fraction` (...) float32; for a list of lights,
+        (..., lights, ceil(n / 64)) and (..., lights). `seen` and `seen_samples` are bool arrays.
 
     Raises
     ------
@@ -61,9 +70,9 @@ def visibility(
     scene = scene_of(scene)
     engine = scene.engine.with_options(plan, threads, max_memory)
     points = as_array(points, "points")
-    alone = isinstance(light, Light)
+    single = isinstance(light, Light)
     receivers = Receivers.of(points, normals, scene.origin)
-    found = engine.visibility(
+    answer = engine.visibility(
         receivers, light, spp=spp, sampler=sampler, cull_faces=cull_faces, time=time, progress=progress
     )
-    return found.reshaped(points.shape[:-1], alone)
+    return answer.reshaped(points.shape[:-1], single)

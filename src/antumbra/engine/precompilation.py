@@ -1,12 +1,13 @@
 """Compile kernels on all cores before anything is timed, and report it.
 
 A *job* calls kernels: rendering by a plan, ray queries, building a store. `kernels.toolchain.kernel_manifest` records
-which kernels a job calls. Several processes compile the kernels that are missing on disk. Then the job runs on a small
-scene, which compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs. Each
-module defines the jobs of its work; `warm` lists all jobs.
+which kernels a job calls. Several processes compile those that are missing on disk. Then the job runs on a small scene,
+which compiles any unrecorded kernels. If all kernels are on disk, as in every later process, nothing runs.
+
+Each module defines its own jobs; `jobs.job_kernels` lists all of them.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable
 from functools import cache
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from ..kernels.toolchain.kernel_cache import events, is_cached, user_cache
 from ..progress import report_progress
 from ..scene.camera import Camera
 from ..scene.light_lists import PointLights
-from ..scene.lights import AmbientOcclusion, PointLight, SphereLight
+from ..scene.lights import AmbientOcclusion, Light, PointLight, SphereLight
 from ..scene.materials import MASK, Material, Texture
 from ..scene.mesh import StaticMeshes, make_mesh, textured_mesh
 from ..scene.scene_data import MemoryData
@@ -40,36 +41,36 @@ def fixed_job(name: str, work: Callable[[], object]) -> Job:
 
 
 @cache
-def precompile(job_of: Callable[..., Job], *about) -> None:
-    """Compile the kernels of the job ``job_of(*about)`` that are missing on disk; once per process."""
-    job = job_of(*about)
-    wanted = job.kernels()
-    if wanted is None:
+def precompile(job_of: Callable[..., Job], *arguments: Hashable) -> None:
+    """Compile those kernels of the job ``job_of(*arguments)`` that are missing on disk, once per process."""
+    job = job_of(*arguments)
+    kernels = job.kernels()
+    if kernels is None:
         job.work()
-    elif missing := missing_of(wanted):
+    elif missing := missing_of(kernels):
         compile_missing(missing)
         job.work()
 
 
-def precompile_all(wanted: Iterable[Job]) -> int:
-    """Compile the missing kernels of several jobs together; returns how many were compiled."""
-    wanted = list(wanted)
-    missing = missing_of({each for job in wanted for each in job.kernels() or ()})
+def precompile_all(jobs: Iterable[Job]) -> int:
+    """Compile the missing kernels of several jobs together. Returns the number of kernels compiled."""
+    jobs = list(jobs)
+    missing = missing_of({each for job in jobs for each in job.kernels() or ()})
     if missing:
         compile_missing(missing)
     before = len(events)
-    for job in wanted:
+    for job in jobs:
         job.work()
     return len(missing) + sum(event.source == "compiled" for event in events[before:])
 
 
-def missing_of(wanted: Iterable[KernelRequest]) -> set[KernelRequest]:
+def missing_of(kernels: Iterable[KernelRequest]) -> set[KernelRequest]:
     """The kernels that are not on disk."""
-    return {each for each in wanted if not is_cached(import_object(each.kernel), each.key)}
+    return {each for each in kernels if not is_cached(import_object(each.kernel), each.key)}
 
 
 def compile_missing(missing: set[KernelRequest]) -> None:
-    """Compile kernels on all cores, and tell the user. Does nothing if the cache is read-only; `loading` warns then."""
+    """Compile kernels on all cores with a progress message. No-op if the cache is read-only; `loading` warns then."""
     if not user_cache().is_writable():
         return
     with report_progress(f"compiling {len(missing)} kernels for this machine, once") as progress:
@@ -77,9 +78,9 @@ def compile_missing(missing: set[KernelRequest]) -> None:
 
 
 def small_scene(dressed: bool = False) -> MemoryData:
-    """Hills of about 10 000 triangles, enough that builders take every code path of large scenes.
+    """Hills of about 10,000 triangles, enough for builders to take every code path of large scenes.
 
-    dressed : whether they have a texture, colours of vertices and normals
+    dressed : whether they have a texture, vertex colours and normals
     """
     x, z = np.meshgrid(np.linspace(-1, 1, 73), np.linspace(-1, 1, 73))
     a = (np.arange(72)[:, None] * 73 + np.arange(72)).ravel()
@@ -93,16 +94,18 @@ def small_scene(dressed: bool = False) -> MemoryData:
     )
 
 
-def small_view(quality=False, sky=True) -> tuple[Camera, list]:
-    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: ambient occlusion as well."""
+def small_view(quality: bool = False, sky: bool = True) -> tuple[Camera, list[Light]]:
+    """(camera, lights) for the small scene; `quality`: lights with penumbrae, `sky`: add ambient occlusion."""
     above = np.array([0, 2, 0])
     light = SphereLight(above, 0.1) if quality else PointLight(above)
-    lights = [light, PointLights(above[None], interleave=quality), *([AmbientOcclusion(1.0)] if sky else [])]
+    lights: list[Light] = [light, PointLights(above[None], interleave=quality)]
+    if sky:
+        lights.append(AmbientOcclusion(1.0))
     return Camera((0, 2, 3), (0, 0, 0), width=8, height=8), lights
 
 
 def small_scene_with_cutouts() -> MemoryData:
-    """The small scene with a sheet of paper full of holes above it."""
+    """The small scene below a perforated sheet of paper."""
     corners = np.array([[[-1, 1, -1], [1, 1, -1], [1, 1, 1]], [[-1, 1, -1], [1, 1, 1], [-1, 1, 1]]], np.float32)
     pixels = np.full((8, 8, 4), 255, np.uint8)
     pixels[..., 3] = 255 * np.eye(8)

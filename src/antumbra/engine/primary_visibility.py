@@ -1,18 +1,17 @@
-"""Primary visibility in memory: the surfaces that a camera sees, by rasterisation or by rays through a tree.
+"""Primary visibility in memory: the surfaces visible to a camera, by rasterisation or by rays through a tree.
 
-If no method is named, the faster one is chosen once a tree is cached.
-
-Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays are
-tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method is used
-that took less time for a pixel.
+If no method is given, `PrimaryMethodChooser` chooses one. Rays are often faster if there is a tree of blocks, but
+building one would take longer than they save. So rays are tried only if an earlier frame has cached such a tree and
+their kernels are compiled. From then on, the method with the lower time per pixel is used.
 """
 
 from collections.abc import Callable
 from functools import partial
 from time import perf_counter
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import lbvh
 from ..bvh.block_tree import BlockTree, block_tree
@@ -22,7 +21,7 @@ from ..query.pixel_refinement import subpixel_gbuffer
 from ..query.rasteriser import rasterise
 from ..query.ray_passes import camera_pass, rays_through
 from ..query.shadow_query import new_bits, shadow_queries
-from ..scene.camera import CameraRays
+from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
@@ -34,100 +33,107 @@ from .accelerator import Accelerated
 from .auto.strategies import STRATEGIES
 from .precompilation import Job, fixed_job, missing_of, small_scene, small_scene_with_cutouts, small_view
 
-# --- Primary visibility in memory: the surfaces that a camera sees ----------------------------------------------------
+# --- Primary visibility -----------------------------------------------------------------------------------------------
 
 
 def primary_visibility(
     triangles: Triangles,
-    camera,
-    whole: Accelerated | None = None,
+    camera: Camera,
+    tree: Accelerated | None = None,
     threads: int | None = None,
     cutouts: CutoutTree | None = None,
 ) -> GBuffer:
-    """The G-buffer of a camera: by rays through `whole`, a BVH of all triangles; by rasterisation if it is None.
+    """The G-buffer of a camera by rays through `tree`, a BVH of all triangles, or by rasterisation if it is None.
 
     For a camera that is not perspective, a BVH is built if there is none.
 
-    cutouts : of `whole`, or of the triangles if there is no `whole`; None: they are found if there are any
+    cutouts : the tree of alpha-masked faces, used if `tree` is None; None: build it if there are such faces
     """
     if camera.listed:
-        listed = camera_pass(camera.view(triangles.origin), slice(0, camera.height))
-        whole = whole or _any_tree(triangles, threads)
-        return next(nearest_in(whole, threads)([listed], (camera.height, camera.width))).gbuffer
+        listed = camera_pass(cast(ExplicitRays, camera.view(triangles.origin)), slice(0, camera.height))
+        tree = tree or _any_tree(triangles, threads)
+        return next(nearest_in(tree, threads)([listed], (camera.height, camera.width))).gbuffer
     rays = camera.rays(triangles.origin)
-    if whole is None:
+    if tree is None:
         face, t = _rasterised(triangles, solid_vertices(triangles, threads), rays, threads)
-    elif whole.scheduled is not None:
-        face, t = primary_hits(whole.scheduled, rays, threads)
+    elif tree.scheduled is not None:
+        face, t = primary_hits(tree.scheduled, rays, threads)
     else:
-        blocks = whole.prepared if whole.chosen is None else whole.chosen.forms.of(STRATEGIES["multifrusta"])
-        tree = blocks if isinstance(blocks, BlockTree) else whole.bvh
-        face, t = trace_primary(tree, rays, threads)
-    own = cutouts if whole is None else whole.cutouts
-    if own is None:
-        own = cutout_tree(triangles, threads)
-    if own is not None:
-        _show(own, rays, face, t, _in_front(own, rays, face, t, threads), threads)
+        blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(STRATEGIES["multifrusta"])
+        blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
+        face, t = trace_primary(blocks_or_bvh, rays, threads)
+    alpha_tree = cutouts if tree is None else tree.cutouts
+    if alpha_tree is None:
+        alpha_tree = cutout_tree(triangles, threads)
+    if alpha_tree is not None:
+        _show_cutouts(alpha_tree, rays, face, t, _cutouts_in_front(alpha_tree, rays, face, t, threads), threads)
     return from_hits(face, t, triangles, rays, threads)
 
 
 def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
-    """A tree that is built soon."""
+    """A tree that is quick to build."""
     bvh = solid_tree(lbvh.build, triangles, threads)
     return Accelerated(triangles, bvh, None, cutout_tree(triangles, threads))
 
 
-def nearest_in(whole: Accelerated, threads: int | None = None) -> Nearest:
+def nearest_in(tree: Accelerated, threads: int | None = None) -> Nearest:
     """The closest-hit function of a tree of all triangles."""
-    cutouts, triangles = whole.cutouts, whole.triangles
+    cutouts, triangles = tree.cutouts, tree.triangles
     show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
-    if whole.scheduled is not None:
-        scheduled = partial(nearest_scheduled, scheduled=whole.scheduled, show=show)
+    if tree.scheduled is not None:
+        scheduled = partial(nearest_scheduled, scheduled=tree.scheduled, show=show)
         return partial(scheduled, triangles=triangles, threads=threads)
-    assert whole.bvh is not None
-    return partial(nearest_surfaces, bvh=whole.bvh, triangles=triangles, threads=threads, show=show)
+    assert tree.bvh is not None
+    return partial(nearest_surfaces, bvh=tree.bvh, triangles=triangles, threads=threads, show=show)
 
 
 def subpixel_visibility(
-    triangles: Triangles, rays: CameraRays, wanted: np.ndarray, threads: int | None, cutouts: CutoutTree | None
+    triangles: Triangles, rays: CameraRays, selected: np.ndarray, threads: int | None, cutouts: CutoutTree | None
 ) -> GBuffer:
-    """The G-buffer of the sub-pixels of selected pixels: see `query.pixel_refinement`."""
+    """The G-buffer of the sub-pixels of selected pixels, see `query.pixel_refinement`."""
     solid = solid_vertices(triangles, threads)
 
-    def hits(shifted: CameraRays):
+    def hits(shifted: CameraRays) -> tuple[np.ndarray, np.ndarray]:
         face, t = _rasterised(triangles, solid, shifted, threads)
         if cutouts is not None:
-            _show(cutouts, shifted, face, t, wanted, threads)
+            _show_cutouts(cutouts, shifted, face, t, selected, threads)
         return face, t
 
-    return subpixel_gbuffer(triangles, rays, wanted, threads, hits)
+    return subpixel_gbuffer(triangles, rays, selected, threads, hits)
 
 
-def _rasterised(triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest solid triangle at each pixel centre: (face, t); `solid`: their `solid_vertices`."""
+def _rasterised(
+    triangles: Triangles, solid: np.ndarray, rays: CameraRays, threads: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest solid triangle at each pixel centre: (face, t); `solid`: the `solid_vertices` of the triangles."""
     face, t = rasterise(solid.reshape(-1, 9), rays, threads)
     if triangles.solid is not None:
         face = np.append(triangles.solid, np.int32(-1))[face]  # the last entry is that of face -1
     return face, t
 
 
-def _in_front(cutouts: CutoutTree, rays: CameraRays, face, t, threads) -> np.ndarray:
-    """(H, W) bool: where the triangle of a cut-out, holes and all, is nearer than what is seen."""
+def _cutouts_in_front(
+    cutouts: CutoutTree, rays: CameraRays, face: np.ndarray, t: np.ndarray, threads: int | None
+) -> NDArray[np.bool_]:
+    """(H, W) bool: where an alpha-masked triangle, including its holes, is in front of the visible surface."""
     nearest, depth = trace_primary(cutouts.blocks, rays, threads)
-    return (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+    in_front: NDArray[np.bool_] = (nearest >= 0) & ((depth < t) | ((depth == t) & (nearest < face)))
+    return in_front
 
 
-def _show(cutouts: CutoutTree, rays: CameraRays, face, t, wanted: np.ndarray, threads) -> None:
-    """Replace the hits of selected pixels by those on cut-outs that are nearer."""
-    faces, ts = face[wanted], t[wanted]
-    show_cutouts(cutouts, rays_through(rays, wanted, threads), faces, ts, threads)
-    face[wanted], t[wanted] = faces, ts
+def _show_cutouts(
+    cutouts: CutoutTree, rays: CameraRays, face: np.ndarray, t: np.ndarray, selected: np.ndarray, threads: int | None
+) -> None:
+    """Replace the hits of selected pixels by nearer hits on alpha-masked faces."""
+    faces, ts = face[selected], t[selected]
+    show_cutouts(cutouts, rays_through(rays, selected, threads), faces, ts, threads)
+    face[selected], t[selected] = faces, ts
 
 
 def cutouts_job() -> Job:
-    """The additional job of scenes with cut-outs."""
+    """The additional job of scenes with alpha-masked faces."""
 
-    def work():
+    def work() -> None:
         scene, (camera, lights) = small_scene_with_cutouts(), small_view()
         triangles = scene.triangles(0.0, 2)
         tree = cutout_tree(triangles, 2)
@@ -139,34 +145,30 @@ def cutouts_job() -> Job:
     return fixed_job("cut-outs", work)
 
 
-# --- How a camera's surfaces are found where no method was named: by rasterisation, or by rays through a tree ---------
-#
-# Rays are often faster, if the tree has the form that they walk. Its making would take longer than they save. So rays
-# are tried where an earlier frame has kept such a tree, and where their kernels are compiled. From then on the method
-# is used that took less time for a pixel.
+# --- Choose between rasterisation and primary rays --------------------------------------------------------------------
 
 
 RASTER, RAYS, AUTO = METHODS = "raster", "rays", "auto"
-_AGAIN = 64  # frames after which the slower method is tried again
+_RETRY_PERIOD = 64  # frames after which the slower method is tried again
 _T = TypeVar("_T")
 
 
 def compiled_for(method: str) -> str:
-    """The method whose kernels are compiled before the first frame."""
+    """The method whose kernels are compiled before the first frame, given the `gbuffer` option."""
     return RASTER if method == AUTO else method
 
 
 class PrimaryMethodChooser:
-    """What the methods have taken in the frames so far."""
+    """Chooses a method by the time per pixel of earlier frames."""
 
     def __init__(self) -> None:
         self._calls = {RASTER: 0, RAYS: 0}
-        self._seconds: dict[str, float] = {}  # method -> seconds for a pixel in its last frame
+        self._seconds: dict[str, float] = {}  # method -> seconds per pixel in its last frame
         self._frames = 0
 
-    def choose(self, whole: Accelerated | None) -> str:
-        """The method of the next frame; `whole`: a tree of all triangles that an earlier frame has kept."""
-        if whole is None or not _has_blocks(whole):
+    def choose(self, tree: Accelerated | None) -> str:
+        """The method of the next frame; `tree`: a tree of all triangles, cached by an earlier frame."""
+        if tree is None or not _has_blocks(tree):
             return RASTER
         if self._calls[RAYS] == 0 and not _rays_are_compiled():
             return RASTER
@@ -175,34 +177,34 @@ class PrimaryMethodChooser:
                 return method
         self._frames += 1
         slower, faster = sorted(self._seconds, key=self._seconds.__getitem__, reverse=True)
-        return slower if self._frames % _AGAIN == 0 else faster
+        return slower if self._frames % _RETRY_PERIOD == 0 else faster
 
     def timed(self, method: str, pixels: int, look: Callable[[], _T]) -> _T:
-        """The result of `look`, whose time is noted. The first call of a method is not, since it loads kernels."""
+        """Call `look` and record its time, except in the first call of a method, which loads kernels."""
         start = perf_counter()
-        seen = look()
+        result = look()
         self._calls[method] += 1
         if self._calls[method] > 1:
             self._seconds[method] = (perf_counter() - start) / pixels
-        return seen
+        return result
 
 
-def _has_blocks(whole: Accelerated) -> bool:
-    """Has the tree the form that camera rays walk?"""
-    if whole.chosen is not None:
-        return not whole.chosen.forms.missing(STRATEGIES["multifrusta"])
-    return isinstance(whole.prepared, BlockTree)
+def _has_blocks(tree: Accelerated) -> bool:
+    """Whether the tree exists in the form that camera rays traverse."""
+    if tree.chosen is not None:
+        return not tree.chosen.forms.missing(STRATEGIES["multifrusta"])
+    return isinstance(tree.prepared, BlockTree)
 
 
 def _rays_are_compiled() -> bool:
-    wanted = camera_rays_job().kernels()
-    return wanted is not None and not missing_of(wanted)
+    kernels = camera_rays_job().kernels()
+    return kernels is not None and not missing_of(kernels)
 
 
 def camera_rays_job() -> Job:
-    """The job of camera rays through a tree of blocks."""
+    """The job of tracing camera rays through a tree of blocks."""
 
-    def work():
+    def work() -> None:
         triangles, (camera, _) = small_scene().triangles(0.0, 2), small_view()
         bvh = lbvh.build(triangles.vertices, 2)
         primary_visibility(triangles, camera, Accelerated(triangles, bvh, block_tree(bvh, 2)), 2)

@@ -1,10 +1,15 @@
-"""Scene faces: what a scene holds, the questions that its engine answers, and scenes in memory as users have them."""
+"""Scenes as users have them: data, an engine that answers queries, and default views.
+
+`AnyScene` is the common interface. `Scene` holds its triangles in memory; `paged_scene.PagedScene` is its counterpart
+for stores.
+"""
 
 import threading
 from html import escape
 from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar, overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, whole_number
 from ..formats.library_meshes import data_of_arrays, data_of_mesh
@@ -14,12 +19,12 @@ from ..scene.alpha_masks import Cutouts
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
 from ..scene.default_picture import KINDS, DefaultView, skies_with
-from ..scene.lights import Light
+from ..scene.lights import Light, QuadLight
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_data import CityModel, MemoryData, SceneData
 from ..scene.triangles import Hit, Triangles
 
-# --- The faces of scenes: what a scene holds, and the questions that its engine answers -------------------------------
+# --- The interface of scenes ------------------------------------------------------------------------------------------
 
 
 if TYPE_CHECKING:
@@ -29,24 +34,24 @@ _T = TypeVar("_T")
 
 
 class DataAttribute(Generic[_T]):
-    """An attribute of a face that is its data's own."""
+    """An attribute of a scene that is stored in its data."""
 
-    def __set_name__(self, owner, name: str) -> None:
+    def __set_name__(self, owner: type, name: str) -> None:
         self._name = name
 
     @overload
-    def __get__(self, face: None, owner) -> "DataAttribute[_T]": ...
+    def __get__(self, scene: None, owner: type) -> "DataAttribute[_T]": ...
     @overload
-    def __get__(self, face: "AnyScene", owner) -> _T: ...
-    def __get__(self, face, owner):
-        return self if face is None else getattr(face.data, self._name)
+    def __get__(self, scene: "AnyScene", owner: type) -> _T: ...
+    def __get__(self, scene: "AnyScene | None", owner: type) -> Any:
+        return self if scene is None else getattr(scene.data, self._name)
 
-    def __set__(self, face: "AnyScene", value: _T) -> None:
-        setattr(face.data, self._name, value)
+    def __set__(self, scene: "AnyScene", value: _T) -> None:
+        setattr(scene.data, self._name, value)
 
 
 class AnyScene:
-    """A scene: its data, an engine that answers questions about it, and default views. `Scene` documents attributes.
+    """A scene: its data, an engine that answers queries, and default views. `Scene` documents the attributes.
 
     data : SceneData
     """
@@ -78,10 +83,10 @@ class AnyScene:
 
     @classmethod
     def of_data(cls, data: SceneData) -> Self:
-        """The scene with this data: as from a pickle."""
-        made = cls.__new__(cls)
-        made.__setstate__({"data": data})
-        return made
+        """The scene with this data."""
+        scene = cls.__new__(cls)
+        scene.__setstate__({"data": data})
+        return scene
 
     def __getstate__(self) -> dict[str, Any]:
         return {"data": self.data}
@@ -91,7 +96,7 @@ class AnyScene:
 
     @property
     def engine(self) -> "Engine":
-        """What answers this scene's questions, and remembers trees between them."""
+        """Answers queries about this scene and caches trees between them."""
         engine = self._engine
         return self._new_engine() if engine is None else engine
 
@@ -128,34 +133,33 @@ class AnyScene:
         """Make all faces solid. Call it before the first query."""
         self.data.ignore_alpha()
 
-    def clamped(self, time) -> float:
+    def clamped(self, time: float) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         return self.data.clamped(time)
 
     def ground_height(self, time: float | None = None) -> float:
-        """The height, along the up axis, of a level ground just under the scene, in world units.
+        """The height along the up axis, in world units, of a level ground just below the scene.
 
-        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        time : seconds, for the scene at this time of an animation; None: the whole animation
         """
         return self.data.ground_height(time)
 
     def default_camera(
         self, width: int = 1024, height: int = 1024, kind: str = "perspective", time: float | None = None
     ) -> Camera:
-        """A three-quarter view from a little above, as near as it shows the scene.
+        """A three-quarter view from slightly above, as close as fits the whole scene.
 
-        Parts far from all others may lie outside of the picture, and so may a wide ground. A scene that encloses a room
-        is shown from inside.
+        Outlying parts and a wide ground may lie outside the image. A scene that encloses a room is shown from inside.
 
         Parameters
         ----------
         width, height : int
             Pixels.
         kind : str
-            "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", in a room from
-            its middle.
+            "perspective"; "orthographic", from outside; "top", orthographic from above; or "panoramic", from the middle
+            of a room.
         time : float or None
-            Seconds; the camera shows this moment of an animation. None: the whole animation.
+            Seconds; the view fits the scene at this time of an animation. None: the whole animation.
         """
         choice(kind, "camera kind", KINDS)
         width = whole_number(width, "picture width", 1, MAX_SIZE)
@@ -167,7 +171,7 @@ class AnyScene:
 
     @property
     def view(self) -> DefaultView:
-        """The geometry that a default picture shows. It is found at the first use."""
+        """The geometry that a default view shows, computed on first use."""
         if self._view is None:
             from .default_view import view_of
 
@@ -175,55 +179,56 @@ class AnyScene:
         return self._view
 
     def default_lights(self, time: float = 0.0) -> list[Light]:
-        """The scene's own lights at a time, or daylight: a sun to the viewer's left, and a `Sky`.
+        """The lights of the file at a time, or daylight: a sun to the viewer's left, and a `Sky`.
 
-        A closed room without lights has a lamp instead of the sun. Own lights get a sky if one of them is a sun.
+        A closed room without lights gets a lamp instead of the sun. A sky is added to the file's lights if one of them
+        is a sun.
         """
         time = self.clamped(time)
-        own = [self.light(i, time) for i in range(len(self.lights))]
-        return own + skies_with(own, self.up) if own else self.view.lights()
+        file_lights = [self.light(i, time) for i in range(len(self.lights))]
+        return file_lights + skies_with(file_lights, self.up) if file_lights else self.view.lights()
 
-    def default_light(self):
+    def default_light(self) -> QuadLight:
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""
         return framing.default_light(self.bounds, self.up)
 
     def occluded(
         self,
-        origins,
-        directions=None,
-        tmin=0.0,
-        tmax=np.inf,
-        skip_face=None,
-        time=0.0,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
         *,
-        targets=None,
-        cull_faces=None,
-        threads=None,
-    ) -> np.ndarray:
-        """Any-hit query: True for each ray that a triangle blocks strictly between tmin and tmax, or before its target.
+        targets: "ArrayLike | None" = None,
+        cull_faces: str | None = None,
+        threads: int | None = None,
+    ) -> "NDArray[np.bool_]":
+        """Any-hit query: whether a triangle blocks each ray strictly between tmin and tmax, or before its target.
 
-        The answer is exact (docs/design/exactness.md). A scene in a store keeps to its `PagedScene.max_memory`.
+        The result is exact (docs/design/exactness.md). A scene in a store stays within its `PagedScene.max_memory`.
 
         Parameters
         ----------
         origins, directions : (..., 3) float, world
             They broadcast against each other. `origins` alone may have shape (..., 6). Arrays with DLPack in host
             memory are accepted. Float64 origins are recentred before they are rounded to float32. Directions are
-            rounded to float32. They need not be of unit length.
+            rounded to float32; they need not be unit vectors.
         tmin, tmax : float or (...) float
-            In lengths of the direction, with 0 <= tmin. They bound `Hit.t`, in float64: a triangle blocks if
+            In lengths of the direction, with 0 <= tmin. They bound `Hit.t` in float64: a triangle blocks if
             ``tmin < t < tmax`` for the t that `closest_hit` reports for it. So a hit at exactly tmin or tmax does not
             count.
         skip_face : int or (...) int, optional
-            A face that is not tested, for rays that start on a known face; -1: none.
+            A face to ignore, for rays that start on a known face; -1: none.
         time : float
-            Seconds. The BVH of the last query's time is kept.
+            Seconds. The BVH of the latest query's time is cached.
         targets : (..., 3) float, world, optional
             The other ends of segments, in place of `directions`, `tmin` and `tmax`. A triangle blocks a segment if it
-            meets it strictly between its ends. Targets are recentred and rounded as origins are. The answer is that of
-            real arithmetic for the two rounded points: no direction between them is rounded.
+            intersects it strictly between its ends. Targets are recentred and rounded like origins. The result is that
+            of real arithmetic for the two rounded points; no direction between them is rounded.
         cull_faces : None, "front" or "back"
-            Faces whose given side faces the ray's origin do not block it.
+            Faces whose front or back side, respectively, faces the ray's origin do not block it.
         threads : int, optional
             None: all cores.
 
@@ -234,8 +239,8 @@ class AnyScene:
         Raises
         ------
         InputError
-            If shapes do not broadcast, origins, directions or targets are NaN, infinite or beyond float32, a direction
-            is zero, tmin is negative or infinite, tmax is NaN, or targets are given beside directions, tmin or tmax.
+            If shapes do not broadcast; origins, directions or targets are NaN, infinite or beyond float32; a direction
+            is zero; tmin is negative or infinite; tmax is NaN; or targets are combined with directions, tmin or tmax.
         """
         return self.engine.occluded(
             origins, directions, tmin, tmax, skip_face, time, targets=targets, cull_faces=cull_faces, threads=threads
@@ -243,36 +248,36 @@ class AnyScene:
 
     def closest_hit(
         self,
-        origins,
-        directions=None,
-        tmin=0.0,
-        tmax=np.inf,
-        skip_face=None,
-        time=0.0,
+        origins: "ArrayLike",
+        directions: "ArrayLike | None" = None,
+        tmin: "ArrayLike" = 0.0,
+        tmax: "ArrayLike" = np.inf,
+        skip_face: "ArrayLike | None" = None,
+        time: float = 0.0,
         *,
-        cull_faces=None,
-        threads=None,
+        cull_faces: str | None = None,
+        threads: int | None = None,
     ) -> Hit:
         """The nearest hit of each ray strictly between tmin and tmax; arguments and errors as for `occluded`.
 
         Returns
         -------
         Hit
-            t (...) float64, in lengths of the direction, inf on a miss: the real number, rounded to the nearest
-            float64. face (...) int32, -1 on a miss. u, v (...) float32, weights of the face's second and third corner,
-            from 0 to 1. Among faces with the same t, the lowest index wins.
+            t (...) float64: in lengths of the direction, the exact value rounded to the nearest float64; inf on a miss.
+            face (...) int32: -1 on a miss. u, v (...) float32: weights of the face's second and third corner, from 0
+            to 1. Among faces with the same t, the lowest index wins.
 
         Notes
         -----
-        ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until nothing is hit, it visits each t once, in
-        order, and of faces with the same t the lowest index.
+        ``closest_hit(o, d, tmin=hit.t)`` finds the next hit. Repeated until there is no hit, it visits each distinct t
+        once in ascending order, and reports the face with the lowest index at each.
         """
         return self.engine.closest_hit(
             origins, directions, tmin, tmax, skip_face, time, cull_faces=cull_faces, threads=threads
         )
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: a table of facts."""
+        """A summary table for notebooks."""
         size = " x ".join(f"{v:.4g}" for v in self.bounds[1] - self.bounds[0])
         rows = {
             "triangles": f"{self.n_triangles:,}",
@@ -287,50 +292,50 @@ class AnyScene:
         return f"<table><caption>{type(self).__name__} {escape(self.name)}</caption>{body}</table>"
 
 
-# --- Scenes in memory, as users have them -----------------------------------------------------------------------------
+# --- Scenes in memory -------------------------------------------------------------------------------------------------
 
 
 class Scene(AnyScene):
     """Triangles, cameras and lights in world space, at any time between 0 and `duration`.
 
-    Made by `antumbra.load`, `antumbra.procedural`, `Scene.from_arrays` or `Scene.from_mesh`. Coordinates are
+    Created by `antumbra.load`, `antumbra.procedural`, `Scene.from_arrays` or `Scene.from_mesh`. Coordinates are
     evaluated in float64, recentred, and only then rounded to float32: world position = vertex + `origin`.
 
-    The origin belongs to the scene and is the same at every time. It is about the middle of the scene. On each axis it
-    is ``lower + round(((upper - lower) / 2) / g) * g`` in float64. The bounds are those at time 0, and ``g`` is
-    ``2**(floor(log2(widest extent)) - 20)``. So a move of the whole scene leaves the bits of the float32 vertices the
-    same, if float64 adds its offset exactly (such as a map grid's 5e6 m).
+    The origin is a property of the scene, the same at all times, and lies near the middle of the scene. On each axis it
+    is ``lower + round(((upper - lower) / 2) / g) * g`` in float64, with the bounds at time 0 and
+    ``g = 2**(floor(log2(widest extent)) - 20)``. Translating the whole scene therefore does not change the bits of the
+    float32 vertices if float64 adds the offset exactly (such as the 5e6 m of a map grid).
 
     Attributes
     ----------
     name : str
     up : "y" or "z"
-        The axis that points up; `default_camera` and `default_light` use it, coordinates are not changed.
+        The axis that points up. `default_camera` and `default_light` use it; coordinates are not changed.
     duration : float
         Length of the animation in seconds; 0.0 for a static scene.
     n_triangles : int
     bounds : (2, 3) float64, world
-        Lowest and highest corner at time 0.
+        Lower and upper corner at time 0.
     origin : (3,) float64, world
-        Zero of the frame of the triangles.
+        Origin of the frame of the triangles.
     colours : (n, 3) float32
         Mean linear base colour of each face, in [0, 1]. Shared with the `Triangles`: do not write to it.
     meshes : list of MeshInfo
         Name, triangles and instances of each mesh.
     objects : list of ObjectInfo
-        Name, mesh and instance of each object. Each node or instance of the file that shows a mesh is an object, in
-        the order of its faces; of an OBJ file each material; of a CityJSON file each city object with faces, with its
-        type and the object that it is a part of. Arrays and procedural scenes are one object.
+        Name, mesh and instance of each object, in the order of their faces. An object is a node or instance of the file
+        with a mesh; in an OBJ file, a material; in a CityJSON file, a city object with faces, with its type and parent
+        object. Arrays and procedural scenes are one object.
     notes : tuple of str
         Features of the file that the loader omitted or approximated.
     source : Source
         Supplies the triangles, cameras and lights.
     crs : str or None
         The coordinate reference system of the world coordinates, such as "EPSG:7415": that of the file, or the `crs`
-        that was given. Tables and rasters made from the scene carry it. Coordinates are easting and northing along the
-        scene's own east and north axes: +X and +Y if Z is up, +X and -Z if Y is up.
+        argument. Tables and rasters made from the scene carry it. Coordinates are easting and northing along the
+        scene's east and north axes: +X and +Y if Z is up, +X and -Z if Y is up.
     city : CityModel or None
-        Of a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
+        For a CityJSON file: the object and the semantic surface of each face, and `CityModel.surface_types`.
     """
 
     data: MemoryData
@@ -350,9 +355,19 @@ class Scene(AnyScene):
 
     @classmethod
     def from_arrays(
-        cls, vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None,
-        name="arrays", up="y", crs=None,
-    ) -> "Scene":  # fmt: skip
+        cls,
+        vertices: "ArrayLike",
+        faces: "ArrayLike | None" = None,
+        colours: "ArrayLike | None" = None,
+        *,
+        vertex_colours: "ArrayLike | None" = None,
+        uv: "ArrayLike | None" = None,
+        texture: "ArrayLike | None" = None,
+        normals: "ArrayLike | None" = None,
+        name: str = "arrays",
+        up: str = "y",
+        crs: str | None = None,
+    ) -> "Scene":
         """A static scene from arrays.
 
         Parameters
@@ -360,20 +375,20 @@ class Scene(AnyScene):
         vertices : (v, 3) float, world
             Or an (n, 3, 3) soup of triangles, with `faces` None. Any float or integer dtype.
         faces : (f, 3) int, optional
-            Indices of vertices. None: three vertices in a row are a face.
+            Indices of vertices. None: three consecutive vertices form a face.
         colours : (3,) or (f, 3), optional
             Base colour of the scene or of each face; white by default. Floats are linear light in [0, 1], uint8 is
             sRGB. A fourth number, alpha, is dropped.
         vertex_colours : (v, 3), optional
-            Colour of each vertex instead; pictures interpolate them, and `colours` has the mean of a face. Of a soup,
-            of each of its 3 n corners.
+            Colour of each vertex, or of each of the 3 n corners of a soup, instead of `colours`. Images interpolate
+            them, and `Scene.colours` has the mean of each face.
         uv : (v, 2) float, optional
-            Texture coordinates of each vertex: (0, 0) is the upper left corner of the texture, (1, 1) its lower right
-            one. The texture repeats beyond. Of a soup, of each of its 3 n corners.
+            Texture coordinates of each vertex, or of each of the 3 n corners of a soup: (0, 0) is the upper left corner
+            of the texture, (1, 1) the lower right one. The texture repeats.
         texture : (h, w, 3) or (h, w, 4) uint8, optional
-            A picture in sRGB, for `uv`. Vertex colours are multiplied with it.
+            An sRGB image, for `uv`. It is multiplied by vertex colours.
         normals : (v, 3) float, optional
-            Normals of each vertex, for shading only.
+            Normal of each vertex, for shading only.
         name : str
             Name of the scene, also in errors.
         up : "y" or "z"
@@ -392,21 +407,29 @@ class Scene(AnyScene):
             triangles.
         """
         data = data_of_arrays(
-            vertices, faces, colours, vertex_colours=vertex_colours, uv=uv, texture=texture, normals=normals, name=name,
-            up=up, crs=crs,
-        )  # fmt: skip
+            vertices,
+            faces,
+            colours,
+            vertex_colours=vertex_colours,
+            uv=uv,
+            texture=texture,
+            normals=normals,
+            name=name,
+            up=up,
+            crs=crs,
+        )
         return cls.of_data(data)
 
     @classmethod
-    def from_mesh(cls, mesh, *, name: str | None = None, up="y", crs=None) -> "Scene":
-        """A static scene from a mesh of another library. `antumbra.load` takes such meshes too.
+    def from_mesh(cls, mesh: object, *, name: str | None = None, up: str = "y", crs: str | None = None) -> "Scene":
+        """A static scene from a mesh of another library. `antumbra.load` accepts such meshes too.
 
         Parameters
         ----------
         mesh : object
             A trimesh ``Trimesh`` or ``Scene``, a pyvista data set (``PolyData``, or one that has a surface) or
-            ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Colours of vertices and
-            faces, and materials with textures of trimesh, are kept. Each node of a trimesh ``Scene`` is an object.
+            ``MultiBlock``, a meshio ``Mesh``, or an Open3D ``TriangleMesh`` of either kind. Vertex and face colours are
+            kept, as are trimesh materials with textures. Each node of a trimesh ``Scene`` becomes an object.
         name : str, optional
             Name of the scene, also in errors; None: the kind of mesh.
         up : "y" or "z"
@@ -417,18 +440,18 @@ class Scene(AnyScene):
         Returns
         -------
         Scene
-            Its `notes` name what was left out.
+            Its `notes` list the features that were omitted.
 
         Raises
         ------
         InputError
-            If the object is of another kind, has no triangles, or has vertices that are NaN or infinite.
+            If the object has another type, no triangles, or vertices that are NaN or infinite.
         """
         return cls.of_data(data_of_mesh(mesh, name=name, up=up, crs=crs))
 
     def __repr__(self) -> str:
-        moving = f", duration={self.duration:g}" if self.animated else ""
-        return f"Scene({self.name!r}, {self.n_triangles} triangles{moving}, up={self.up!r})"
+        duration = f", duration={self.duration:g}" if self.animated else ""
+        return f"Scene({self.name!r}, {self.n_triangles} triangles{duration}, up={self.up!r})"
 
 
 def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0) -> Scene:
@@ -436,15 +459,15 @@ def procedural(name: str = "atrium", triangles: int | None = None, seed: int = 0
 
     Parameters
     ----------
-    name : "atrium", "city", "forest", or the name of a scene that a package adds (``antumbra scenes`` lists all)
+    name : "atrium", "city", "forest", or the name of a scene added by a package (``antumbra scenes`` lists all)
     triangles : int, optional
-        Number of triangles, met within 10 %. Each scene has its own default.
+        Approximate number of triangles, within 10 %. Each scene has its own default.
     seed : int
-        Another seed scatters the clutter differently.
+        Random seed for the arrangement of objects.
 
     Raises
     ------
     InputError
-        On an unknown name, or a number of triangles out of range.
+        If the name is unknown, or the number of triangles is out of range.
     """
     return Scene.of_data(procedural_data(name, triangles, seed))

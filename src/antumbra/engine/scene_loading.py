@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from ..checks import flag
 from ..scene.crs import checked_crs
@@ -14,73 +14,78 @@ if TYPE_CHECKING:
     from .paged_scene import PagedScene
 
 SceneLike: TypeAlias = "AnyScene | str | os.PathLike[str] | Any"
-"""What functions take as a scene: a scene, the path of one, or a mesh of another library; see `load`."""
+"""A scene argument: a scene, the path of one, or a mesh of another library, see `load`."""
 
 
 def load(
-    path, *, up: str | None = None, lod: str | None = None, cutouts: bool = True, crs: str | None = None
+    path: "str | os.PathLike[str] | Any",
+    *,
+    up: str | None = None,
+    lod: str | None = None,
+    cutouts: bool = True,
+    crs: str | None = None,
 ) -> "Scene | PagedScene":
-    """Read a scene from a file, or take it from a mesh of another library.
+    """Read a scene from a file, or convert a mesh of another library.
 
     Parameters
     ----------
     path : str, path-like, or a mesh
-        One of five kinds. A .glb, .gltf, .obj, .ply or .stl file; files that it names are read from its folder only.
-        A CityJSON file, .json or .city.json, or a CityJSONSeq file, .jsonl or .city.jsonl; it needs antumbra[gis].
-        A folder with `frames.npy` ((n, v, 3) float, the vertices at n moments) and `faces.npy` ((f, 3) int);
-        `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds) are optional.
-        A store, .antumbra, made by `antumbra build`. Or a mesh of trimesh, pyvista, meshio or Open3D, see
-        `Scene.from_mesh`.
+        One of five kinds:
+
+        - A .glb, .gltf, .obj, .ply or .stl file. Files that it refers to are read from its folder only.
+        - A CityJSON file (.json, .city.json) or CityJSONSeq file (.jsonl, .city.jsonl); requires antumbra[gis].
+        - A folder with `frames.npy` ((n, v, 3) float, the vertices at n times) and `faces.npy` ((f, 3) int), and
+          optionally `face_rgba.npy` ((f, 4) uint8 or float, linear) and an `info.json` with "times" (n seconds).
+        - A store (.antumbra), built by `antumbra build`.
+        - A mesh of trimesh, pyvista, meshio or Open3D, see `Scene.from_mesh`.
     up : "y" or "z", optional
         The axis that points up. It is recorded as `Scene.up`; coordinates are not changed. None: "z" for CityJSON, and
-        for other files whose floors and roofs face z, with a note; "y" for the rest, and for meshes of other libraries.
-        A store has its own axis.
+        for other files whose floors and roofs face z, with a note; "y" for all other files, and for meshes of other
+        libraries. A store has its own axis.
     lod : str, optional
-        Level of detail of CityJSON, such as "2.2". None: the highest of each object. An object whose parts have a
-        higher one, such as a Building of BuildingParts, is left to these parts.
+        Level of detail of CityJSON, such as "2.2". None: the highest of each object. Objects whose parts have a higher
+        one, such as a Building with BuildingParts, are represented by these parts.
     cutouts : bool
-        True: rays pass through faces where the alpha of their material says so, texel by texel. The alpha modes MASK
-        and BLEND do; BLEND stops light from alpha 0.5 on. False: all faces are solid, as they are in stores.
-
+        True: rays pass through the transparent texels of faces whose material has alpha mode MASK, or BLEND (which
+        blocks light from alpha 0.5 on). False: all faces are solid, as in stores.
     crs : str, optional
         Coordinate reference system of the coordinates, such as "EPSG:28992", or anything that pyproj accepts. It is
-        recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, which CityJSON and stores have.
+        recorded as `Scene.crs`; tables and rasters carry it. None: that of the file, for CityJSON and stores.
 
     Returns
     -------
     Scene or PagedScene
-        For a store a `PagedScene`, whose triangles stay on disk. `Scene.appearance` has materials, textures, colours
-        of vertices and normals; `Scene.colours` has their mean colour of each face. CityJSON is coloured by the types
-        of its surfaces and objects, and `Scene.city` names them.
+        For a store, a `PagedScene`, whose triangles stay on disk. `Scene.appearance` has materials, textures, vertex
+        colours and normals; `Scene.colours` has the mean colour of each face. CityJSON is coloured by the types of its
+        surfaces and objects, which are in `Scene.city`.
 
     Raises
     ------
     InputError
-        If anything cannot be read. The one-line message names the file, the field and the cure.
+        If anything cannot be read. The one-line message names the file, the field and the remedy.
 
     Warns
     -----
     UserWarning
-        Once for each kind of `Scene.notes`, such as missing textures or lights that are only partly supported, with
-        their number.
+        Once for each kind of `Scene.notes` and with their number, such as missing textures or partly supported lights.
     """
-    asked = None if crs is None else checked_crs(crs)
-    scene = _face(read_scene_data(path, up, lod))
+    given_crs = None if crs is None else checked_crs(crs)
+    scene = _scene_of_data(read_scene_data(path, up, lod))
     if not flag(cutouts, "cutouts") and isinstance(scene, Scene):
         scene.ignore_alpha()
-    scene.crs = asked or scene.crs
+    scene.crs = given_crs or scene.crs
     for note in group_notes(scene.notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return scene
 
 
 def scene_of(value: SceneLike) -> "Scene | PagedScene":
-    """The scene that a public function is given: a scene as it is, or what `load` reads.
+    """The scene of a `SceneLike` argument, loaded if necessary.
 
     Raises
     ------
     InputError
-        If it is neither a scene, nor a path, nor a mesh of a library that `load` knows, or cannot be read.
+        If it is not a scene, a path, or a mesh that `load` supports, or if it cannot be read.
 
     Warns
     -----
@@ -88,14 +93,14 @@ def scene_of(value: SceneLike) -> "Scene | PagedScene":
         As `load` does.
     """
     if isinstance(value, AnyScene):
-        return value  # type: ignore[return-value]  # the two kinds that there are
-    scene = _face(read_scene_data(value))
+        return cast("Scene | PagedScene", value)  # there are no other subclasses
+    scene = _scene_of_data(read_scene_data(value))
     for note in scene.notes:
         warnings.warn(note, UserWarning, stacklevel=3)
     return scene
 
 
-def _face(data: SceneData) -> "Scene | PagedScene":
+def _scene_of_data(data: SceneData) -> "Scene | PagedScene":
     """The scene with this data."""
     if isinstance(data, MemoryData):
         return Scene.of_data(data)

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,14 +20,14 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl")
 CITY_SUFFIXES = (".json", ".jsonl")
 
 
-def data_of(value) -> SceneData:
-    """What a scene holds: one that is loaded, or anything that `antumbra.load` takes."""
+def data_of(value: Any) -> SceneData:
+    """The data of a scene, or of anything else that `antumbra.load` accepts."""
     data = getattr(value, "data", value)
     return data if isinstance(data, SceneData) else read_scene_data(value)
 
 
-def read_scene_data(value, up: str | None = None, lod: str | None = None) -> SceneData:
-    """What is in the scene of a path or of a mesh of another library."""
+def read_scene_data(value: Any, up: str | None = None, lod: str | None = None) -> SceneData:
+    """Read the data of a scene from a path or a mesh of another library."""
     if up is not None:
         check_up_axis(up)
     if lod is not None:
@@ -40,7 +41,7 @@ def read_scene_data(value, up: str | None = None, lod: str | None = None) -> Sce
 
 
 def _scene_in(path: Path, up: str | None, lod: str | None) -> SceneData:
-    """The scene of a file or folder; errors of libraries become an `InputError`."""
+    """Read a file or folder. Errors of libraries become an `InputError`."""
     try:
         with np.errstate(all="ignore"):
             return _read(path, up, lod)
@@ -71,8 +72,8 @@ def _read(path: Path, up: str | None, lod: str | None) -> SceneData:
     if suffix not in GLTF_SUFFIXES + MESH_SUFFIXES:
         known = ", ".join((*GLTF_SUFFIXES, *MESH_SUFFIXES, *CITY_SUFFIXES, STORE_SUFFIX))
         checked_file(path, name)
-        shown = f"format {suffix!r}" if suffix else "format, no suffix"
-        raise InputError(f"{name}: unknown {shown}; use one of {known}, or a folder")
+        description = f"format {suffix!r}" if suffix else "format, no suffix"
+        raise InputError(f"{name}: unknown {description}; use one of {known}, or a folder")
     checked_file(path, name)
     if suffix in GLTF_SUFFIXES:
         from ..formats.gltf.gltf_source import read_gltf
@@ -87,13 +88,13 @@ def _read_city(path: Path, name: str, up: str | None, lod: str | None) -> Memory
     from ..formats.cityjson.cityjson_source import read_cityjson
 
     checked_file(path, name)
-    found = read_cityjson(path, lod)
-    name, city = path.stem.removesuffix(".city"), found.city
-    return MemoryData(found.source, name=name, up=up or "z", notes=tuple(found.notes), city=city, crs=city.crs)
+    city_file = read_cityjson(path, lod)
+    name, city = path.stem.removesuffix(".city"), city_file.city
+    return MemoryData(city_file.source, name=name, up=up or "z", notes=tuple(city_file.notes), city=city, crs=city.crs)
 
 
 def _scene(source: Source, notes: list[str], name: str, up: str | None) -> MemoryData:
     scene = MemoryData(source, name=name, up=up or "y", notes=tuple(notes))
     if up is None and guess_z_up(sampled_faces(source, scene.n_triangles)):
-        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: looks as if z pointed up; up="y" says otherwise')
+        scene.up, scene.notes = "z", (*scene.notes, f'{source.file}: seems to have z up; pass up="y" to override')
     return scene

@@ -1,7 +1,8 @@
 """`build_store`: merge scenes into one store file."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from ..checks import byte_count, quoted, whole_number
 from ..errors import InputError
@@ -11,17 +12,17 @@ from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
 from ..progress import Progress, show_progress, with_progress
 from ..scene.scene_data import SceneData
-from ..store.store_build import CHUNK, LEAST_MEMORY, BuildReport, build_compiled
+from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, build_compiled
 from ..store.store_format import STORE_SUFFIX
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .scene import AnyScene
-from .scene_loading import scene_of
+from .scene_loading import SceneLike, scene_of
 
 
 @with_progress
 def build_store(
-    scenes,
-    path,
+    scenes: "SceneLike | StreamedCity | Iterable[SceneLike | StreamedCity]",
+    path: "str | os.PathLike[str]",
     *,
     max_memory: int = 4 << 30,
     threads: int | None = None,
@@ -32,21 +33,21 @@ def build_store(
 
     Parameters
     ----------
-    scenes : Scene, or anything that `antumbra.load` takes, or an iterable of them
+    scenes : Scene, or anything that `antumbra.load` accepts, or an iterable of them
         The scenes at time 0, merged in this order. Cameras and lights of all scenes are kept. Scenes are read one
-        after the other, so a generator may drop each scene after yielding it.
+        after the other, so a generator may release each scene after yielding it.
     path : str or path-like
-        A file ``*.antumbra``. It is written whole or not at all. During the build, unnamed temporary files in the
-        same folder take about 55 bytes a triangle.
+        A file ``*.antumbra``. It is written atomically. During the build, unnamed temporary files in the same folder
+        take about 55 bytes per triangle.
     max_memory : int
-        Limit in bytes on the memory of the process at any time, at least 384 MiB; the scenes themselves come on top.
+        Limit in bytes on the memory of the process at any time, at least 384 MiB, not counting the scenes themselves.
     threads : int, optional
         None: all cores. The file has the same bits for every value of `threads` and `max_memory`.
     chunk : int
-        Most triangles in a chunk, 16 to 4 194 304.
+        Maximum number of triangles in a chunk, 16 to 4,194,304.
     progress : function of (text, done, total), or bool, optional
-        Called with the current phase, the work done and the total work; total 0: unknown. False: nothing is shown.
-        None: terminals and notebooks show a bar after a second.
+        Called with the current phase, the work done and the total work (0: unknown). False: nothing is shown. None:
+        terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -55,38 +56,38 @@ def build_store(
     Raises
     ------
     InputError
-        If the scenes have no triangles, lie too far apart, or have different up axes. If the path cannot be written
-        or the disk is full; then no file is left behind.
+        If the scenes have no triangles, lie too far apart, or have different up axes; or if the path cannot be written
+        or the disk is full. No partial file is left behind.
     """
-    scenes = _each(scenes)
+    data = _scene_data_of_all(scenes)
     path, threads = checked_output(path, (STORE_SUFFIX,)), thread_count(threads)
-    max_memory = byte_count(max_memory, "max_memory", LEAST_MEMORY)
+    max_memory = byte_count(max_memory, "max_memory", MIN_MEMORY)
     chunk = whole_number(chunk, "chunk", 16, 1 << 22)
     precompile(store_job)
-    with show_progress(f"building {path.name}") as heard:
-        bar = None if heard is None else lambda text, done, total: heard(done, total)
-        return build_compiled(scenes, path, max_memory, threads, chunk, progress if callable(progress) else bar)
+    with show_progress(f"building {path.name}") as callback:
+        bar = None if callback is None else lambda text, done, total: callback(done, total)
+        return build_compiled(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
-def _each(scenes) -> Iterator[SceneData | StreamedCity]:
-    """One scene after the other; each may be what `scene_of` takes."""
+def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedCity]:
+    """Yield the data of one scene after the other."""
     if isinstance(scenes, (AnyScene, StreamedCity, str, os.PathLike)) or is_mesh(scenes):
         scenes = [scenes]
     try:
         iter(scenes)
     except TypeError:
         raise InputError(f"scenes are {quoted(scenes)}; give a scene, or several in a list") from None
-    return map(_opened, scenes)  # unlike a generator, `map` keeps no scene that it has handed out
+    return map(_scene_data, scenes)  # unlike a generator, `map` holds no reference to the last scene
 
 
-def _opened(scene) -> SceneData | StreamedCity:
+def _scene_data(scene: "SceneLike | StreamedCity") -> SceneData | StreamedCity:
     return scene if isinstance(scene, StreamedCity) else scene_of(scene).data
 
 
 def store_job() -> Job:
     """The job of building a store."""
 
-    def work():
+    def work() -> None:
         with temporary_folder() as folder:
             build_compiled([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
 

@@ -1,4 +1,4 @@
-"""File formats: each module or folder reads one format, or writes it.
+"""File formats: each module or folder reads or writes one family of formats.
 
 - `gltf/`: glTF 2.0 and GLB
 - `cityjson/`: CityJSON and CityJSONSeq

@@ -1,6 +1,7 @@
 """NumPy arrays in .npy and .npz files, checked before they are read, and folders of vertex frames.
 
-A folder with frames.npy and faces.npy is one mesh at several times.
+Files may come from any source: headers and sizes are checked first, and nothing is unpickled. A folder with frames.npy
+and faces.npy is one mesh at several times.
 """
 
 import json
@@ -9,25 +10,29 @@ import re
 import zipfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files import checked_file
+from ..scene.camera import Camera
+from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo, Piece, check_finite, face_colours, used_faces
 
-# --- Arrays of numbers from .npy and .npz files of any origin: sizes are checked before data are read -----------------
+# --- .npy and .npz files ----------------------------------------------------------------------------------------------
 
 
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED
-_MOST, _RATIO = 1 << 30, 20  # bytes that any file may expand to; and times its size, if that is more
-_ENCRYPTED = 1  # a flag of an entry
+_MOST, _RATIO = 1 << 30, 20  # a file may expand to this many bytes, or to this multiple of its size if that is more
+_ENCRYPTED = 1  # flag bit of a zip entry
 
 
 def mapped_array(path: Path, where: str) -> np.ndarray:
-    """A .npy file, memory-mapped after a check of its header against its size. Nothing is unpickled."""
+    """A .npy file, memory-mapped after its header has been checked against the file size. Nothing is unpickled."""
     checked_file(path, where)
     with path.open("rb") as stream:
         shape, fortran, dtype = _header(stream, where)
@@ -39,48 +44,48 @@ def mapped_array(path: Path, where: str) -> np.ndarray:
 
 
 def npz_arrays(path: Path, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """Those of the arrays with these names, in lower case, that a .npz file has. Nothing is unpickled.
+    """The arrays of a .npz file with the given lower-case names, as far as it has them. Nothing is unpickled.
 
     Raises
     ------
     InputError
-        If an entry is not an array of numbers, or the arrays expand to far more than the size of the file.
+        If an entry is not an array of numbers, or the arrays expand to far more than the file size.
     Exception
-        Of many kinds, if the archive is damaged: of zipfile, zlib and others.
+        Of various types from zipfile, zlib and others, if the archive is damaged.
     """
-    wanted, found = set(names), {}
+    requested, arrays = set(names), {}
     with zipfile.ZipFile(path) as archive:
         entries = {entry.filename.removesuffix(".npy").lower(): entry for entry in archive.infolist()}
-        entries = {name: entry for name, entry in entries.items() if name in wanted}
+        entries = {name: entry for name, entry in entries.items() if name in requested}
         check_expansion(path, sum(entry.file_size for entry in entries.values()))
         for name, entry in entries.items():
-            found[name] = _array_of(archive, entry, f"{path.name}, array {name!r}")
-    return found
+            arrays[name] = _array_of(archive, entry, f"{path.name}, array {name!r}")
+    return arrays
 
 
 def check_expansion(path: Path, size: int) -> None:
-    """Raise an InputError if a file says that it expands to `size` bytes, and that is far more than it has."""
-    real = path.stat().st_size
-    if size > max(_MOST, _RATIO * real):
-        raise InputError(f"{path.name}: its {real / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; divide it")
+    """Raise InputError if the expanded size that a file declares, in bytes, is far larger than the file."""
+    file_size = path.stat().st_size
+    if size > max(_MOST, _RATIO * file_size):
+        raise InputError(f"{path.name}: its {file_size / 1e6:,.1f} MB expand to {size / 1e9:,.1f} GB; split it")
 
 
 def _array_of(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, where: str) -> np.ndarray:
     if entry.compress_type not in _METHODS or entry.flag_bits & _ENCRYPTED:
-        raise InputError(f"{where} is compressed by another method, or encrypted; write it with numpy.savez")
+        raise InputError(f"{where} is encrypted or compressed by an unsupported method; write it with numpy.savez")
     with archive.open(entry) as stream:
         shape, fortran, dtype = _header(stream, where)
         needed = _checked_size(shape, dtype, entry.file_size - stream.tell(), where)
         data = stream.read(needed)
-        if len(data) < needed or stream.read(1):  # its end tells whether the checksum is right
-            raise InputError(f"{where} has another size than it says; copy it again")
+        if len(data) < needed or stream.read(1):  # reading to the end verifies the checksum
+            raise InputError(f"{where} does not have its declared size; copy it again")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")
 
 
-def _header(stream, where: str) -> tuple[tuple[int, ...], bool, np.dtype]:
+def _header(stream: IO[bytes], where: str) -> tuple[tuple[int, ...], bool, np.dtype]:
     try:
         shape, fortran, dtype = _HEADERS[npy.read_magic(stream)](stream)
-    except Exception as error:  # the header is Python source, whose parser raises many kinds of errors
+    except Exception as error:  # the header is Python source, whose parser raises many error types
         raise InputError(f"{where}: not a numpy array file; write it with numpy.save") from error
     if dtype.hasobject or dtype.kind not in "fiu":
         raise InputError(f"{where} holds {dtype}; only plain numbers are read")
@@ -89,31 +94,33 @@ def _header(stream, where: str) -> tuple[tuple[int, ...], bool, np.dtype]:
     return shape, fortran, dtype
 
 
-def _checked_size(shape: tuple[int, ...], dtype: np.dtype, real: int, where: str) -> int:
-    """Bytes of an array; InputError if there are fewer in the file."""
+def _checked_size(shape: tuple[int, ...], dtype: np.dtype, available: int, where: str) -> int:
+    """The size of an array in bytes; InputError if the file has fewer."""
     needed = math.prod(shape) * dtype.itemsize
-    if needed > real:
-        raise InputError(f"{where} says {needed} bytes of data, but has {real}; it is cut short, copy it again")
+    if needed > available:
+        raise InputError(f"{where} says {needed} bytes of data, but has {available}; it is cut short, copy it again")
     return needed
 
 
-# --- A folder of arrays: the vertices of one mesh at several moments --------------------------------------------------
+# --- Folders of vertex frames -----------------------------------------------------------------------------------------
 
 
 FILES = ("frames.npy", "faces.npy", "face_rgba.npy", "info.json")
 """The files that are read from a folder. Only the first two are required."""
 
-FRAMES_PER_SECOND = 24.0  # if info.json has no times
+FRAMES_PER_SECOND = 24.0  # if info.json gives no times
 _SPAN = re.compile(r"\bt\s*=\s*(-?[0-9.]{1,20})\s*\.\.\s*(-?[0-9.]{1,20})")
 
 
 class VertexFrames:
-    """Vertices at several times, interpolated linearly in between (see `antumbra.scene.mesh.Source`).
+    """A mesh at several times, linearly interpolated in between (see `antumbra.scene.mesh.Source`).
 
-    The frames stay on disk, memory-mapped. A frame is read and checked when a time needs it.
+    The frames are memory-mapped. Each is read and checked when it is needed.
     """
 
-    def __init__(self, file: str, frames, faces, colour, times: np.ndarray):
+    def __init__(
+        self, file: str, frames: np.ndarray, faces: np.ndarray, colour: NDArray[np.float32], times: np.ndarray
+    ) -> None:
         self.file = file
         self.duration = float(times[-1] - times[0])
         self._frames, self._times, self._colour = frames, times - times[0], colour
@@ -128,14 +135,14 @@ class VertexFrames:
             towards = self._frame(k + 1)
         yield Piece(vertices, self._faces, self._colour, f"{self.file}/frames.npy", towards, share)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return []
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return []
 
     def _frame(self, k: int) -> np.ndarray:
-        """Frame k, (1, v, 3): float32 if the file holds float32, else float64."""
+        """Frame k, (1, v, 3): float32 if the file stores float32, else float64."""
         frame = self._frames[k]
         dtype = np.float32 if frame.dtype == np.float32 else np.float64
         vertices = np.ascontiguousarray(frame if self._used is None else frame[self._used], dtype)
@@ -144,7 +151,7 @@ class VertexFrames:
 
 
 def read_frames(folder: Path) -> tuple[VertexFrames, list[str]]:
-    """(source, notes) of a folder with frames.npy and faces.npy."""
+    """(source, notes) for a folder with frames.npy and faces.npy."""
     name = folder.resolve().name
     missing = [f for f in FILES[:2] if not (folder / f).exists()]
     if missing:
@@ -168,16 +175,16 @@ def _linear(rgba: np.ndarray, where: str) -> np.ndarray:
 
 
 def _times(path: Path, count: int, where: str) -> np.ndarray:
-    """The frames' times in seconds: "times" of info.json, or evenly spread over its span ("t=0.0..2.5")."""
+    """The frame times in seconds: "times" in info.json, or evenly spaced over its span ("t=0.0..2.5")."""
     info = {}
     if path.exists():
         checked_file(path, where)
         try:
             info = json.loads(path.read_bytes())
         except (ValueError, RecursionError):
-            raise InputError(f"{where}: not JSON; mend or remove it") from None
+            raise InputError(f"{where}: not JSON; fix or remove it") from None
     if not isinstance(info, dict):
-        raise InputError(f"{where}: must be a JSON object; mend or remove it")
+        raise InputError(f"{where}: must be a JSON object; fix or remove it")
     span = _SPAN.search(info["frames"]) if isinstance(info.get("frames"), str) else None
     if info.get("times") is not None:
         times = _as_times(info["times"], count, where)
@@ -190,7 +197,7 @@ def _times(path: Path, count: int, where: str) -> np.ndarray:
     return times
 
 
-def _as_times(value, count: int, where: str) -> np.ndarray:
+def _as_times(value: Any, count: int, where: str) -> np.ndarray:
     numbers = isinstance(value, list) and all(type(v) in (int, float) and abs(v) < 1e300 for v in value)
     if not numbers or len(value) != count:
         raise InputError(f'{where}: "times" must be a list of {count} numbers, one for each frame')

@@ -1,11 +1,14 @@
-"""Checked access to JSON objects. Every error names the file, the field and the expected value."""
+"""Checked access to the fields of JSON objects. Every error names the file, the field and the expected value."""
 
 import json
 import math
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from ..errors import InputError
+
+T = TypeVar("T")
 
 REQUIRED = object()
 _MAX_WHOLE = 2**53
@@ -16,14 +19,14 @@ class Fields:
 
     __slots__ = ("_data", "where")
 
-    def __init__(self, data, where: str):
+    def __init__(self, data: object, where: str) -> None:
         if not isinstance(data, dict):
-            raise InputError(f"{where} is {_shown(data)}; it must be a JSON object")
+            raise InputError(f"{where} is {_description(data)}; it must be a JSON object")
         self._data = data
         self.where = where
 
     @property
-    def data(self) -> dict:
+    def data(self) -> dict[str, Any]:
         """The JSON object itself."""
         return self._data
 
@@ -34,26 +37,26 @@ class Fields:
     def __contains__(self, key: str) -> bool:
         return self._data.get(key) is not None
 
-    def whole(self, key: str, default=REQUIRED, *, low: int = 0, high: int = _MAX_WHOLE):
-        """A whole number, low <= number < high."""
+    def whole(self, key: str, default: Any = REQUIRED, *, low: int = 0, high: int = _MAX_WHOLE) -> Any:
+        """A whole number, low <= value < high."""
         value = self._value(key, default, "a whole number")
         if value is default:
             return default
         return self._whole(value, key, low, high)
 
-    def number(self, key: str, default=REQUIRED) -> float:
+    def number(self, key: str, default: Any = REQUIRED) -> Any:
         """A finite number."""
         value = self._value(key, default, "a number")
         return default if value is default else self._number(value, key)
 
-    def numbers(self, key: str, length: int | None, default=REQUIRED):
-        """A list of finite numbers as float64, of the given length, or of any length (None)."""
+    def numbers(self, key: str, length: int | None, default: Any = REQUIRED) -> Any:
+        """A list of finite numbers as float64, of the given length; None: any length."""
         value = self._value(key, default, "a list of numbers")
         if value is default:
             return default
         if not isinstance(value, list) or (length is not None and len(value) != length):
-            many = "" if length is None else f"{length} "
-            raise self.bad(key, f"a list of {many}numbers")
+            count_text = "" if length is None else f"{length} "
+            raise self.bad(key, f"a list of {count_text}numbers")
         return np.array([self._number(v, key) for v in value], np.float64)
 
     def indices(self, key: str, count: int) -> list[int]:
@@ -68,7 +71,7 @@ class Fields:
     def flag(self, key: str) -> bool:
         return self._value(key, False, "true or false") is True
 
-    def text(self, key: str, default=REQUIRED):
+    def text(self, key: str, default: Any = REQUIRED) -> Any:
         value = self._value(key, default, "text")
         if value is not default and not isinstance(value, str):
             raise self.bad(key, "text")
@@ -93,15 +96,15 @@ class Fields:
             raise self.bad(key, "a list of objects")
         return [Fields(v, f"{self.place(key)}[{i}]{_name(v)}") for i, v in enumerate(value)]
 
-    def raw(self, key: str, kind: type, wanted: str):
-        """A value of type `kind` as JSON has it; an empty one if the field is missing."""
-        value = self._value(key, kind(), wanted)
+    def raw(self, key: str, kind: type[T], expected: str) -> T:
+        """A value of type `kind` as parsed; an empty one if the field is missing."""
+        value = self._value(key, kind(), expected)
         if not isinstance(value, kind):
-            raise self.bad(key, wanted)
+            raise self.bad(key, expected)
         return value
 
     def mapping(self, key: str, count: int) -> dict[str, int]:
-        """An object of whole numbers below `count`, as {name: number}."""
+        """An object whose values are whole numbers below `count`, as {name: number}."""
         fields = self.object(key)
         return {} if fields is None else {k: fields.whole(k, high=count) for k in fields._data}
 
@@ -109,33 +112,33 @@ class Fields:
         extensions = self.object("extensions")
         return None if extensions is None else extensions.object(name)
 
-    def bad(self, key: str, wanted: str) -> InputError:
-        return InputError(f"{self.place(key)} is {_shown(self._data.get(key))}; it must be {wanted}")
+    def bad(self, key: str, expected: str) -> InputError:
+        return InputError(f"{self.place(key)} is {_description(self._data.get(key))}; it must be {expected}")
 
-    def _value(self, key, default, wanted):
+    def _value(self, key: str, default: Any, expected: str) -> Any:
         value = self._data.get(key)
         if value is None:
             if default is REQUIRED:
-                raise InputError(f"{self.place(key)} is missing; it must be {wanted}")
+                raise InputError(f"{self.place(key)} is missing; it must be {expected}")
             return default
         return value
 
-    def _whole(self, value, key, low, high) -> int:
+    def _whole(self, value: Any, key: str, low: int, high: int) -> int:
         if isinstance(value, float) and value.is_integer():
             value = int(value)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value < high:
             limit = f"from {low} to {high - 1}" if high > low else "absent: there is nothing to refer to"
-            raise InputError(f"{self.place(key)} is {_shown(value)}; it must be a whole number {limit}")
+            raise InputError(f"{self.place(key)} is {_description(value)}; it must be a whole number {limit}")
         return value
 
-    def _number(self, value, key) -> float:
+    def _number(self, value: Any, key: str) -> float:
         if not isinstance(value, (int, float)) or isinstance(value, bool) or abs(value) > 1e300:
-            raise InputError(f"{self.place(key)} holds {_shown(value)}; it must be a finite number")
+            raise InputError(f"{self.place(key)} holds {_description(value)}; it must be a finite number")
         return float(value)
 
 
 def parse(text: bytes, file: str) -> Fields:
-    """The top object of a JSON document."""
+    """The root object of a JSON document."""
     try:
         data = json.loads(text, parse_constant=_no_constant)
     except RecursionError:
@@ -146,16 +149,16 @@ def parse(text: bytes, file: str) -> Fields:
     return Fields(data, f"{file}:")
 
 
-def _no_constant(name: str):
+def _no_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not JSON")
 
 
-def _name(data) -> str:
+def _name(data: object) -> str:
     name = data.get("name") if isinstance(data, dict) else None
     return f' "{name[:40]}"' if isinstance(name, str) and name.isprintable() and name else ""
 
 
-def _shown(value) -> str:
+def _description(value: object) -> str:
     if isinstance(value, (dict, list)):
         return "an object" if isinstance(value, dict) else f"a list of {len(value)}"
     if isinstance(value, float) and not math.isfinite(value):

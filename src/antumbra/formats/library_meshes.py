@@ -1,11 +1,15 @@
-"""Scenes from arrays and from the meshes of trimesh, PyVista, meshio and Open3D, none of which is imported."""
+"""Scenes from arrays, and from meshes of trimesh, PyVista, meshio and Open3D, without importing these libraries.
+
+Mesh objects are recognised by their attributes, so any version of a library works, as do look-alike objects.
+"""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, text
 from ..errors import InputError
@@ -14,74 +18,76 @@ from ..scene.materials import BLEND, MASK, OPAQUE, PLAIN, Material, Texture, rgb
 from ..scene.mesh import Mesh, StaticMeshes, flip_v, linear_colours, make_mesh, picture_texture, textured_mesh
 from ..scene.scene_data import MemoryData
 
-# --- Meshes of trimesh, pyvista, meshio and Open3D as meshes of a scene. None of these packages is imported -----------
-#
-# Objects are known by their attributes, so any version of a library will do, and so will objects that look the same.
-
-
 KNOWN = "a mesh of trimesh, pyvista, meshio or Open3D"
 _COLOUR_NAMES = "RGBA", "RGB", "rgba", "rgb", "colors", "Colors", "colours"
-_CORNERS = {"triangle": 3, "quad": 4}  # of meshio's cells; cells of higher order begin with their corners
+_CORNERS = {"triangle": 3, "quad": 4}  # of meshio's cells; higher-order cells list their corners first
 _FLAT = "vertex", "line"  # cells that block no light
 
 
 class ForeignMesh(NamedTuple):
-    """One mesh, as its library has it."""
+    """One mesh in the representation of its library."""
 
     name: str
     vertices: Any  # (v, 3) numbers, world
     faces: Any  # (f, 3) whole numbers
-    colours: Any = None  # of the mesh or of each face, as `Scene.from_arrays` takes them
-    vertex_colours: Any = None  # of each vertex
+    colours: Any = None  # of the mesh or per face, as for `Scene.from_arrays`
+    vertex_colours: Any = None  # per vertex
     material: Material = PLAIN
     uv: Any = None  # (v, 2) numbers: texture coordinates, v down
 
 
-def is_mesh(obj) -> bool:
-    """Whether `meshes_of` knows this kind of object."""
+_Reader = Callable[[Any, str, list[str]], Iterator[ForeignMesh]]
+"""(object, name, notes) -> its meshes."""
+
+
+def is_mesh(obj: object) -> bool:
+    """Whether `meshes_of` supports this kind of object."""
     return _reader(obj) is not None
 
 
-def meshes_of(obj, name: str) -> tuple[list[Mesh], list[str]]:
-    """The checked meshes of an object, and notes on what was left out.
+def meshes_of(obj: object, name: str) -> tuple[list[Mesh], list[str]]:
+    """The checked meshes of an object, and notes on anything left out.
 
     Raises
     ------
     InputError
-        If the object is of no known kind, or has no triangles.
+        If the kind of object is unknown, or it has no triangles.
     """
     read = _reader(obj)
     if read is None:
         raise InputError(f"{name}: {type(obj).__module__}.{type(obj).__name__} is not {KNOWN}; give one of these")
     notes: list[str] = []
     try:
-        found = [each for each in read(obj, name, notes) if len(each.faces)]
+        foreign = [each for each in read(obj, name, notes) if len(each.faces)]
     except InputError:
         raise
-    except Exception as error:  # an object that looks like a mesh, or a damaged one
+    except Exception as error:  # a look-alike that is no mesh, or a damaged mesh
         reason = str(error)[:200] or type(error).__name__
         raise InputError(f"{name}: the {type(obj).__name__} cannot be read ({reason}); give {KNOWN}") from error
-    if not found:
+    if not foreign:
         raise InputError(f"{name}: the {type(obj).__name__} has no triangles{''.join(f'; {n}' for n in notes)}")
-    return [_mesh(each, f'{name}: mesh "{each.name}"') for each in found], notes
+    return [_mesh(each, f'{name}: mesh "{each.name}"') for each in foreign], notes
 
 
-def _mesh(given: ForeignMesh, where: str) -> Mesh:
-    vertices, faces = as_array(given.vertices, f"{where}: vertices"), as_array(given.faces, f"{where}: faces")
+def _mesh(foreign: ForeignMesh, where: str) -> Mesh:
+    vertices, faces = as_array(foreign.vertices, f"{where}: vertices"), as_array(foreign.faces, f"{where}: faces")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{where}: vertices must be numbers (v, 3), not {vertices.dtype} {vertices.shape}")
     precision = np.float32 if vertices.dtype in (np.float16, np.float32) else np.float64
-    colours = None if given.colours is None else linear_colours(given.colours, where)
-    made = make_mesh(given.name, vertices.astype(precision), faces, colours, where)
-    if given.colours is not None:
-        return made
-    return textured_mesh(made, faces, len(vertices), given.material, where, given.uv, given.vertex_colours)
+    colours = None if foreign.colours is None else linear_colours(foreign.colours, where)
+    mesh = make_mesh(foreign.name, vertices.astype(precision), faces, colours, where)
+    if foreign.colours is not None:
+        return mesh
+    return textured_mesh(mesh, faces, len(vertices), foreign.material, where, foreign.uv, foreign.vertex_colours)
 
 
-def _reader(obj):
-    if isinstance(obj, (type, ModuleType)):  # the class or the library, in place of a mesh
+def _reader(obj: object) -> _Reader | None:
+    if isinstance(obj, (type, ModuleType)):  # a class or module passed instead of a mesh
         return None
-    has = lambda *names: all(hasattr(obj, name) for name in names)
+
+    def has(*names: str) -> bool:
+        return all(hasattr(obj, name) for name in names)
+
     if has("geometry", "graph"):
         return _trimesh_scene
     if has("vertices", "faces", "visual"):
@@ -102,8 +108,8 @@ def _reader(obj):
 # --- trimesh -----------------------------------------------------------------------------------------------------
 
 
-def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
-    """Each node that shows a mesh, placed by its matrix."""
+def _trimesh_scene(scene: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+    """The mesh of each scene-graph node, transformed to world space."""
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         part = scene.geometry[geometry]
@@ -115,56 +121,59 @@ def _trimesh_scene(scene, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
         yield mesh._replace(vertices=np.asarray(mesh.vertices, np.float64) @ matrix[:3, :3].T + matrix[:3, 3])
 
 
-def _trimesh(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
-    visual, made = mesh.visual, ForeignMesh(name, mesh.vertices, mesh.faces)
+def _trimesh(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+    visual, foreign = mesh.visual, ForeignMesh(name, mesh.vertices, mesh.faces)
     kind = getattr(visual, "kind", None)
     if kind == "vertex":
-        yield made._replace(vertex_colours=visual.vertex_colors)
+        yield foreign._replace(vertex_colours=visual.vertex_colors)
     elif kind == "face":
-        yield made._replace(colours=visual.face_colors)
+        yield foreign._replace(colours=visual.face_colors)
     else:
         uv = flip_v(getattr(visual, "uv", None), len(mesh.vertices))
-        yield made._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
+        yield foreign._replace(material=_material(getattr(visual, "material", None), name), uv=uv)
 
 
-def _material(material, name: str) -> Material:
-    """A trimesh material. Its numbers are linear, its picture is sRGB."""
-    first = lambda *names: next((v for n in names if (v := getattr(material, n, None)) is not None), None)
-    factor, picture = first("baseColorFactor", "diffuse"), first("baseColorTexture", "image")
+def _material(material: Any, name: str) -> Material:
+    """A trimesh material. Its factors are linear, its image is sRGB."""
+
+    def first_of(*names: str) -> Any:
+        return next((v for n in names if (v := getattr(material, n, None)) is not None), None)
+
+    factor, picture = first_of("baseColorFactor", "diffuse"), first_of("baseColorTexture", "image")
     factor = np.ones(4) if factor is None else np.asarray(factor)
     factor = np.append(factor / 255.0 if factor.dtype.kind in "iu" else factor, 1.0)[:4]
-    mode = first("alphaMode")
+    mode = first_of("alphaMode")
     mode = mode if mode in (MASK, BLEND) else OPAQUE
     texture = None if picture is None else Texture(name, rgba_of(picture), has_alpha=mode != OPAQUE)
     r, g, b, a = np.clip(factor, 0.0, 1.0).tolist()
-    cutoff = first("alphaCutoff")
+    cutoff = first_of("alphaCutoff")
     return Material(name, (r, g, b, a), texture, mode, 0.5 if cutoff is None else float(cutoff))
 
 
 # --- Open3D ------------------------------------------------------------------------------------------------------
 
 
-def _open3d(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _open3d(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     colours = _from_srgb(mesh.vertex_colors) if mesh.has_vertex_colors() else None
     yield ForeignMesh(name, np.asarray(mesh.vertices), np.asarray(mesh.triangles), vertex_colours=colours)
 
 
-def _open3d_tensors(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _open3d_tensors(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield from _open3d(mesh.to_legacy(), name, notes)
 
 
-def _from_srgb(colours) -> np.ndarray:
-    """Open3D shows colours (v, 3) in [0, 1] as they are, so they are sRGB: as bytes, from which they mostly came."""
+def _from_srgb(colours: ArrayLike) -> NDArray[np.uint8]:
+    """(v, 3) uint8 sRGB from Open3D colours in [0, 1], which Open3D displays unconverted; most came from bytes."""
     return np.rint(np.clip(np.asarray(colours, np.float64), 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 # --- pyvista -----------------------------------------------------------------------------------------------------
 
 
-def _pyvista(data, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
-    """A PolyData, or the surface of another data set. Polygons are cut into triangles by pyvista."""
+def _pyvista(data: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+    """A PolyData, or the surface of another data set. PyVista triangulates polygons."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of pyvista, about defaults of its own
+        warnings.simplefilter("ignore")  # PyVista warns about its own defaults
         surface = (data if hasattr(data, "strips") else data.extract_surface()).triangulate()
     faces = np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
     of_faces = _named_colours(surface.cell_data) if len(faces) == surface.n_cells else None
@@ -172,7 +181,7 @@ def _pyvista(data, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield ForeignMesh(name, surface.points, faces, None if of_points is not None else of_faces, of_points)
 
 
-def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+def _pyvista_blocks(blocks: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     for i, key in enumerate(blocks.keys()):
         block = blocks[i]
         read = None if block is None else _reader(block)
@@ -180,8 +189,8 @@ def _pyvista_blocks(blocks, name: str, notes: list[str]) -> Iterator[ForeignMesh
             yield from read(block, str(key), notes)
 
 
-def _named_colours(data) -> np.ndarray | None:
-    """Bytes (n, 3) or (n, 4) under a usual name; else the only array of such bytes; None: there is none."""
+def _named_colours(data: Any) -> np.ndarray | None:
+    """An (n, 3) or (n, 4) uint8 array with a conventional name, else the only such array; None if there is none."""
     bytes_of = {
         name: values
         for name in data
@@ -195,8 +204,8 @@ def _named_colours(data) -> np.ndarray | None:
 # --- meshio ------------------------------------------------------------------------------------------------------
 
 
-def _meshio(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
-    """Triangles and quads. Cells of higher order are flat between their corners; volumes have no surface here."""
+def _meshio(mesh: Any, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
+    """Triangles and quads. Higher-order cells become flat between their corners; volume cells are left out."""
     points, faces = np.asarray(mesh.points), list[np.ndarray]()
     if points.ndim == 2 and points.shape[1] == 2:
         points = np.column_stack([points, np.zeros(len(points))])
@@ -217,24 +226,33 @@ def _meshio(mesh, name: str, notes: list[str]) -> Iterator[ForeignMesh]:
     yield ForeignMesh(name, points, np.concatenate(faces), vertex_colours=_named_colours(mesh.point_data))
 
 
-# --- What scenes hold that are made of arrays, or of meshes of other libraries ----------------------------------------
+# --- Scenes from arrays and library meshes ----------------------------------------------------------------------------
 
 
 def data_of_arrays(
-    vertices, faces=None, colours=None, *, vertex_colours=None, uv=None, texture=None, normals=None, name="arrays",
-    up="y", crs=None,
-) -> MemoryData:  # fmt: skip
-    """What a scene of arrays holds; `Scene.from_arrays` documents the arguments."""
+    vertices: object,
+    faces: object = None,
+    colours: object = None,
+    *,
+    vertex_colours: object = None,
+    uv: object = None,
+    texture: object = None,
+    normals: object = None,
+    name: str = "arrays",
+    up: str = "y",
+    crs: object = None,
+) -> MemoryData:
+    """Scene data from arrays; `Scene.from_arrays` documents the arguments."""
     positions, indices = _as_positions(vertices, text(name, "name")), None
     if faces is not None:
         if positions.ndim == 3:
             raise InputError(f"{name}: vertices are a triangle soup (n, 3, 3); leave faces out")
         indices = as_array(faces, f"{name}: faces")
     elif positions.shape[:-1] and positions.reshape(-1, 3).shape[0] % 3:
-        raise InputError(f"{name}: {len(positions)} vertices are no multiple of 3; give faces")
+        raise InputError(f"{name}: {len(positions)} vertices are not a multiple of 3; give faces")
     positions = positions.reshape(-1, 3)
     mesh = make_mesh(name, positions, indices, colours, name)
-    if any(given is not None for given in (vertex_colours, uv, texture, normals)):
+    if any(attribute is not None for attribute in (vertex_colours, uv, texture, normals)):
         if colours is not None:
             raise InputError(
                 f"{name}: colours and vertex_colours, uv, texture or normals exclude each other; leave colours out"
@@ -244,16 +262,16 @@ def data_of_arrays(
     return MemoryData(StaticMeshes([mesh], name), name=name, up=up, crs=None if crs is None else checked_crs(crs))
 
 
-def data_of_mesh(mesh, *, name: str | None = None, up="y", crs=None) -> MemoryData:
-    """What a scene of a mesh holds; `Scene.from_mesh` documents the arguments."""
+def data_of_mesh(mesh: object, *, name: str | None = None, up: str = "y", crs: object = None) -> MemoryData:
+    """Scene data from a mesh; `Scene.from_mesh` documents the arguments."""
     name = type(mesh).__name__.lower() if name is None else text(name, "name")
     meshes, notes = meshes_of(mesh, name)
     crs = None if crs is None else checked_crs(crs)
     return MemoryData(StaticMeshes(meshes, name), name=name, up=up, notes=tuple(notes), crs=crs)
 
 
-def _as_positions(vertices, name: str) -> np.ndarray:
-    """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 where that holds them, else float64."""
+def _as_positions(vertices: object, name: str) -> np.ndarray:
+    """`vertices` as (v, 3) or (n, 3, 3) floating point: float32 if lossless for their dtype, else float64."""
     positions = as_array(vertices, f"{name}: vertices")
     if positions.shape[-1:] != (3,) or positions.ndim not in (2, 3):
         raise InputError(

@@ -1,4 +1,7 @@
-"""OBJ, PLY and STL files. trimesh parses them; this module checks their numbers."""
+"""OBJ, PLY and STL files, parsed by trimesh, with checks before and after.
+
+Headers, sizes and vertex indices that trimesh would misread are checked beforehand, the resulting arrays afterwards.
+"""
 
 import io
 import logging
@@ -6,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +29,7 @@ _OBJ_ZERO = re.compile(rb"^\s*f\s(?:[^\n]*\s)?0+(?=[/\s]|$)", re.MULTILINE)
 
 
 def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
-    """(source, notes) of an .obj, .ply or .stl file. The notes list everything that was left out."""
+    """(source, notes) for an .obj, .ply or .stl file. The notes list everything left out."""
     import trimesh
 
     data, file, kind = path.read_bytes(), path.name, path.suffix.lower()[1:]
@@ -46,17 +50,17 @@ def read_mesh_file(path: Path) -> tuple[StaticMeshes, list[str]]:
     return StaticMeshes(meshes, file), textures.notes
 
 
-class FolderResolver(Mapping):
-    """Gives trimesh the material and texture files in the scene's folder, and no others; and names of meshes."""
+class FolderResolver(Mapping[str, bytes]):
+    """A trimesh resolver for material and texture files in the scene's folder only; also supplies mesh names."""
 
     def __init__(self, folder: Path, file: str, name: str = "geometry"):
         self.notes: list[str] = []
         self._folder, self.file = folder, file
         self._names = _names(name)
-        self._made: dict[tuple[str, str], Texture | None] = {}
+        self._textures: dict[tuple[str, str], Texture | None] = {}
 
-    def get(self, name: str, default=None) -> bytes:
-        """The contents of the file `name`. An unreadable file is noted and raises OSError."""
+    def get(self, name: str, default: Any = None) -> bytes:
+        """The contents of the file `name`. An unreadable file adds a note and raises OSError."""
         name = _OPTIONS.sub("", name.strip()).replace("\\", "/")
         where = f"{self.file}: file {name[:80]!r}"
         try:
@@ -72,29 +76,29 @@ class FolderResolver(Mapping):
     def file_name(self) -> str:
         """The name of the next mesh of an OBJ file whose materials are missing.
 
-        trimesh gives all of them this name, and then looks for a free number from 1 on: a million looks for 1,400.
+        trimesh gives all of them this name and then searches for a free number from 1 on: a million tries for 1,400.
         """
         return next(self._names)
 
     def __getitem__(self, name: str) -> bytes:
         return self.get(name)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[str]:
         return iter(())  # files are not listed
 
     def __len__(self) -> int:
         return 0
 
     def texture(self, colour: str, opacity: str) -> Texture | None:
-        """A texture of the file `colour`, with the brightness of the file `opacity` as alpha; "" for no file.
+        """A texture from the file `colour`, with the brightness of the file `opacity` as alpha; "": no file.
 
-        None if neither can be read.
+        None if neither file can be read.
         """
-        if (colour, opacity) not in self._made:
+        if (colour, opacity) not in self._textures:
             data = [self._decodable(name) for name in (colour, opacity)]
-            made = Texture(f"{self.file}: {colour or opacity}", data[0], has_alpha=bool(data[1]), opacity=data[1])
-            self._made[colour, opacity] = made if data[0] or data[1] else None
-        return self._made[colour, opacity]
+            texture = Texture(f"{self.file}: {colour or opacity}", data[0], has_alpha=bool(data[1]), opacity=data[1])
+            self._textures[colour, opacity] = texture if data[0] or data[1] else None
+        return self._textures[colour, opacity]
 
     def _decodable(self, name: str) -> bytes | None:
         if not name:
@@ -106,12 +110,12 @@ class FolderResolver(Mapping):
             if not isinstance(error, InputError):
                 self.notes.append(f"{self.file}: texture {name[:80]!r} is unusable ({error}); taken as white")
             return None
-        except OSError:  # noted by `get`
+        except OSError:  # `get` has added a note
             return None
         return data
 
 
-def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
+def _mesh(name: str, part: Any, textures: FolderResolver) -> Mesh:
     where = f'{textures.file}: mesh "{name}"'
     positions, faces = np.asarray(part.vertices), np.asarray(part.faces)
     if positions.ndim != 2 or positions.shape[1] != 3:
@@ -122,28 +126,28 @@ def _mesh(name: str, part, textures: FolderResolver) -> Mesh:
         return mesh
     of_vertices = np.asarray(part.visual.vertex_colors) if part.visual.kind == "vertex" else None
     uv = flip_v(getattr(part.visual, "uv", None), len(positions))
-    normals = part.vertex_normals if "vertex_normals" in part._cache else None  # those of the file
+    normals = part.vertex_normals if "vertex_normals" in part._cache else None  # only if from the file
     material = _material(getattr(part.visual, "material", None), textures)
     return textured_mesh(mesh, faces, len(positions), material, where, uv, of_vertices, normals)
 
 
-def _material(given, textures: FolderResolver) -> Material:
-    """A material of an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
-    if given is None:
+def _material(mtl: Any, textures: FolderResolver) -> Material:
+    """A material from an MTL file: Kd (linear) and d or Tr, with the textures map_Kd and map_d."""
+    if mtl is None:
         return PLAIN
-    diffuse, more = getattr(given, "diffuse", None), getattr(given, "kwargs", {})
+    diffuse, options = getattr(mtl, "diffuse", None), getattr(mtl, "kwargs", {})
     r, g, b = (np.ones(3) if diffuse is None else np.asarray(diffuse)[:3] / 255.0).tolist()
-    image = getattr(given, "image", None)
-    shown = "" if image is None else image.info.get("file_path", "")
-    holes = " ".join(more.get("map_d", ()))
-    alpha = _number(more.get("d"), 1.0) if "d" in more else 1.0 - _number(more.get("tr"), 0.0)
-    texture = textures.texture(shown, holes) if shown or holes else None
+    image = getattr(mtl, "image", None)
+    colour_file = "" if image is None else image.info.get("file_path", "")
+    opacity_file = " ".join(options.get("map_d", ()))
+    alpha = _number(options.get("d"), 1.0) if "d" in options else 1.0 - _number(options.get("tr"), 0.0)
+    texture = textures.texture(colour_file, opacity_file) if colour_file or opacity_file else None
     mode = MASK if texture is not None and texture.has_alpha else BLEND if alpha < 1.0 else OPAQUE
-    return Material(getattr(given, "name", None) or "", (r, g, b, alpha), texture, mode)
+    return Material(getattr(mtl, "name", None) or "", (r, g, b, alpha), texture, mode)
 
 
-def _number(words, default: float) -> float:
-    """The number from 0 to 1 of a line of an MTL file."""
+def _number(words: Any, default: float) -> float:
+    """The last number on a line of an MTL file, clamped to [0, 1]."""
     try:
         return float(np.clip(float(words[-1]), 0.0, 1.0))
     except (TypeError, ValueError, IndexError):
@@ -156,14 +160,16 @@ def _check_ply(data: bytes, file: str) -> None:
     if not data.startswith(b"ply") or not end:
         raise InputError(f"{file}: no PLY header; is this a PLY file?")
     counts = {name: int(count) for name, count in _PLY_ELEMENT.findall(head)}
-    room = len(body.split(b"\n")) if b"format ascii" in head else len(body)
+    available = len(body.split(b"\n")) if b"format ascii" in head else len(body)
     declared = sum(counts.values())
-    if declared > room:
-        raise InputError(f"{file}: PLY header declares {declared} elements, there is room for {room}; copy it again")
+    if declared > available:
+        raise InputError(
+            f"{file}: PLY header declares {declared} elements, but there is room for {available}; copy it again"
+        )
 
 
 def _check_stl(data: bytes, file: str) -> None:
-    """Raise InputError if a binary STL is shorter than its header says. trimesh takes it for empty text."""
+    """Raise InputError if a binary STL is shorter than its header declares. trimesh would read it as empty ASCII."""
     if data.lstrip().startswith(b"solid") and b"facet" in data:
         return
     needed = 84 + 50 * int.from_bytes(data[80:84], "little")
@@ -172,13 +178,13 @@ def _check_stl(data: bytes, file: str) -> None:
 
 
 def _obj_name(data: bytes) -> str:
-    """The name that trimesh gives to meshes of an OBJ file without materials: that of an ``o`` before all faces."""
+    """The name that trimesh gives to meshes of an OBJ file without materials: the ``o`` line before all faces."""
     first = _OBJ_HEAD.search(data)
     return "geometry" if first is None or first[1] != b"o" else first[2].strip().decode("utf-8", "replace")
 
 
 def _names(name: str) -> Iterator[str]:
-    """Distinct names, as trimesh makes them: name, name_1, name_2 ...; or part_7, part_8 ..."""
+    """Distinct names as trimesh generates them: name, name_1, name_2 ...; or part_7, part_8 ..."""
     if name:
         yield name
     stem, mark, number = name.rpartition("_")
@@ -188,7 +194,7 @@ def _names(name: str) -> Iterator[str]:
 
 
 def _check_obj(data: bytes, file: str) -> None:
-    """Raise InputError on vertex number 0, which is invalid in OBJ. trimesh takes it for 1."""
+    """Raise InputError on vertex index 0, which is invalid in OBJ. trimesh would read it as 1."""
     match = _OBJ_ZERO.search(data)
     if match:
         line = data.count(b"\n", 0, match.end()) + 1

@@ -1,6 +1,12 @@
-"""The atrium: a courtyard with arcades on two storeys under an open roof, its building parts and its furniture."""
+"""The atrium, the default scene: a courtyard with arcades on two storeys under an open roof, and its furniture.
+
+Its detail is fitted to the triangle budget; hanging ivy uses up the remainder.
+"""
+
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .props import SINK, agave, bench, blades, bush, cloth, crate, ivy, palm, pot, shrub, vase
@@ -26,18 +32,19 @@ from .shapes import (
     steps,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Columns, arches, vaults, walls, floors, stairs: parts of buildings around their own origin, standing on y = 0.
+# --- Building parts: columns, arches, vaults, walls, floors and stairs, standing on y = 0 -----------------------------
 
 
-EMBED = 0.02  # metres that parts reach into their neighbours, against gaps and coplanar faces
+EMBED = 0.02  # metres by which parts extend into their neighbours, against gaps and coplanar faces
 
 
-def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p.LIMESTONE) -> PaletteMesh:
+def column(
+    height: float, radius: float, flutes: int, n: int, leaves: int = 0, colour: int = p.LIMESTONE
+) -> PaletteMesh:
     """A column with plinth, attic base, tapered shaft, bell capital with `leaves` around it, and abacus.
 
-    `n` sets the facets of the mouldings. A flute has `n` facets for `n` >= 3, and three for `n` = 2. The shaft is plain
-    for `n` = 1. For `n` = 0 the column has its simplest form.
+    `n` sets the number of facets of the mouldings. A flute has `n` facets for `n` >= 3 and three for `n` = 2. For
+    `n` = 1 the shaft is plain, and for `n` = 0 the column has its simplest form.
     """
     r, per = radius, 1 if n < 2 else max(3, n)
     low, high = 1.4 * r, height - 2.0 * r
@@ -50,7 +57,7 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
         profile = [(1.2 * r, 0.4 * r), (r, 0.8 * r), (0.87 * r, high), (1.25 * r, height - 0.3 * r)]
         return merge(*ends, revolve(profile, flutes, colour))
     base = [
-        [(1.3 * r, 0.4 * r)],
+        np.array([(1.3 * r, 0.4 * r)]),
         arc((1.08 * r, 0.68 * r), 0.24 * r, -70, 80, n),
         arc((1.02 * r, 1.12 * r), 0.13 * r, -70, 70, max(1, n - 1)),
     ]
@@ -68,14 +75,14 @@ def column(height: float, radius: float, flutes: int, n: int, leaves=0, colour=p
         shaft = np.concatenate([first, shaft, last])
         fluted.append(np.ones((len(astragal) + len(bell) + 2, len(scale))))
         scale = np.concatenate(fluted)
-    profile = np.concatenate([*base, shaft, astragal, bell, [(1.25 * r, height - 0.3 * r)]])
-    meshes = [*ends, revolve(profile, flutes * per, colour, scale)]
+    outline = np.concatenate([*base, shaft, astragal, bell, [(1.25 * r, height - 0.3 * r)]])
+    meshes = [*ends, revolve(outline, flutes * per, colour, scale)]
     if leaves:
         meshes.append(_acanthus(r, high + 0.25 * r, leaves, n + 1, colour))
     return merge(*meshes)
 
 
-def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> PaletteMesh:
+def _acanthus(r: float, y: float, leaves: int, segments: int, colour: int) -> PaletteMesh:
     """Two rows of leaves that curl away from a capital's bell."""
     rows = []
     for row, length, phase in ((0.0, 0.75 * r, 0.0), (0.45 * r, 0.95 * r, 0.5)):
@@ -98,7 +105,7 @@ def _acanthus(r: float, y: float, leaves: int, segments: int, colour) -> Palette
     return merge(*rows)
 
 
-def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
+def baluster(height: float, detail: float, colour: int = p.LIMESTONE) -> PaletteMesh:
     """A turned baluster."""
     h, n = height, steps(2, detail)
     profile = np.concatenate(
@@ -112,8 +119,8 @@ def baluster(height: float, detail: float, colour=p.LIMESTONE) -> PaletteMesh:
     return revolve(profile, steps(6, detail, 4), colour)
 
 
-def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) -> PaletteMesh:
-    """The wall along x above a round arch of `radius`, from its springing at y = 0 to y = `top`, `depth` thick in z."""
+def arch(radius: float, top: float, depth: float, n: int, colour: int = p.SANDSTONE) -> PaletteMesh:
+    """The wall along x above a round arch of `radius`, from the springing at y = 0 to y = `top`; `depth`: along z."""
     curve = arc((0, 0), radius, 180, 0, n)
     end = np.array([[radius + EMBED, 0.0]])
     lower = np.concatenate([end * [-1, 1], curve, end])
@@ -121,19 +128,19 @@ def arch(radius: float, top: float, depth: float, n: int, colour=p.SANDSTONE) ->
 
 
 def doorway(
-    width: float, half: float, spring: float, height: float, depth: float, n: int, colour=p.SANDSTONE
+    width: float, half: float, spring: float, height: float, depth: float, n: int, colour: int = p.SANDSTONE
 ) -> PaletteMesh:
     """A wall along x, `width` by `height`, with a doorway 2 `half` wide under a round arch that springs at `spring`."""
     curve = arc((0.0, spring), half, 180, 0, n)
     sill = np.array([(width / 2, -EMBED), (half, -EMBED)])
     lower = np.concatenate([sill * [-1, 1], curve, sill[::-1]])
     x = np.concatenate([[-width / 2, -1.2 * half], curve[:, 0], [1.2 * half, width / 2]])
-    x[[2, -3]] = -1.1 * half, 1.1 * half  # not above the jambs, against flat triangles
+    x[[2, -3]] = -1.1 * half, 1.1 * half  # not directly above the jambs, against degenerate triangles
     return prism(lower, np.stack([x, np.full(len(x), height)], axis=1), depth, colour)
 
 
-def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour=p.LIMESTONE) -> PaletteMesh:
-    """The stones of a round arch that springs at y = 0, light and dark in turn, with open joints."""
+def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, colour: int = p.LIMESTONE) -> PaletteMesh:
+    """The stones of a round arch that springs at y = 0, alternately light and dark, with open joints."""
     joint = 0.012 / radius
     edges = np.linspace(np.pi, 0.0, stones + 1)
     angle = np.linspace(edges[:-1] - joint, edges[1:] + joint, n + 1).T  # (stones, n + 1)
@@ -145,9 +152,9 @@ def voussoirs(radius: float, width: float, depth: float, stones: int, n: int, co
     return lofts(sections[:, :, ::-1], colour + np.array([0, 1] * stones)[:stones])
 
 
-def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> PaletteMesh:
-    """A groin vault over a square bay of half width `half`, `crown` high in the middle, solid up to y = `top`."""
-    radius = 1.2 * half  # less than half circles, so the corners stay blunt
+def vault(half: float, crown: float, top: float, n: int, colour: int = p.PLASTER) -> PaletteMesh:
+    """A groin vault over a square bay of half width `half`, with its crown at y = `crown`, solid up to y = `top`."""
+    radius = 1.2 * half  # less than a semicircle, so that the corners stay blunt
     x = half * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 2 * n + 1))
     barrel = crown - radius + np.sqrt(radius**2 - x**2)
     y = np.maximum(barrel[:, None], barrel)
@@ -158,7 +165,19 @@ def vault(half: float, crown: float, top: float, n: int, colour=p.PLASTER) -> Pa
     return mesh
 
 
-def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0.03, relief=0.008) -> PaletteMesh:
+def tiles(
+    x0: float,
+    x1: float,
+    z0: float,
+    z1: float,
+    nx: int,
+    nz: int,
+    rng: np.random.Generator,
+    colour: int = p.TRAVERTINE,
+    accent: int | None = None,
+    joint: float = 0.03,
+    relief: float = 0.008,
+) -> PaletteMesh:
     """A floor of nx x nz tiles with tops within `relief` / 2 of y = 0, bevelled into the joints."""
     lines = []
     for a, b, n in ((x0, x1, nx), (z0, z1, nz)):
@@ -178,8 +197,10 @@ def tiles(x0, x1, z0, z1, nx, nz, rng, colour=p.TRAVERTINE, accent=None, joint=0
     return heightfield(lines[0], lines[1], height, np.repeat(np.repeat(shade, 3, axis=0), 3, axis=1))
 
 
-def ashlar(width: float, height: float, depth: float, course: float, rng, colour=p.SANDSTONE) -> PaletteMesh:
-    """A wall along x in running bond, shown by shades. Its face at z = 0 looks to +z, and its back is at -depth."""
+def ashlar(
+    width: float, height: float, depth: float, course: float, rng: np.random.Generator, colour: int = p.SANDSTONE
+) -> PaletteMesh:
+    """A wall along x with shades in running bond. Its front at z = 0 faces +z, and its back is at -depth."""
     nx, ny = max(2, round(width / course)), max(1, round(height / course))
     i, j = np.indices((nx, ny))
     stone = (i + j % 2) // 2
@@ -190,31 +211,35 @@ def ashlar(width: float, height: float, depth: float, course: float, rng, colour
     return assemble([place_copies(lying, tilt=np.pi / 2)])
 
 
-def stairs(n: int, width: float, rise: float, run: float, colour=p.SANDSTONE) -> PaletteMesh:
-    """A flight of n steps that rises along +x from the origin, `width` wide in z, with a sloping underside."""
+def stairs(n: int, width: float, rise: float, run: float, colour: int = p.SANDSTONE) -> PaletteMesh:
+    """A flight of n steps rising along +x from the origin, `width` wide in z, with a sloping soffit."""
     i = np.arange(2 * n + 1)
     upper = np.stack([i // 2 * run, (i + 1) // 2 * rise], axis=1)
     soffit = np.maximum(i / 2 * rise - 2.0 * rise, -EMBED)
-    return prism(upper, np.stack([i / 2 * run, soffit], axis=1), width, colour)  # this order avoids flat triangles
+    return prism(
+        upper, np.stack([i / 2 * run, soffit], axis=1), width, colour
+    )  # this order avoids degenerate triangles
 
 
-# --- The building of the atrium: a court with arcades on two storeys, galleries behind them, and an open roof ---------
+# --- The building: a court with two storeys of arcades, galleries behind them, and an open roof -----------------------
 
 
 BAY = 4.0  # metres between columns
-HALF_X, HALF_Z = 6.0, 12.0  # half sides of the rectangle of columns: 3 x 6 bays
+HALF_X, HALF_Z = 6.0, 12.0  # half extents of the rectangle of columns: 3 x 6 bays
 GALLERY = 4.0  # depth of the galleries around it
-STEP = 0.16  # height of the galleries' floor over the courtyard's
-SPRING, LEVEL = 3.6, 5.9  # height at which the lower arches spring; height of the upper floor
+STEP = 0.16  # height of the gallery floor above the courtyard
+SPRING, LEVEL = 3.6, 5.9  # springing height of the lower arches; height of the upper floor
 UPPER_SPRING, EAVES = 8.3, 9.75
-PIER, WALL = 0.84, 0.62  # width of the piers over the columns, thickness of the arcade walls
+PIER, WALL = 0.84, 0.62  # width of the piers above the columns, thickness of the arcade walls
 RADIUS, UPPER_RADIUS = (BAY - PIER) / 2, (BAY / 2 - 0.5) / 2
-COARSE = 0.24  # up to this detail, there are no voussoirs, small arches or ribs
-SKETCH = 0.12  # up to this detail, there are only the plainest forms
+COARSE = 0.24  # up to this detail, voussoirs, small arches and ribs are omitted
+SKETCH = 0.12  # up to this detail, all shapes have their plainest form
 
 
-def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
-    """(places, (k, 2), every `spacing` metres around the rectangle; turns that make +z look to the court)."""
+def arcade_positions(
+    spacing: float, half_x: float = HALF_X, half_z: float = HALF_Z, corners: bool = True
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(positions, (k, 2), every `spacing` metres around the rectangle; rotations that turn +z towards the court)."""
     nx, nz = round(2 * half_x / spacing), round(2 * half_z / spacing)
     start = 0.0 if corners else 0.5
     x = -half_x + spacing * (np.arange(nx) + start)
@@ -229,15 +254,15 @@ def around(spacing: float, half_x=HALF_X, half_z=HALF_Z, corners=True):
     return np.concatenate(sides), turns
 
 
-def at_height(places, y) -> np.ndarray:
-    """Places (k, 2) as points (k, 3) at height y."""
+def at_height(places: ArrayLike, y: float) -> np.ndarray:
+    """Positions (k, 2) as points (k, 3) at height y."""
     return np.insert(np.asarray(places, np.float64), 1, y, axis=1)
 
 
-def architecture(d: float, rng) -> list[ScenePart]:
-    """The whole building. Below a detail of `COARSE`, its ornaments are left out."""
-    corners, _ = around(BAY)
-    middles, facing = around(BAY, corners=False)
+def architecture(d: float, rng: np.random.Generator) -> list[ScenePart]:
+    """The whole building. Up to a detail of `COARSE`, ornaments are omitted."""
+    corners, _ = arcade_positions(BAY)
+    middles, facing = arcade_positions(BAY, corners=False)
     box_height = LEVEL - 0.27 - SPRING
     pier = box((PIER, box_height, PIER), (0, box_height / 2, 0), p.SANDSTONE)
     shaft = column(SPRING - STEP, 0.31, 12 if d > COARSE else 5, round(3.4 * d), 8 if d > 0.45 else 0)
@@ -255,8 +280,8 @@ def architecture(d: float, rng) -> list[ScenePart]:
 def _upper_storey(d: float) -> list[ScenePart]:
     """Slender columns on pedestals, small arches, and the balustrade between them."""
     high = LEVEL + 0.9
-    places, _ = around(BAY / 2 if d > COARSE else BAY)
-    middles, facing = around(BAY / 2, corners=False)
+    places, _ = arcade_positions(BAY / 2 if d > COARSE else BAY)
+    middles, facing = arcade_positions(BAY / 2, corners=False)
     shaft = column(UPPER_SPRING - high, 0.17, steps(9, d, 4), round(1.2 * d + 0.25), 6 if d > 1.5 else 0, p.MARBLE)
     if d <= SKETCH:
         shaft = box((0.3, UPPER_SPRING - high + 0.06, 0.3), (0, (UPPER_SPRING - high) / 2, 0), p.MARBLE)
@@ -286,8 +311,8 @@ def _upper_storey(d: float) -> list[ScenePart]:
     return parts
 
 
-def _floors(d: float, rng) -> list[ScenePart]:
-    """The tiles of courtyard and galleries, and a kerb under the columns."""
+def _floors(d: float, rng: np.random.Generator) -> list[ScenePart]:
+    """Tiles in the courtyard and the galleries, and a kerb under the columns."""
     edge_x, edge_z = HALF_X - 0.55, HALF_Z - 0.55
     wide = min(0.9, max(0.2, 0.9 / d**0.5)) if d > COARSE else 3.0
     nx, nz = round(2 * edge_x / wide), round(2 * edge_z / wide)
@@ -297,13 +322,18 @@ def _floors(d: float, rng) -> list[ScenePart]:
     wide *= 1.4
     parts = [place_copies(court)]
     for sign in (-1, 1):
-        x, z = sorted((sign * inner_x, sign * outer_x)), sorted((sign * inner_z, sign * outer_z))
+        x0, x1 = sorted((sign * inner_x, sign * outer_x))
+        z0, z1 = sorted((sign * inner_z, sign * outer_z))
         k = max(1, round(GALLERY / wide))
         parts.append(
-            place_copies(tiles(*x, -outer_z, outer_z, k, round(2 * outer_z / wide), rng, p.TERRACOTTA), (0, STEP, 0))
+            place_copies(
+                tiles(x0, x1, -outer_z, outer_z, k, round(2 * outer_z / wide), rng, p.TERRACOTTA), (0, STEP, 0)
+            )
         )
         parts.append(
-            place_copies(tiles(-inner_x, inner_x, *z, round(2 * inner_x / wide), k, rng, p.TERRACOTTA), (0, STEP, 0))
+            place_copies(
+                tiles(-inner_x, inner_x, z0, z1, round(2 * inner_x / wide), k, rng, p.TERRACOTTA), (0, STEP, 0)
+            )
         )
     kerb = [(-0.56, -0.1), (0.5, -0.1), (0.5, STEP + 0.03), (-0.5, STEP + 0.05), (-0.56, STEP)]
     return [*parts, place_copies(frame_ring(kerb, HALF_X, HALF_Z, p.MARBLE))]
@@ -324,7 +354,7 @@ def _mouldings(d: float) -> list[ScenePart]:
     roof = [(-0.62, 0.0), (GALLERY + 0.9, 1.9), (GALLERY + 0.9, 1.75), (-0.55, -0.1)]
     ceiling = [(0.2, -0.12), (GALLERY + 0.1, -0.12), (GALLERY + 0.1, -0.02), (0.2, -0.02)]
     low_rail = [(-0.12, 0.0), (0.12, 0.0), (0.12, 0.15), (-0.12, 0.15)]
-    rows = [
+    rows: list[tuple[ArrayLike, float, int]] = [
         (cornice, LEVEL, p.LIMESTONE),
         (slab, LEVEL, p.OAK),
         (low_rail, LEVEL - 2 * EMBED, p.LIMESTONE),
@@ -345,25 +375,25 @@ def _mouldings(d: float) -> list[ScenePart]:
         place_copies(frame_ring(profile, HALF_X, HALF_Z, colour), (0, y, 0)) for profile, y, colour in rows
     ]
     if d > 0.3:
-        places, _ = around(0.5 if d > 0.75 else 1.0, HALF_X - 0.42, HALF_Z - 0.42)
+        places, _ = arcade_positions(0.5 if d > 0.75 else 1.0, HALF_X - 0.42, HALF_Z - 0.42)
         parts.append(place_copies(box((0.16, 0.16, 0.2), (0, 0, 0), p.LIMESTONE), at_height(places, LEVEL - 0.24)))
-        places, _ = around(0.5 if d > 0.75 else 1.0, HALF_X - 0.36, HALF_Z - 0.36)
+        places, _ = arcade_positions(0.5 if d > 0.75 else 1.0, HALF_X - 0.36, HALF_Z - 0.36)
         parts.append(place_copies(box((0.13, 0.12, 0.13), (0, 0, 0), p.LIMESTONE), at_height(places, EAVES - 0.16)))
     return parts
 
 
-def _galleries(d: float, rng) -> list[ScenePart]:
+def _galleries(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """Vaults and transverse arches below, timber ceiling above, and the walls behind."""
-    bays, facing = around(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
+    bays, facing = arcade_positions(BAY, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2)
     half = BAY / 2 - 0.22
-    ribs, turns = around(BAY)
+    ribs, turns = arcade_positions(BAY)
     first = [0, 3, 9, 12]  # the corners, where two ribs start
     ribs, turns = np.concatenate([ribs, ribs[first]]), np.concatenate([turns, turns[np.roll(first, 1)]])
     out = -np.stack([np.sin(turns), np.cos(turns)], axis=1)
     cross = at_height(ribs + out * GALLERY / 2, SPRING)
     n = steps(5, d, 1)
     pilaster = box((0.5, EAVES, 0.36), (0, EAVES / 2 - 3 * EMBED, 0), p.LIMESTONE)
-    outside, looking = around(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
+    outside, outside_turns = arcade_positions(BAY, HALF_X + GALLERY, HALF_Z + GALLERY)
     course = min(0.8, max(0.12, 0.65 / d**0.5)) if d > COARSE else 3.2
     long, wide = 2 * (HALF_Z + GALLERY), 2 * (HALF_X + GALLERY)
     wall = place_copies(ashlar(long + 0.1, EAVES - EMBED, 0.4, course, rng), [(0, 0, 0)]).mesh
@@ -375,7 +405,7 @@ def _galleries(d: float, rng) -> list[ScenePart]:
     ]
     if d > SKETCH:
         shades = p.shades(rng, len(outside)) % 3
-        parts.append(place_copies(pilaster, at_height(outside, 0.0), looking, shade=shades))
+        parts.append(place_copies(pilaster, at_height(outside, 0.0), outside_turns, shade=shades))
         parts.append(
             place_copies(vault(half, RADIUS + 0.16, LEVEL - 0.25 - SPRING, n), at_height(bays, SPRING), facing)
         )
@@ -383,24 +413,26 @@ def _galleries(d: float, rng) -> list[ScenePart]:
         rib = arch(RADIUS, LEVEL - 0.28 - SPRING, 0.5, steps(10, d, 3), p.LIMESTONE)
         parts.append(place_copies(rib, cross, turns + np.pi / 2))
     if d > 0.4:
-        beams, turn = around(1.0 if d > 0.8 else 2.0, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2, corners=False)
+        beams, turn = arcade_positions(
+            1.0 if d > 0.8 else 2.0, HALF_X + GALLERY / 2, HALF_Z + GALLERY / 2, corners=False
+        )
         parts.append(
             place_copies(box((0.16, 0.22, GALLERY + 0.1), (0, 0, 0), p.DARK_WOOD), at_height(beams, EAVES - 0.2), turn)
         )
     return parts
 
 
-# --- A courtyard with arcades on two storeys under an open roof. It is the default scene ------------------------------
+# --- The scene --------------------------------------------------------------------------------------------------------
 
 
 CAMERA = {"position": (2.6, 1.7, 11.2), "target": (-0.7, 3.0, -2.0), "up": (0.0, 1.0, 0.0), "vfov": 56.0}
 LIGHT = {"corner": (-3.2, 7.6, 7.6), "u": (2.2, 0.0, 0.0), "v": (0.0, 1.5, -1.7)}
 
 
-def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the atrium with about `triangles` triangles."""
 
-    def build(detail):
+    def build(detail: float) -> list[ScenePart]:
         return architecture(detail, np.random.default_rng([seed, 0])) + _furniture(
             detail, np.random.default_rng([seed, 1])
         )
@@ -411,7 +443,7 @@ def atrium(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), CAMERA, LIGHT
 
 
-def _furniture(d: float, rng) -> list[ScenePart]:
+def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The fountain, pots with plants, amphorae, benches, crates, curtains and banners."""
     pots = np.array([(-2.9, 5.6), (4.3, 4.2), (-4.2, -1.4), (4.3, -6.6), (-4.1, -8.8), (3.9, 9.0)])
     leaves = palm(rng, steps(15, d, 4), steps(18, d, 3), 2.3, 1.75, d)
@@ -421,9 +453,11 @@ def _furniture(d: float, rng) -> list[ScenePart]:
         kinds.append(merge(raised(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
     parts = _fountain(d)
     for k, kind in enumerate(kinds):
-        at = pots[k::2]
+        places = pots[k::2]
         parts.append(
-            place_copies(kind, at_height(at, 0.0), rng.uniform(0, 6.3, len(at)), rng.uniform(0.9, 1.12, len(at)))
+            place_copies(
+                kind, at_height(places, 0.0), rng.uniform(0, 6.3, len(places)), rng.uniform(0.9, 1.12, len(places))
+            )
         )
     if d > SKETCH:
         parts += _clutter(d, rng)
@@ -474,17 +508,17 @@ def _fountain(d: float) -> list[ScenePart]:
 FOUNTAIN = (0.0, 0.6)
 
 
-def _clutter(d: float, rng) -> list[ScenePart]:
-    """Amphorae in groups, benches between the columns, crates in a corner, clipped bushes."""
-    many = max(1, round(d**0.5))
-    spots, turns = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
+def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
+    """Groups of amphorae, benches between the columns, crates in corners, clipped shrubs."""
+    per_corner = max(1, round(d**0.5))
+    spots, turns = arcade_positions(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     seats = bench(1.7, bevel=0.015 if d > COARSE else 0.0)
     corner = np.array([(-2.1, 7.3), (-4.7, 3.0), (4.7, -1.6), (-4.6, -10.4), (4.6, 6.9)])
-    near = np.repeat(corner, 2 * many, axis=0) + rng.normal(0.0, 0.33, (10 * many, 2))
-    size = rng.uniform(0.55, 1.15, len(near))
+    places = np.repeat(corner, 2 * per_corner, axis=0) + rng.normal(0.0, 0.33, (10 * per_corner, 2))
+    size = rng.uniform(0.55, 1.15, len(places))
     parts = [place_copies(seats, at_height(spots[::3], STEP + 0.05), turns[::3])]
     for k, shape in enumerate((vase(1.0, d), vase(1.0, d, p.CLAY, 0.36, 0.14), vase(1.0, d, p.BLUE, 0.25, 0.1))):
-        at = near[k::3]
+        at = places[k::3]
         parts.append(
             place_copies(
                 shape, at_height(at, 0.0), rng.uniform(0, 6.3, len(at)), size[k::3], shade=p.shades(rng, len(at)) % 4
@@ -502,33 +536,33 @@ def _clutter(d: float, rng) -> list[ScenePart]:
     green = merge(
         raised(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
     )
-    tubs, _ = around(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
+    tubs, _ = arcade_positions(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     if d > COARSE:
         parts.append(place_copies(green, at_height(tubs[1::3], STEP + 0.04), rng.uniform(0, 6.3, len(tubs[1::3]))))
     return parts
 
 
-def _cloths(d: float, rng) -> list[ScenePart]:
-    """Banners over the balustrade and curtains gathered in some of the lower arches."""
+def _cloths(d: float, rng: np.random.Generator) -> list[ScenePart]:
+    """Banners over the balustrade, and gathered curtains in some of the lower arches."""
     nx, ny = steps(16, d, 3), steps(12, d, 2)
-    middles, facing = around(BAY, corners=False)
+    middles, facing = arcade_positions(BAY, corners=False)
     out = np.stack([np.sin(facing), np.cos(facing)], axis=1)
     parts = []
     for colour, banners, curtains in ((p.RED, (1, 6, 13, 17), (5, 10, 16)), (p.BLUE, (4, 8, 11, 15), (2, 7, 14))):
         banner = cloth(1.25, 2.2, nx, ny, rng, 2.5, 0.05, colour=colour, trim=p.OCHRE)
         k = list(banners)
         parts.append(place_copies(banner, at_height(middles[k] + 0.72 * out[k], LEVEL + 0.86), facing[k]))
-        cut = 2 * RADIUS - 0.1, SPRING - STEP - 0.1
+        size = 2 * RADIUS - 0.1, SPRING - STEP - 0.1
         shade = p.RED if colour == p.RED else p.OCHRE
-        curtain = cloth(*cut, 2 * nx, ny, rng, 6.0, 0.07, 0.95, shade, p.OCHRE)
+        curtain = cloth(*size, 2 * nx, ny, rng, 6.0, 0.07, 0.95, shade, p.OCHRE)
         k = list(curtains)
         parts.append(place_copies(curtain, at_height(middles[k], SPRING), facing[k]))
     return parts
 
 
-def _hanging_plants(rng, leaves: int) -> ScenePart:
-    """Ivy that hangs from the balustrade in tufts, of exactly `leaves` leaves."""
-    edge, _ = around(BAY / 2, corners=False)
+def _hanging_plants(rng: np.random.Generator, leaves: int) -> ScenePart:
+    """Ivy with exactly `leaves` leaves, hanging in tufts from the balustrade."""
+    edge, _ = arcade_positions(BAY / 2, corners=False)
     edge = edge[rng.permutation(len(edge))[: max(1, len(edge) * 2 // 5)]]
     per = 9
     strand = np.repeat(edge, per, axis=0) + rng.uniform(-0.6, 0.6, (len(edge) * per, 2))

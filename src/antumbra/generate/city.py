@@ -1,18 +1,20 @@
-"""A city, block by block: buildings, streets and parks, in one piece or streamed at sizes beyond memory.
+"""The city: blocks of buildings, streets and parks, generated in one piece or streamed at sizes beyond memory.
 
-Worker processes stream the blocks: this module is also their main program.
+Streaming uses worker processes, which generate groups of blocks and send them through pipes. This module is also their
+main program.
 """
 
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from itertools import chain, cycle
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .palette import check_request
@@ -36,7 +38,7 @@ from .shapes import (
     tubes,
 )
 
-# --- Towers, houses, cars and street furniture for the city. Each stands on y = 0 around its own origin ---------------
+# --- Towers, houses, cars and street furniture, each standing on y = 0 around its own origin --------------------------
 
 
 FLOOR = 3.4  # metres between floors
@@ -47,11 +49,11 @@ class Style(NamedTuple):
     """The style of a facade."""
 
     bay: float  # metres between windows
-    share: float  # fraction of the bay that is window
-    relief: bool  # whether windows are recessed; else they are only coloured
-    wall: int  # row of the palette
-    glass: int  # row of the palette
-    ledge: float  # metres that a ledge at every floor stands out; 0: none
+    share: float  # fraction of the bay taken up by the window
+    relief: bool  # whether windows are recessed, not just coloured
+    wall: int  # palette index
+    glass: int  # palette index
+    ledge: float  # projection of a ledge at every floor, metres; 0: none
 
 
 class Lines(NamedTuple):
@@ -59,7 +61,7 @@ class Lines(NamedTuple):
 
     at: np.ndarray  # (n,) metres
     inset: np.ndarray  # (n,) 1 for recessed lines, else 0
-    pane: np.ndarray  # (n,) bool: whether a pane follows the line
+    pane: NDArray[np.bool_]  # (n,) bool: whether a pane follows the line
 
 
 def tower_cost(width: float, depth: float, floors: int, style: Style) -> int:
@@ -70,7 +72,7 @@ def tower_cost(width: float, depth: float, floors: int, style: Style) -> int:
 
 
 def _side(length: float, style: Style) -> Lines:
-    """The vertical lines of a side, with its first corner."""
+    """The vertical lines of a side, including its first corner."""
     n = max(1, round(length / style.bay))
     step = length / n
     a = max(0.5 * step * (1.0 - style.share), min(0.5, 0.3 * step))
@@ -84,7 +86,7 @@ def _side(length: float, style: Style) -> Lines:
     )
 
 
-def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray]:
+def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, NDArray[np.float64]]:
     """(horizontal lines from below the ground to the roof, outward offset of the wall at each)."""
     sill, head, d = 0.8, FLOOR - 0.6, style.ledge
     if style.relief:
@@ -100,15 +102,22 @@ def _rises(floors: int, style: Style, parapet: float) -> tuple[Lines, np.ndarray
             [*out, 0, d, d],
         )
     top = floors * FLOOR
-    y = (np.arange(floors)[:, None] * FLOOR + y).ravel()
-    y = np.concatenate([[-0.2], y, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
-    inset, pane, out = (np.concatenate([[0], np.tile(a, floors), [0] * 5]) for a in (inset, pane, out))
-    out[-5:] = 0.3, 0.35, 0.1, -0.25, -0.3
-    return Lines(y, inset, pane > 0), out
+    heights = (np.arange(floors)[:, None] * FLOOR + y).ravel()
+    heights = np.concatenate([[-0.2], heights, top + parapet * np.array([0.0, 0.12, 0.9, 0.95, 0.2])])
+    insets, panes, offsets = (np.concatenate([[0], np.tile(a, floors), [0] * 5]) for a in (inset, pane, out))
+    offsets[-5:] = 0.3, 0.35, 0.1, -0.25, -0.3
+    return Lines(heights, insets, panes > 0), offsets
 
 
 def tower(
-    width: float, depth: float, floors: int, style: Style, rng, base=0.0, roof=p.CONCRETE, parapet=1.0
+    width: float,
+    depth: float,
+    floors: int,
+    style: Style,
+    rng: np.random.Generator,
+    base: float = 0.0,
+    roof: int = p.CONCRETE,
+    parapet: float = 1.0,
 ) -> PaletteMesh:
     """A rectangular building with windows all around, ledges, and a parapet around a flat roof."""
     x, z = _side(width, style), _side(depth, style)
@@ -137,8 +146,10 @@ def tower(
     return capped(points, (0, points[0, 0, 1], 0), (0, points[-1, 0, 1], 0), colour)
 
 
-def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -> PaletteMesh:
-    """A round tower with a ledge at every floor and a roof in the form of a flat cone."""
+def round_tower(
+    radius: float, floors: int, segments: int, rng: np.random.Generator, glass: int = p.GLASS
+) -> PaletteMesh:
+    """A round tower with a ledge at every floor and a flat conical roof."""
     y = (np.arange(floors)[:, None] * FLOOR + [0.3, FLOOR - 0.5, FLOOR - 0.45, FLOOR - 0.02]).ravel()
     r = radius + np.tile([0.0, 0.0, 0.45, 0.45], floors)
     top = floors * FLOOR
@@ -158,7 +169,9 @@ def round_tower(radius: float, floors: int, segments: int, rng, glass=p.GLASS) -
     return mesh
 
 
-def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TERRACOTTA) -> PaletteMesh:
+def house(
+    width: float, depth: float, floors: int, style: Style, rng: np.random.Generator, roof: int = p.TERRACOTTA
+) -> PaletteMesh:
     """A house with a gabled roof along x, eaves, and a chimney."""
     body = tower(width, depth, floors, style, rng, parapet=0.3)
     top, rise = floors * FLOOR + 0.45, 0.42 * depth
@@ -179,7 +192,7 @@ def house(width: float, depth: float, floors: int, style: Style, rng, roof=p.TER
         width - 0.3,
         style.wall,
     )
-    gable = gable._replace(vertices=gable.vertices[:, [2, 1, 0]] * np.float32([1, 1, -1]))
+    gable = gable._replace(vertices=gable.vertices[:, [2, 1, 0]] * np.array([1, 1, -1], np.float32))
     stack = box((0.8, 2.2, 0.8), (0.28 * width, top + rise * 0.6 + 0.6, 0.2 * depth), p.BRICK)
     return merge(body, shell(upper, lower, roof), gable, stack)
 
@@ -199,13 +212,15 @@ def car(colour: int, detail: float) -> PaletteMesh:
         box((1.25, 0.05, 1.4), (-0.5, 1.44, 0), colour),
     ]
     rim = revolve([(0.33, -0.1), (0.33, 0.1)], 6 + 2 * n, p.IRON)
-    wheel = rim.vertices[:, [0, 2, 1]] * np.float32([1, 1, -1])
-    meshes += [rim._replace(vertices=wheel + np.float32([x, 0.32, z])) for x in (-1.35, 1.4) for z in (-0.8, 0.8)]
+    wheel = rim.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32)
+    meshes += [
+        rim._replace(vertices=wheel + np.array([x, 0.32, z], np.float32)) for x in (-1.35, 1.4) for z in (-0.8, 0.8)
+    ]
     return merge(*meshes)
 
 
 def lamp(detail: float) -> PaletteMesh:
-    """A street lamp that reaches out along +x."""
+    """A street lamp with its arm along +x."""
     bend = arc((0.9, 5.2), 0.9, 180, 90, steps(3, detail))
     path = np.concatenate([[(0.0, -0.1), (0.0, 2.5)], bend, [(1.5, 6.1)]])
     pole = tubes(
@@ -215,7 +230,7 @@ def lamp(detail: float) -> PaletteMesh:
 
 
 def tank(detail: float) -> PaletteMesh:
-    """A water tank on legs for a roof."""
+    """A rooftop water tank on legs."""
     k = steps(10, detail, 6)
     drum = revolve([(1.25, 1.5), (1.3, 3.6), (1.4, 3.65), (0.0, 4.6)], k, p.OAK)
     legs = boxes((0.16, 1.8, 0.16), [(x, 0.75, z) for x in (-0.8, 0.8) for z in (-0.8, 0.8)], p.IRON)
@@ -223,12 +238,12 @@ def tank(detail: float) -> PaletteMesh:
 
 
 def cooler() -> PaletteMesh:
-    """An air conditioner for a roof."""
+    """A rooftop air conditioner."""
     return merge(box((1.6, 1.3, 1.1), (0, 0.6, 0), p.CONCRETE + 3), box((1.0, 0.3, 0.8), (0.1, 1.35, 0), p.IRON))
 
 
 def antenna() -> PaletteMesh:
-    """A mast with cross bars for a roof."""
+    """A rooftop mast with cross bars."""
     bars = boxes(
         [(0.12, 8.2, 0.12), (1.8, 0.08, 0.08), (0.08, 0.08, 1.4)], [(0, 3.9, 0), (0, 6.6, 0), (0, 5.6, 0)], p.IRON
     )
@@ -236,18 +251,18 @@ def antenna() -> PaletteMesh:
 
 
 def billboard() -> PaletteMesh:
-    """A board on two posts for a roof."""
+    """A rooftop billboard on two posts."""
     posts = boxes((0.2, 2.6, 0.2), [(-2.2, 1.1, 0), (2.2, 1.1, 0)], p.IRON)
     return merge(posts, box((6.0, 3.0, 0.25), (0, 3.2, 0), p.OCHRE))
 
 
-# --- A city, block by block, in one piece or streamed at sizes that do not fit into memory ----------------------------
+# --- Blocks -----------------------------------------------------------------------------------------------------------
 
 
 PITCH, STREET = 70.0, 15.0  # metres between blocks; width of the streets
 KERB = 0.16
-FULL_BLOCK = 20_000  # triangles; a larger budget makes more blocks
-GROUP = 64  # blocks that share a budget: triangles that a block leaves go to later blocks
+FULL_BLOCK = 20_000  # triangles; larger budgets add blocks
+GROUP = 64  # blocks that share a budget: unused triangles of a block go to later blocks
 _WALLS = (p.BRICK, p.SANDSTONE, p.PLASTER, p.TERRACOTTA, p.LIMESTONE, p.CONCRETE)
 _PAINTS = (p.RED, p.BLUE, p.WHITE, p.IRON, p.OCHRE, p.TEAL)
 
@@ -271,7 +286,7 @@ def _plan(triangles: int) -> _Plan:
     return _Plan(n, budget, detail, props, trees)
 
 
-def city_view(triangles: int) -> tuple[dict, dict]:
+def city_view(triangles: int) -> tuple[dict[str, Any], dict[str, Any]]:
     """Camera and light of the city with about `triangles` triangles."""
     n = _plan(triangles).n
     half = n * PITCH / 2.0
@@ -291,15 +306,15 @@ def city_view(triangles: int) -> tuple[dict, dict]:
 
 
 def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """The pieces of a city of about `triangles` triangles, one block after the other.
+    """The pieces of a city with about `triangles` triangles, block by block.
 
     Yields
     ------
     vertices : (v, 3) float32, metres, world
     faces : (f, 3) int32
-        Into the vertices of this piece.
+        Indices into the vertices of this piece.
     colour : (f,) uint8
-        Rows of `palette.PALETTE`.
+        Indices into `palette.PALETTE`.
 
     Raises
     ------
@@ -308,7 +323,7 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 
     Notes
     -----
-    Memory use is that of one block. `city_view` gives the camera and the light.
+    Only one block is in memory at a time. `city_view` gives the camera and the light.
     """
     return _pieces(*check_request("city", triangles, seed))
 
@@ -316,7 +331,7 @@ def city_blocks(triangles: int, seed: int = 0) -> Iterator[tuple[np.ndarray, np.
 def city_groups(triangles: int, seed: int, first: int = 0, step: int = 1) -> Iterator[Iterator[PaletteMesh]]:
     """The pieces of every `step`-th group of blocks, from group `first` on.
 
-    Groups do not depend on each other, so several processes can make a city. The arguments have been checked.
+    Groups are independent, so several processes can generate a city. The arguments must have been checked.
     """
     plan = _plan(triangles)
     for k in range(first * GROUP, plan.n**2, step * GROUP):
@@ -337,13 +352,13 @@ def _group(plan: _Plan, triangles: int, seed: int, blocks: range) -> Iterator[Pa
         yield mesh
 
 
-def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def city(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the city with about `triangles` triangles."""
     return merge(*_pieces(triangles, seed)), *city_view(triangles)
 
 
-def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
-    """A block in its place, with the streets on two of its sides, of about `budget` triangles."""
+def _block(plan: _Plan, i: int, j: int, budget: int, rng: np.random.Generator) -> PaletteMesh:
+    """A block at its position, with the streets on two of its sides, with about `budget` triangles."""
     middle = (np.array([i, j]) - (plan.n - 1) / 2.0) * PITCH
     central = np.exp(-((np.linalg.norm(middle) / (0.45 * plan.n * PITCH)) ** 2))
     parts = _ground(plan) + _street(plan, rng)
@@ -366,7 +381,7 @@ def _block(plan: _Plan, i: int, j: int, budget: int, rng) -> PaletteMesh:
 
 
 def _ground(plan: _Plan) -> list[ScenePart]:
-    """Asphalt, the pavement with its kerb, and markings."""
+    """Asphalt, the pavement with its kerb, and road markings."""
     h, q = PITCH / 2, (PITCH - STREET) / 2
     x = np.array([-h, h])
     flat = np.stack(np.broadcast_arrays(x[:, None], 0.0, x), axis=-1)
@@ -385,7 +400,7 @@ def _ground(plan: _Plan) -> list[ScenePart]:
     return [place_copies(road), place_copies(pavement)] + ([place_copies(lines)] if plan.detail > 0.4 else [])
 
 
-def _street(plan: _Plan, rng) -> list[ScenePart]:
+def _street(plan: _Plan, rng: np.random.Generator) -> list[ScenePart]:
     """Cars along the streets and lamps on the pavement."""
     q = (PITCH - STREET) / 2
     n = round(7 * plan.detail)
@@ -393,14 +408,21 @@ def _street(plan: _Plan, rng) -> list[ScenePart]:
         return []
     along = (np.arange(n) + 0.5) / n * (PITCH - STREET - 8.0) - (PITCH - STREET) / 2 + 4.0
     lanes = [(q + 1.3, 0.0), (q + 5.2, np.pi), (q + STREET - 1.3, np.pi)]
-    spots, turns = [], []
+    lane_spots, lane_turns = [], []
     for lane, turn in lanes:
         for across in (0, 1):
-            keep = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
-            fixed = np.full(len(keep), lane if lane < PITCH / 2 else lane - PITCH)
-            spots.append(np.stack([keep, 0 * keep, fixed] if across == 0 else [fixed, 0 * keep, keep], axis=1))
-            turns.append(np.full(len(keep), turn + across * np.pi / 2))
-    spots, turns = np.concatenate(spots), np.concatenate(turns)
+            positions = along[rng.random(n) < 0.55] + rng.uniform(-0.8, 0.8)
+            lane_positions = np.full(len(positions), lane if lane < PITCH / 2 else lane - PITCH)
+            lane_spots.append(
+                np.stack(
+                    [positions, 0 * positions, lane_positions]
+                    if across == 0
+                    else [lane_positions, 0 * positions, positions],
+                    axis=1,
+                )
+            )
+            lane_turns.append(np.full(len(positions), turn + across * np.pi / 2))
+    spots, turns = np.concatenate(lane_spots), np.concatenate(lane_turns)
     paint = rng.integers(0, len(_PAINTS), len(spots))
     parts = [
         place_copies(
@@ -415,7 +437,9 @@ def _street(plan: _Plan, rng) -> list[ScenePart]:
     return [part for part in parts if len(part.offset)]
 
 
-def _lots(rng, x0, x1, z0, z1, least: float) -> list[tuple]:
+def _lots(
+    rng: np.random.Generator, x0: float, x1: float, z0: float, z1: float, least: float
+) -> list[tuple[float, float, float, float]]:
     """A rectangle split into lots by random cuts."""
     w, d = x1 - x0, z1 - z0
     if max(w, d) < 2.0 * least or (max(w, d) < 2.8 * least and rng.random() < 0.35):
@@ -428,7 +452,7 @@ def _lots(rng, x0, x1, z0, z1, least: float) -> list[tuple]:
     return _lots(rng, x0, x1, z0, m, least) + _lots(rng, x0, x1, m, z1, least)
 
 
-def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePart]:
+def _buildings(plan: _Plan, rng: np.random.Generator, central: float, budget: float) -> list[ScenePart]:
     q = (PITCH - STREET) / 2 - 4.0
     lots = _lots(rng, -q, q, -q, q, max(10.0 + 3.0 * central, 2.0 * q / np.sqrt(max(budget, 400.0) / 400.0)))
     parts, roofs = [], []
@@ -441,8 +465,10 @@ def _buildings(plan: _Plan, rng, central: float, budget: float) -> list[ScenePar
     return parts + (_roof_things(plan, rng, np.array(roofs).reshape(-1, 3)) if plan.detail > 0.3 else [])
 
 
-def _building(rng, w: float, d: float, central: float, budget: float):
-    """(mesh of a building on a lot of w x d metres, free places on its roof)."""
+def _building(
+    rng: np.random.Generator, w: float, d: float, central: float, budget: float
+) -> tuple[PaletteMesh, Iterable[ArrayLike]]:
+    """(mesh of a building on a lot of w x d metres, free positions on its roof)."""
     wall, glass = _WALLS[rng.integers(len(_WALLS))], p.GLASS
     kind = rng.random()
     floors = int(rng.integers(2, 6) + round(rng.gamma(2.0, 1.6) * central))
@@ -456,7 +482,7 @@ def _building(rng, w: float, d: float, central: float, budget: float):
         mesh = house(w, d, floors, style, rng, p.TERRACOTTA if rng.random() < 0.7 else p.SLATE)
         return mesh, []
     if floors > 8 and kind < 0.75:
-        return _stepped(rng, w, d, floors, budget, wall)
+        return _stepped_tower(rng, w, d, floors, budget, wall)
     ledge = 0.25 if floors < 8 and rng.random() < 0.6 else 0.0
     share = 0.5 if floors < 9 else 0.8
     style = _affordable(budget, w, d, floors, Style(3.2, share, True, wall, glass, ledge))
@@ -467,7 +493,7 @@ def _building(rng, w: float, d: float, central: float, budget: float):
 
 
 def _affordable(budget: float, w: float, d: float, floors: int, style: Style) -> Style:
-    """`style`, with flat windows or wider bays where needed to cost no more than `budget`."""
+    """`style`, with flat windows or wider bays if needed to stay within `budget`."""
     for relief in (True, False):
         for bay in (style.bay, 1.3 * style.bay):
             choice = style._replace(relief=relief, bay=bay)
@@ -479,8 +505,10 @@ def _affordable(budget: float, w: float, d: float, floors: int, style: Style) ->
     return choice
 
 
-def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
-    """(mesh of a tower of three tiers, a place on its roof)."""
+def _stepped_tower(
+    rng: np.random.Generator, w: float, d: float, floors: int, budget: float, wall: int
+) -> tuple[PaletteMesh, NDArray[np.float64]]:
+    """(mesh of a tower with three tiers, a position on its roof)."""
     meshes, base = [], 0.0
     tiers = np.maximum(1, np.round(floors * np.array([0.45, 0.33, 0.22])).astype(int))
     for n, size in zip(tiers, (1.0, 0.76, 0.5)):
@@ -490,14 +518,14 @@ def _stepped(rng, w: float, d: float, floors: int, budget: float, wall: int):
     return merge(*meshes), np.array([[0.0, base, 0.0]])
 
 
-def _roof_things(plan: _Plan, rng, spots: np.ndarray) -> list[ScenePart]:
+def _roof_things(plan: _Plan, rng: np.random.Generator, spots: np.ndarray) -> list[ScenePart]:
     kind = rng.choice(4, len(spots), p=[0.25, 0.5, 0.15, 0.1])
     turn = rng.integers(0, 4, len(spots)) * np.pi / 2
     pairs = [(plan.props[7 + k], kind == k) for k in range(4)]
     return [place_copies(mesh, spots[chosen], turn[chosen]) for mesh, chosen in pairs if chosen.any()]
 
 
-def _park(plan: _Plan, rng) -> list[ScenePart]:
+def _park(plan: _Plan, rng: np.random.Generator) -> list[ScenePart]:
     """A lawn with paths around a round pond."""
     q = (PITCH - STREET) / 2 - 2.5
     lawn = box((2 * q, 0.3, 2 * q), (0, 0.1, 0), p.GRASS)
@@ -518,8 +546,8 @@ def _park(plan: _Plan, rng) -> list[ScenePart]:
     return [place_copies(lawn), place_copies(paths), place_copies(rim), place_copies(water), place_copies(jet), hedges]
 
 
-def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
-    """Trees, with leaves that use up the block's budget."""
+def _trees(plan: _Plan, rng: np.random.Generator, spots: np.ndarray, budget: int) -> list[ScenePart]:
+    """Trees, whose leaves use up the block's budget."""
     bare = len(plan.trees[0].wood.faces)
     n = int(np.clip(budget / (bare + 4 * 40), 0, len(spots)))
     parts: list[ScenePart] = []
@@ -532,45 +560,46 @@ def _trees(plan: _Plan, rng, spots: np.ndarray, budget: int) -> list[ScenePart]:
     return parts
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The blocks of a city, made by several processes. They take groups of blocks in turn, and send each through a pipe.
+# --- Streaming from worker processes ----------------------------------------------------------------------------------
 #
-# Processes start by module name. Unlike fork or spawn, this does not disturb this process's threads or main module.
+# Workers take groups of blocks in turn and send each block through a pipe. They are started by module name: unlike fork
+# or spawn, this does not interfere with the threads or the main module of this process.
 
 
 _PACKAGE = Path(__file__).parents[2]
 
 
 def stream_blocks(triangles: int, seed: int, processes: int) -> Iterator[PaletteMesh]:
-    """The blocks of `city_blocks`, made by `processes` processes. The arguments have been checked."""
-    workers = [_started(triangles, seed, k, processes) for k in range(processes)]
+    """The blocks of `city_blocks`, generated by `processes` processes. The arguments must have been checked."""
+    workers = [_start_worker(triangles, seed, k, processes) for k in range(processes)]
     try:
         for worker in cycle(workers):
             blocks = 0
-            while blocks < GROUP and (block := _received(worker.stdout)) is not None:
+            while blocks < GROUP and (block := _receive(worker.stdout)) is not None:
                 yield block
                 blocks += 1
             if blocks < GROUP:  # the last group
                 break
         if worker.wait() != 0:
-            raise RuntimeError("a process that makes blocks of the city has failed")
+            raise RuntimeError("a worker process of the city generator has failed")
     finally:
         for worker in workers:
             worker.kill()
-            worker.stdout.close()
+            if worker.stdout is not None:
+                worker.stdout.close()
             worker.wait()
 
 
-def _started(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen:
-    """A process that makes every `step`-th group. Ctrl-C goes to its parent, which ends it."""
+def _start_worker(triangles: int, seed: int, first: int, step: int) -> subprocess.Popen[bytes]:
+    """Start a process that generates every `step`-th group. Ctrl-C reaches only its parent, which terminates it."""
     paths = [str(_PACKAGE), *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", __name__, *map(str, (triangles, seed, first, step))]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=env, start_new_session=True)
 
 
-def _received(pipe) -> PaletteMesh | None:
-    """The next block, sent after its numbers of vertices and faces; None at the end."""
+def _receive(pipe: Any) -> PaletteMesh | None:
+    """The next block from a pipe, preceded by its numbers of vertices and faces; None at the end."""
     sizes = np.zeros(2, np.int64)
     if pipe.readinto(sizes.view(np.uint8).data) == 0:
         return None
@@ -578,12 +607,12 @@ def _received(pipe) -> PaletteMesh | None:
     block = PaletteMesh(np.empty((v, 3), np.float32), np.empty((f, 3), np.int32), np.empty(f, np.uint8))
     for array in block:
         if pipe.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
-            raise RuntimeError("a process that makes blocks of the city has ended too early")
+            raise RuntimeError("a worker process of the city generator has ended too early")
     return block
 
 
-def _send(pipe, triangles: int, seed: int, first: int, step: int) -> None:
-    """In a process: write the blocks of its groups. A group is finished before it is sent."""
+def _send(pipe: IO[bytes], triangles: int, seed: int, first: int, step: int) -> None:
+    """In a worker: write the blocks of its groups. A group is complete before it is sent."""
     for group in city_groups(triangles, seed, first, step):
         for block in list(group):
             sizes = np.array([len(block.vertices), len(block.faces)], np.int64)

@@ -1,6 +1,12 @@
-"""A forest around a path: rolling ground, broadleaf trees, birches and spruces, ferns, grass, rocks and logs."""
+"""The forest: a path over rolling ground among broadleaf trees, birches, spruces, ferns, grass, rocks and logs.
+
+The triangle budget is shared between terrain, trees and stones; ferns and grass use up the remainder.
+"""
+
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import palette as p
 from .props import bare_tree, conifer, fern, grass, tree
@@ -8,11 +14,14 @@ from .shapes import PaletteMesh, ScenePart, assemble, count, grid, merge, place_
 
 SPACING = 4.6  # metres between trees
 
+_Metres = float | NDArray[np.float64]
+"""Coordinates, which broadcast. Functions of them return the same type."""
+
 
 class _Ground:
     """Rolling ground that rises towards the edges, with a path sunk into it."""
 
-    def __init__(self, rng, half: float):
+    def __init__(self, rng: np.random.Generator, half: float) -> None:
         self.half = half
         k = 14
         wavelength = rng.uniform(3.0, 22.0, k)
@@ -20,15 +29,15 @@ class _Ground:
         self.wave = np.stack([np.cos(angle), np.sin(angle)], axis=1) * (2 * np.pi / wavelength)[:, None]
         self.phase, self.size = rng.uniform(0.0, 2.0 * np.pi, k), 0.022 * wavelength
 
-    def path(self, z):
-        """The x of the path's middle at z."""
+    def path(self, z: _Metres) -> Any:
+        """The x coordinate of the path's centre line at z."""
         return 2.2 * np.sin(z / 8.0 + 0.4) - 1.0
 
-    def off_path(self, x, z):
-        """The distance from the path's middle, in metres."""
+    def off_path(self, x: _Metres, z: _Metres) -> Any:
+        """The distance from the path's centre line, in metres."""
         return np.abs(x - self.path(z))
 
-    def height(self, x, z):
+    def height(self, x: _Metres, z: _Metres) -> Any:
         x, z = np.broadcast_arrays(x, z)
         waves = np.sin(x[..., None] * self.wave[:, 0] + z[..., None] * self.wave[:, 1] + self.phase) @ self.size
         side = np.clip(self.off_path(x, z) / 3.0, 0.0, 1.0)
@@ -39,11 +48,11 @@ class _Ground:
             + bowl * np.clip(self.off_path(x, z) / (0.5 * self.half), 0.4, 1.0)
         )
 
-    def at(self, xz, sink=0.0) -> np.ndarray:
+    def at(self, xz: NDArray[np.float64], sink: float = 0.0) -> NDArray[np.float64]:
         return np.stack([xz[:, 0], self.height(xz[:, 0], xz[:, 1]) - sink, xz[:, 1]], axis=1)
 
 
-def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
+def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict[str, Any], dict[str, Any]]:
     """Mesh, camera and light of the forest with about `triangles` triangles."""
     n_trees = max(9, round(90 * np.sqrt(triangles / 300_000)))
     half = SPACING * np.sqrt(n_trees) / 2.0 + 3.0
@@ -60,8 +69,8 @@ def forest(triangles: int, seed: int) -> tuple[PaletteMesh, dict, dict]:
     return assemble(parts), camera, _sun(half)
 
 
-def _sun(half: float) -> dict:
-    """A square light far up on the left, facing the middle."""
+def _sun(half: float) -> dict[str, Any]:
+    """A square light high up on the left, facing the centre."""
     middle = (20.0 + 1.1 * half) * np.array([-0.52, 0.8, -0.22])
     u = np.cross([0.0, 1.0, 0.0], middle)
     v = np.cross(middle, u)
@@ -70,7 +79,7 @@ def _sun(half: float) -> dict:
     return {"corner": tuple(middle - (u + v) / 2.0), "u": tuple(u), "v": tuple(v)}
 
 
-def _terrain(ground: _Ground, budget: float, rng) -> PaletteMesh:
+def _terrain(ground: _Ground, budget: float, rng: np.random.Generator) -> PaletteMesh:
     """The ground as a grid whose middle columns follow the path."""
     n = max(8, round(np.sqrt(budget / 2)))
     line = np.linspace(-1.0, 1.0, n + 1)
@@ -84,23 +93,28 @@ def _terrain(ground: _Ground, budget: float, rng) -> PaletteMesh:
     return grid(points, kind + p.shades(rng, n * n).reshape(n, n) % 3)
 
 
-def _scattered(ground: _Ground, n: int, rng, clear: float, eye, around=2.5) -> np.ndarray:
-    """About n places (k, 2) on a jittered grid, off the path and away from the eye."""
+def _scattered(
+    ground: _Ground, n: int, rng: np.random.Generator, clear: float, eye: NDArray[np.float64], around: float = 2.5
+) -> NDArray[np.float64]:
+    """About n positions (k, 2) on a jittered grid, off the path and away from the eye."""
     k = int(np.ceil(np.sqrt(n)))
     line = (np.arange(k) + 0.5) / k * 2.0 - 1.0
     xz = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2) * ground.half
     xz += rng.uniform(-0.8, 0.8, xz.shape) * ground.half / k
     far = np.hypot(xz[:, 0] - eye[0], xz[:, 1] - eye[2])
-    return xz[(ground.off_path(xz[:, 0], xz[:, 1]) > clear) & (far > around)]
+    out: NDArray[np.float64] = xz[(ground.off_path(xz[:, 0], xz[:, 1]) > clear) & (far > around)]
+    return out
 
 
-def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
-    """Oaks near the path, birches here and there, spruces towards the edges."""
+def _trees(
+    ground: _Ground, n: int, budget: float, eye: NDArray[np.float64], rng: np.random.Generator
+) -> list[ScenePart]:
+    """Oaks near the path, scattered birches, spruces towards the edges."""
     xz = _scattered(ground, n, rng, 1.9, eye, 3.2)
     edge = np.maximum(ground.off_path(xz[:, 0], xz[:, 1]), np.abs(xz[:, 1]) - 0.4 * ground.half) / ground.half
     kind = np.where(rng.random(len(xz)) < 0.08 + 1.1 * edge, 2, np.where(rng.random(len(xz)) < 0.35, 1, 0))
-    each = budget / len(xz)
-    detail = float(np.clip(np.sqrt(each / 2600.0), 0.12, 3.0))
+    per_tree = budget / len(xz)
+    detail = float(np.clip(np.sqrt(per_tree / 2600.0), 0.12, 3.0))
     parts = []
     for k in range(3):
         chosen = xz[kind == k]
@@ -108,25 +122,27 @@ def _trees(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
         for variant in range(variants):
             at = ground.at(chosen[variant::variants], 0.06)
             if len(at):
-                mesh = _kind_of_tree(k, each, detail, rng)
+                mesh = _kind_of_tree(k, per_tree, detail, rng)
                 parts.append(place_copies(mesh, at, rng.uniform(0, 6.3, len(at)), rng.uniform(0.75, 1.25, len(at))))
     return parts
 
 
-def _kind_of_tree(kind: int, each: float, detail: float, rng) -> PaletteMesh:
+def _kind_of_tree(kind: int, budget: float, detail: float, rng: np.random.Generator) -> PaletteMesh:
     if kind == 2:
-        leaves = max(12, int(each / 4) - 10)
+        leaves = max(12, int(budget / 4) - 10)
         return conifer(rng, 11.0, leaves, detail)
     bark, colour, height = ((p.BARK, p.LEAF, 9.5), (p.BIRCH, p.LIME, 8.0))[kind]
     bare = bare_tree(rng, height, detail, bark)
-    while len(bare.wood.faces) > 0.4 * each and detail > 0.1:
+    while len(bare.wood.faces) > 0.4 * budget and detail > 0.1:
         detail *= 0.8
         bare = bare_tree(rng, height, detail, bark)
-    leaves = max(12, int((each - len(bare.wood.faces)) / 4))
+    leaves = max(12, int((budget - len(bare.wood.faces)) / 4))
     return tree(rng, bare, leaves, float(np.clip(10.0 / np.sqrt(leaves), 0.1, 1.2)), colour)
 
 
-def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]:
+def _stones(
+    ground: _Ground, n: int, budget: float, eye: NDArray[np.float64], rng: np.random.Generator
+) -> list[ScenePart]:
     """Lumpy rocks, fallen logs and mushrooms."""
     detail = float(np.clip(np.sqrt(budget / (n * 120.0)), 0.25, 4.0))
     parts = []
@@ -158,32 +174,36 @@ def _stones(ground: _Ground, n: int, budget: float, eye, rng) -> list[ScenePart]
     return parts
 
 
-def _seen(ground: _Ground, n: int, eye, rng, clear: float) -> np.ndarray:
-    """n places (n, 2) off the path and in front of the eye, denser near it."""
+def _positions_ahead(
+    ground: _Ground, n: int, eye: NDArray[np.float64], rng: np.random.Generator, clear: float
+) -> NDArray[np.float64]:
+    """Positions (n, 2) off the path and in front of the eye, denser near it."""
     xz = np.empty((0, 2))
     while len(xz) < n:
         r = 1.2 + 1.5 * ground.half * rng.random(3 * n + 8) ** 1.25
         angle = rng.normal(0.0, 0.75, len(r))
-        more = eye[[0, 2]] + r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-        off = ground.off_path(more[:, 0], more[:, 1])
-        keep = (np.abs(more).max(axis=1) < ground.half) & (off > clear * rng.uniform(0.5, 1.4, len(more)))
-        xz = np.concatenate([xz, more[keep]])
+        candidates = eye[[0, 2]] + r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        off = ground.off_path(candidates[:, 0], candidates[:, 1])
+        keep = (np.abs(candidates).max(axis=1) < ground.half) & (off > clear * rng.uniform(0.5, 1.4, len(candidates)))
+        xz = np.concatenate([xz, candidates[keep]])
     return xz[:n]
 
 
-def _undergrowth(ground: _Ground, budget: int, eye, rng) -> list[ScenePart]:
-    """Ferns off the path, and grass for the rest of the budget."""
+def _undergrowth(ground: _Ground, budget: int, eye: NDArray[np.float64], rng: np.random.Generator) -> list[ScenePart]:
+    """Ferns off the path, and grass for the remaining budget."""
     detail = float(np.clip((max(budget, 1) / 100_000) ** 0.25, 0.5, 2.0))
     parts = []
     for _ in range(3):
         mesh = fern(rng, steps(8, detail, 5), steps(12, detail, 5), 0.85)
-        xz = _seen(ground, int(0.15 * budget / len(mesh.faces)), eye, rng, 1.3)
+        xz = _positions_ahead(ground, int(0.15 * budget / len(mesh.faces)), eye, rng, 1.3)
         parts.append(
             place_copies(mesh, ground.at(xz, 0.02), rng.uniform(0, 6.3, len(xz)), rng.uniform(0.5, 1.3, len(xz)))
         )
     blades, segments, kinds = steps(11, detail, 5), 3, 4
-    xz = _seen(ground, (budget - count(parts)) // (2 * (segments - 1) * blades), eye, rng, 1.0)
+    xz = _positions_ahead(ground, (budget - count(parts)) // (2 * (segments - 1) * blades), eye, rng, 1.0)
     for k in range(kinds):
-        mesh, own = grass(rng, blades, 0.4, 0.13, segments), xz[k::kinds]
-        parts.append(place_copies(mesh, ground.at(own), rng.uniform(0, 6.3, len(own)), rng.uniform(0.4, 1.2, len(own))))
+        mesh, spots = grass(rng, blades, 0.4, 0.13, segments), xz[k::kinds]
+        parts.append(
+            place_copies(mesh, ground.at(spots), rng.uniform(0, 6.3, len(spots)), rng.uniform(0.4, 1.2, len(spots)))
+        )
     return [part for part in parts if len(part.offset)]

@@ -1,51 +1,52 @@
-"""Procedural scenes as scene data, with a camera and a light. The generators are imported when they are first used."""
+"""Procedural scenes as scene data, with a camera and a light. The generators are imported on first use."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from ..scene.camera import Camera
-from ..scene.lights import QuadLight
-from ..scene.mesh import MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
+from ..scene.lights import Light, QuadLight
+from ..scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ..scene.scene_data import MemoryData
 
 
 class _ProceduralMeshes(StaticMeshes):
     """Meshes with their own camera and light."""
 
-    def __init__(self, meshes, file, camera, light):
+    def __init__(self, meshes: list[Mesh], file: str, camera: Camera, light: QuadLight) -> None:
         super().__init__(meshes, file)
         self._camera, self._light = camera, light
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return [self._camera]
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return [self._light]
 
 
 def procedural_data(name: str, triangles: int | None, seed: int) -> MemoryData:
-    """What the procedural scene of this name holds; `engine.scene.procedural` documents the arguments."""
+    """Scene data of a procedural scene; `engine.scene.procedural` documents the arguments."""
     from .procedural_scenes import generate
 
-    made = generate(name, triangles, seed)
-    colour = np.asarray(made.palette, np.float32)[made.colour]
-    mesh = make_mesh(name, made.vertices, made.faces, colour, f"procedural {name}")
-    camera, light = Camera(**made.camera), QuadLight(**made.light)
+    scene = generate(name, triangles, seed)
+    colour = np.asarray(scene.palette, np.float32)[scene.colour]
+    mesh = make_mesh(name, scene.vertices, scene.faces, colour, f"procedural {name}")
+    camera, light = Camera(**scene.camera), QuadLight(**scene.light)
     return MemoryData(_ProceduralMeshes([mesh], f"procedural {name}", camera, light), name=name)
 
 
 class StreamedCity:
-    """``procedural("city", ...)`` as a stream of pieces, which are never all in memory.
+    """``procedural("city", ...)`` as a stream of pieces that are never in memory all at once.
 
-    Name, up axis, camera, light and pieces are as in the `Scene`, with faces in the same order. It is its own source.
+    Name, up axis, camera, light and pieces equal those of the `Scene`, with faces in the same order. It is its own
+    source.
 
     Parameters
     ----------
     triangles, seed
         As for `procedural`.
     processes : int
-        Number of processes that make its blocks.
+        Number of processes that generate the blocks.
     """
 
     name = "city"
@@ -56,7 +57,7 @@ class StreamedCity:
     appearance = None
     notes = ()
 
-    def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1):
+    def __init__(self, triangles: int | None = None, seed: int = 0, processes: int = 1) -> None:
         from .palette import check_request
         from .procedural_scenes import PROCEDURAL
 
@@ -67,7 +68,7 @@ class StreamedCity:
 
     @property
     def n_triangles(self) -> int:
-        """The number of triangles that was asked for; there are up to as many."""
+        """The requested number of triangles, an upper bound of the actual number."""
         return self._arguments[0]
 
     @property
@@ -83,12 +84,12 @@ class StreamedCity:
         for vertices, faces, colour in stream_blocks(*self._arguments, self._processes):
             yield Piece(vertices[None], faces, palette[colour], self.file)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         from .procedural_scenes import city_view
 
         return [Camera(**city_view(self._arguments[0])[0])]
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         from .procedural_scenes import city_view
 
         return [QuadLight(**city_view(self._arguments[0])[1])]

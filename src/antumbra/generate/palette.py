@@ -1,14 +1,12 @@
-"""The 32 materials of all procedural scenes, each in 8 slightly different shades, and the limits of scene sizes."""
+"""The palette of procedural scenes: 32 materials in 8 slightly different shades each; checks of scene size and seed."""
 
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..scene.materials import srgb_to_linear
-
-# --- The 32 materials of all procedural scenes, each in 8 slightly different shades -----------------------------------
-
 
 SHADES: Final = 8
 
@@ -50,11 +48,12 @@ _MATERIALS = {
 }
 
 
-def _palette() -> np.ndarray:
+def _palette() -> NDArray[np.float32]:
     base = srgb_to_linear(np.array(list(_MATERIALS.values())) / 255.0)[:, None]
     lightness, warmth = np.array(_LIGHTNESS)[:, None], np.array(_WARMTH)[:, None]
     shades = base * lightness * (1.0 + warmth * np.array([1.0, 0.0, -1.0]))
-    return np.minimum(shades, 1.0).reshape(-1, 3).astype(np.float32)
+    out: NDArray[np.float32] = np.minimum(shades, 1.0).reshape(-1, 3).astype(np.float32)
+    return out
 
 
 PALETTE: Final = _palette()
@@ -96,19 +95,19 @@ PALETTE: Final = _palette()
 ) = range(0, SHADES * len(_MATERIALS), SHADES)
 
 
-def shades(rng: np.random.Generator, n: int) -> np.ndarray:
-    """(n,) uint8: random shades, to add to a material."""
+def shades(rng: np.random.Generator, n: int) -> NDArray[np.uint8]:
+    """(n,) uint8: random shades to add to a material."""
     return rng.integers(0, SHADES, n, dtype=np.uint8)
 
 
-# --- Checks of the arguments of procedural scenes ---------------------------------------------------------------------
+# --- Checks of scene size and seed ------------------------------------------------------------------------------------
 
 
 MIN_TRIANGLES, MAX_TRIANGLES = 1_000, 400_000_000
 """The limits of the number of triangles."""
 
 
-def check_request(name: str, triangles, seed) -> tuple[int, int]:
+def check_request(name: str, triangles: object, seed: object) -> tuple[int, int]:
     """`triangles` and `seed` of the scene `name` as integers. Raises InputError if one is invalid."""
     where = f"procedural scene {name}:"
     return (

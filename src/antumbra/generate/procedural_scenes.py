@@ -1,9 +1,10 @@
-"""The registry of procedural scenes, and `generate`, which makes one of them by name."""
+"""The registry of procedural scenes, and `generate`, which generates one by name."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import extras as plugins
 from ..checks import quoted, spelling_hint
@@ -12,25 +13,26 @@ from .atrium import atrium
 from .city import city, city_blocks, city_view
 from .forest import forest
 from .palette import MAX_TRIANGLES, MIN_TRIANGLES, PALETTE, check_request
-
-# --- The registry of procedural scenes, and `generate`, which makes one of them ---------------------------------------
+from .shapes import PaletteMesh
 
 
 class ProceduralScene(NamedTuple):
     """A generated scene: metres, +Y up, right-handed."""
 
-    vertices: np.ndarray  # (v, 3) float32
-    faces: np.ndarray  # (f, 3) int32, counter-clockwise seen from outside
-    colour: np.ndarray  # (f,) uint8, rows of the palette
-    palette: np.ndarray  # (256, 3) float32, linear
-    camera: dict  # position, target, up: (3,) tuples of float; vfov: degrees
-    light: dict  # a quad: corner, u, v: (3,) tuples of float
+    vertices: NDArray[np.float32]  # (v, 3) float32
+    faces: NDArray[np.int32]  # (f, 3) int32, counter-clockwise seen from outside
+    colour: NDArray[np.uint8]  # (f,) uint8, palette indices
+    palette: NDArray[np.float32]  # (256, 3) float32, linear
+    camera: dict[str, Any]  # position, target, up: (3,) tuples of float; vfov: degrees
+    light: dict[str, Any]  # a quad: corner, u, v: (3,) tuples of float
 
 
 class Recipe(NamedTuple):
-    """The function that makes a scene, with its description and default size."""
+    """The generator function of a scene, with its description and default size."""
 
-    function: Callable  # (triangles, seed) -> mesh, camera, light
+    function: Callable[
+        [int, int], tuple[PaletteMesh, dict[str, Any], dict[str, Any]]
+    ]  # (triangles, seed) -> mesh, camera, light
     description: str
     default_triangles: int
 
@@ -44,17 +46,17 @@ PROCEDURAL = {
 
 
 def register(name: str, recipe: Recipe) -> None:
-    """Add a scene."""
+    """Register a scene."""
     PROCEDURAL[name] = recipe
 
 
 def add_scenes() -> None:
-    """Add the scenes of all packages with an entry point ``antumbra.scenes``."""
+    """Register the scenes of all packages with an entry point ``antumbra.scenes``."""
     plugins.load_plugins("antumbra.scenes")
 
 
 def find_scene(name: str) -> Recipe:
-    """The recipe of a scene, also of a scene that another package adds.
+    """The recipe of a scene, including scenes from other packages.
 
     Raises
     ------
@@ -72,17 +74,17 @@ def find_scene(name: str) -> Recipe:
 
 
 def generate(name: str, triangles: int | None = None, seed: int = 0) -> ProceduralScene:
-    """Make the scene `name`. Equal arguments give the same scene.
+    """Generate the scene `name`. Equal arguments give the same scene.
 
     Parameters
     ----------
     name : str
-        A key of `PROCEDURAL`, or of a package's scenes.
+        A key of `PROCEDURAL`, or the name of a scene from another package.
     triangles : int, optional
-        `request.LEAST` to `request.MOST`, met within 10 % from 10 000 on. Below that, a scene may have more, since
-        it has a coarsest version. The default is the recipe's.
+        `MIN_TRIANGLES` to `MAX_TRIANGLES`, met within 10 % from 10 000 on. Below that, a scene may have more, since its
+        coarsest version has a minimum size. The default is the recipe's.
     seed : int
-        0 or more. Another seed places and shapes things differently.
+        0 or more. Varies the placement and shape of things.
 
     Raises
     ------
@@ -97,19 +99,9 @@ def generate(name: str, triangles: int | None = None, seed: int = 0) -> Procedur
     return ProceduralScene(mesh.vertices, mesh.faces, mesh.colour, PALETTE, camera, light)
 
 
-def _plain(value):
+def _plain(value: Any) -> float | tuple[float, ...]:
     """A vector as a tuple of Python floats, a number as a float."""
     return tuple(float(x) for x in value) if np.ndim(value) else float(value)
-
-
-# --- Procedural scenes of any size, without a file: atrium, city, forest, and scenes that other packages add ----------
-#
-# - recipes: the registry of scenes, and `generate`; request: the checks of its arguments
-# - atrium, courtyard: a court with arcades; city, buildings: streets and houses
-# - forest, trees, plants: a path through trees
-# - architecture, props: parts of buildings, and things that stand in them
-# - parts: copies of meshes, counted and assembled; shapes: small closed meshes; palette: the materials
-# - stream: the city as a stream of blocks, by several processes
 
 
 __all__ = [

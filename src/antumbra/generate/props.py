@@ -1,41 +1,56 @@
-"""Props of procedural scenes: plants, trees, and furniture such as vases, benches and crates."""
+"""Props of procedural scenes: plants, trees, and furniture such as vases, benches and crates.
+
+Leaves are thin, open, two-sided surfaces; everything else is closed.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from . import palette as p
 from .shapes import PaletteMesh, arc, box, boxes, cross, lofts, merge, revolve, shell, steps, tubes
 
-# --- Leaves, shrubs, ivy, ferns, grass and bushes. Leaves are thin: open, two-sided surfaces --------------------------
+# --- Leaves, shrubs, ivy, ferns, grass and bushes ---------------------------------------------------------------------
 
 
 UP = np.array([0.0, 1.0, 0.0])
 
 
-def unit(v) -> np.ndarray:
+def unit(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors along the last axis, scaled to length 1."""
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    out: NDArray[np.float64] = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    return out
 
 
-def sphere_directions(rng, n: int, low=-1.0) -> np.ndarray:
+def sphere_directions(rng: np.random.Generator, n: int, low: float = -1.0) -> NDArray[np.float64]:
     """(n, 3) random unit vectors with y >= low."""
     y, angle = rng.uniform(low, 1.0, n), rng.uniform(0.0, 2.0 * np.pi, n)
     flat = np.sqrt(1.0 - y * y)
     return np.stack([flat * np.cos(angle), y, flat * np.sin(angle)], axis=1)
 
 
-def blades(base, along, facing, length, width, droop, segments: int, ribs=2, colour=p.LEAF) -> PaletteMesh:
-    """k leaves: pointed ribbons that start at `base` and grow `along`.
+def blades(
+    base: NDArray[np.float64],
+    along: NDArray[np.float64],
+    facing: NDArray[np.float64],
+    length: ArrayLike,
+    width: ArrayLike,
+    droop: ArrayLike,
+    segments: int,
+    ribs: int = 2,
+    colour: ArrayLike = p.LEAF,
+) -> PaletteMesh:
+    """k leaves: pointed ribbons that grow from `base` in the direction `along`.
 
     base, along, facing : (k, 3)
         Start, direction of growth, and approximate direction of the upper side.
-    length, width, droop : (k,) or one
+    length, width, droop : scalar or (k,)
         The tip bends away from `facing` by droop x length.
     segments : int, at least 2
-    ribs : 2 for flat leaves, or 3 for a folded midrib
+    ribs : 2 for flat leaves, 3 for a folded midrib
         A leaf has 2 (segments - 1) triangles, or 4 (segments - 1) with a midrib.
-    colour : one, or (k,)
+    colour : scalar or (k,), palette indices
     """
     along = unit(np.asarray(along, np.float64))
     side = unit(cross(along, facing))
@@ -76,7 +91,7 @@ def _blade_faces(segments: int, ribs: int) -> np.ndarray:
     return np.array(faces, np.int32)
 
 
-def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> PaletteMesh:
+def agave(rng: np.random.Generator, leaves: int, length: float, segments: int, colour: int = p.MOSS) -> PaletteMesh:
     """A rosette of long pointed leaves on the ground."""
     angle = np.arange(leaves) * 2.39996  # the golden angle
     rise = np.linspace(0.25, 1.4, leaves)
@@ -97,8 +112,10 @@ def agave(rng, leaves: int, length: float, segments: int, colour=p.MOSS) -> Pale
     )
 
 
-def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.LEAF) -> PaletteMesh:
-    """A dense ball of leaves on stems; 4 triangles a leaf."""
+def shrub(
+    rng: np.random.Generator, leaves: int, radius: float, height: float, size: float, colour: int = p.LEAF
+) -> PaletteMesh:
+    """A dense ball of leaves on stems; 4 triangles per leaf."""
     out = sphere_directions(rng, leaves, -0.5)
     reach = rng.uniform(0.55, 1.0, leaves)[:, None]
     base = out * reach * [radius, 0.5 * height, radius] + UP * 0.5 * height
@@ -121,12 +138,14 @@ def shrub(rng, leaves: int, radius: float, height: float, size: float, colour=p.
     return merge(foliage, tubes(paths, np.array([0.025, 0.018, 0.008]) * max(1.0, radius), 4, p.BARK))
 
 
-def ivy(rng, start, fall, leaves: int, size: float) -> PaletteMesh:
-    """Leaves along strings that hang from (k, 3) places by (k,) metres; 4 triangles a leaf."""
+def ivy(
+    rng: np.random.Generator, start: NDArray[np.float64], fall: NDArray[np.float64], leaves: int, size: float
+) -> PaletteMesh:
+    """Leaves along strands that hang down (k,) metres from (k, 3) points; 4 triangles per leaf."""
     which = rng.integers(0, len(start), leaves)
-    down = rng.uniform(0.0, 1.0, leaves) ** 1.2
-    base = start[which] - UP * (down * fall[which])[:, None]
-    base[:, [0, 2]] += rng.normal(0.0, 0.05, (leaves, 2)) * (1.0 + down)[:, None]
+    drop = rng.uniform(0.0, 1.0, leaves) ** 1.2
+    base = start[which] - UP * (drop * fall[which])[:, None]
+    base[:, [0, 2]] += rng.normal(0.0, 0.05, (leaves, 2)) * (1.0 + drop)[:, None]
     along = unit(sphere_directions(rng, leaves) * [1, 0.4, 1] - 0.7 * UP)
     colour = np.where(rng.random(leaves) < 0.3, p.LIME, p.LEAF) + p.shades(rng, leaves)
     return blades(
@@ -142,8 +161,8 @@ def ivy(rng, start, fall, leaves: int, size: float) -> PaletteMesh:
     )
 
 
-def fern(rng, fronds: int, pairs: int, length: float) -> PaletteMesh:
-    """Arching fronds with `pairs` pairs of pinnae of 2 triangles."""
+def fern(rng: np.random.Generator, fronds: int, pairs: int, length: float) -> PaletteMesh:
+    """Arching fronds with `pairs` pairs of pinnae; 2 triangles per pinna."""
     angle = np.arange(fronds) * 2.39996 + rng.uniform(-0.3, 0.3, fronds)
     flat = np.stack([np.cos(angle), np.zeros(fronds), np.sin(angle)], axis=1)
     t = np.linspace(0.12, 1.0, pairs)[None, :, None]
@@ -184,28 +203,28 @@ def fern(rng, fronds: int, pairs: int, length: float) -> PaletteMesh:
     return merge(*meshes)
 
 
-def grass(rng, blades_: int, height: float, spread: float, segments: int) -> PaletteMesh:
+def grass(rng: np.random.Generator, n_blades: int, height: float, spread: float, segments: int) -> PaletteMesh:
     """A tuft of grass."""
-    place = rng.normal(0.0, spread, (blades_, 2))
-    base = np.stack([place[:, 0], np.full(blades_, -0.03), place[:, 1]], axis=1)
-    lean = sphere_directions(rng, blades_, 0.0)
+    place = rng.normal(0.0, spread, (n_blades, 2))
+    base = np.stack([place[:, 0], np.full(n_blades, -0.03), place[:, 1]], axis=1)
+    lean = sphere_directions(rng, n_blades, 0.0)
     along = unit(UP * 1.6 + lean)
-    size = height * rng.uniform(0.5, 1.1, blades_)
+    size = height * rng.uniform(0.5, 1.1, n_blades)
     return blades(
         base,
         along,
         UP - lean,
         size,
         0.05 * height + 0.004,
-        rng.uniform(0.1, 0.6, blades_),
+        rng.uniform(0.1, 0.6, n_blades),
         segments,
         2,
-        p.GRASS + p.shades(rng, blades_),
+        p.GRASS + p.shades(rng, n_blades),
     )
 
 
-def bush(rng, size: float, detail: float, colour=p.PINE) -> PaletteMesh:
-    """A clipped ball: a lumpy solid."""
+def bush(rng: np.random.Generator, size: float, detail: float, colour: int = p.PINE) -> PaletteMesh:
+    """A clipped shrub: a lumpy solid ball."""
     n = steps(22, detail, 3)
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)
     profile = np.stack([np.cos(angle) * size, (np.sin(angle) + 0.95) * size], axis=1)
@@ -214,10 +233,12 @@ def bush(rng, size: float, detail: float, colour=p.PINE) -> PaletteMesh:
     return revolve(profile, segments, colour, 1.0 + rng.normal(0.0, 0.03, (n + 1, segments)))
 
 
-# --- Palms, broadleaf trees and spruces: closed trunks and branches, thin leaves --------------------------------------
+# --- Palms, broadleaf trees and spruces -------------------------------------------------------------------------------
 
 
-def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: float) -> PaletteMesh:
+def palm(
+    rng: np.random.Generator, fronds: int, leaflets: int, height: float, length: float, detail: float
+) -> PaletteMesh:
     """A curved trunk with arching fronds of `leaflets` pairs of leaflets."""
     t = np.linspace(0.0, 1.0, steps(10, detail, 3) + 1)
     lean = rng.uniform(-0.08, 0.08, 2) * height
@@ -259,8 +280,10 @@ def palm(rng, fronds: int, leaflets: int, height: float, length: float, detail: 
     return merge(*meshes)
 
 
-def branches(rng, base, along, length, number: int, n: int):
-    """(curved paths, (k * number, n + 1, 3); their directions): `number` from each of the (k, m, 3) paths `base`."""
+def grow_branches(
+    rng: np.random.Generator, base: NDArray[np.float64], along: NDArray[np.float64], length: float, number: int, n: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Branch paths, (k * number, n + 1, 3), and their directions: `number` from each (k, m, 3) path in `base`."""
     k, m = base.shape[:2]
     where = rng.uniform(0.35, 1.0, (k, number)) * (m - 1)
     low = np.minimum(where.astype(int), m - 2)
@@ -284,15 +307,17 @@ class BareTree(NamedTuple):
     height: float
 
 
-def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
-    """Trunk and two orders of branches."""
+def bare_tree(rng: np.random.Generator, height: float, detail: float, bark: int = p.BARK) -> BareTree:
+    """A trunk and two orders of branches."""
     n = steps(5, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
     sway = rng.normal(0.0, 0.035 * height, 2)
     trunk = np.stack([sway[0] * np.sin(2.2 * t), 0.75 * height * t - 0.2, sway[1] * np.sin(2.6 * t)], axis=1)[None]
     flare = height * (0.028 * (1.0 - 0.75 * t) + 0.02 * np.exp(-9.0 * t))
-    first, way = branches(rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2))
-    second, tips = branches(rng, first, way, 0.2 * height, steps(5, detail**0.5, 3), 2)
+    first, directions = grow_branches(
+        rng, trunk, UP[None], 0.42 * height, steps(9, detail**0.5, 5), steps(3, detail, 2)
+    )
+    second, tips = grow_branches(rng, first, directions, 0.2 * height, steps(5, detail**0.5, 3), 2)
     thin = np.linspace(1.0, 0.3, first.shape[1])
     wood = merge(
         tubes(trunk, flare, steps(9, detail, 5), bark),
@@ -302,8 +327,8 @@ def bare_tree(rng, height: float, detail: float, bark=p.BARK) -> BareTree:
     return BareTree(wood, second, tips, height)
 
 
-def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> PaletteMesh:
-    """A broadleaf tree: leaves of 4 triangles around the twigs, each twig in its own shade."""
+def tree(rng: np.random.Generator, bare: BareTree, leaves: int, size: float, colour: int = p.LEAF) -> PaletteMesh:
+    """A broadleaf tree: leaves of 4 triangles around the twigs, with one shade per twig."""
     twigs = bare.twigs
     which = rng.integers(0, len(twigs), leaves)
     along = rng.uniform(0.15, 1.0, leaves)[:, None]
@@ -315,7 +340,7 @@ def tree(rng, bare: BareTree, leaves: int, size: float, colour=p.LEAF) -> Palett
     return merge(bare.wood, foliage)
 
 
-def conifer(rng, height: float, leaves: int, detail: float) -> PaletteMesh:
+def conifer(rng: np.random.Generator, height: float, leaves: int, detail: float) -> PaletteMesh:
     """A spruce: whorls of drooping boughs made of long blades, 4 triangles each."""
     t = np.linspace(0.0, 1.0, steps(4, detail, 2) + 1)
     trunk = np.stack([0.0 * t, height * t - 0.2, 0.0 * t], axis=1)
@@ -341,13 +366,15 @@ def conifer(rng, height: float, leaves: int, detail: float) -> PaletteMesh:
     return merge(tubes(trunk[None], height * 0.022 * (1.06 - t), steps(7, detail, 4), p.BARK), boughs)
 
 
-# --- Props: vases, pots, crates, barrels, benches, bottles, shelves, cloth. They stand on y = 0 -----------------------
+# --- Vases, pots, crates, barrels, benches, bottles, shelves and cloth, standing on y = 0 -----------------------------
 
 
-SINK = 0.015  # metres that props reach into the floor, against gaps and coplanar faces
+SINK = 0.015  # metres by which props extend into the floor, against gaps and coplanar faces
 
 
-def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11) -> PaletteMesh:
+def vase(
+    height: float, detail: float, colour: int = p.TERRACOTTA, belly: float = 0.3, neck: float = 0.11
+) -> PaletteMesh:
     """A hollow amphora with two handles."""
     h, n = height, steps(7, detail, 2)
     t = np.linspace(0.0, 1.0, n + 1)
@@ -380,7 +407,7 @@ def vase(height: float, detail: float, colour=p.TERRACOTTA, belly=0.3, neck=0.11
     return merge(body, handles)
 
 
-def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> PaletteMesh:
+def pot(height: float, radius: float, detail: float, colour: int = p.TERRACOTTA) -> PaletteMesh:
     """A flower pot, filled with earth to just below its rim."""
     h, r = height, radius
     wall = [
@@ -398,8 +425,8 @@ def pot(height: float, radius: float, detail: float, colour=p.TERRACOTTA) -> Pal
     return body
 
 
-def crate(size, planks: int, colour=p.OAK) -> PaletteMesh:
-    """A wooden box: a core with `planks` planks on every side but the bottom. Below 2 planks it is a plain box."""
+def crate(size: tuple[float, float, float], planks: int, colour: int = p.OAK) -> PaletteMesh:
+    """A wooden box: a core with `planks` planks on every side but the bottom. With fewer than 2, a plain box."""
     w, h, d = size
     if planks < 2:
         return box((w, h + SINK, d), (0, (h - SINK) / 2, 0), colour)
@@ -449,15 +476,15 @@ def barrel(height: float, radius: float, detail: float) -> PaletteMesh:
     return merge(*meshes)
 
 
-def bench(length: float, colour=p.MARBLE, bevel=0.015) -> PaletteMesh:
+def bench(length: float, colour: int = p.MARBLE, bevel: float = 0.015) -> PaletteMesh:
     """A bench."""
     foot = box((0.14, 0.42, 0.36), (0, 0.21 - SINK / 2, 0), colour, bevel)
-    shift = np.float32([0.36 * length, 0, 0])
+    shift = np.array([0.36 * length, 0, 0], np.float32)
     feet = [foot._replace(vertices=foot.vertices + sign * shift) for sign in (-1, 1)]
     return merge(*feet, box((length, 0.09, 0.46), (0, 0.45, 0), colour, bevel))
 
 
-def bottle(height: float, detail: float, colour=p.GLASS) -> PaletteMesh:
+def bottle(height: float, detail: float, colour: int = p.GLASS) -> PaletteMesh:
     """A bottle."""
     h = height
     profile = [
@@ -473,7 +500,7 @@ def bottle(height: float, detail: float, colour=p.GLASS) -> PaletteMesh:
 
 
 def shelf(width: float, height: float, depth: float, boards: int) -> PaletteMesh:
-    """An open shelf with its back to -z; board tops at (i + 0.3) / boards of the height."""
+    """An open shelf with its back to -z; board tops at fractions (i + 0.3) / boards of the height."""
     side = boxes((0.05, height, depth), [(s * (width / 2 - 0.025), height / 2 - SINK, 0) for s in (-1, 1)], p.DARK_WOOD)
     y = (np.arange(boards) + 0.3) / boards * height
     board = boxes((width - 0.08, 0.04, depth * 0.98), np.stack([0 * y, y - 0.02, 0 * y], axis=1), p.OAK)
@@ -486,14 +513,14 @@ def cloth(
     height: float,
     nx: int,
     ny: int,
-    rng,
-    folds=5.0,
-    depth=0.07,
-    sway=0.0,
-    colour=p.RED,
-    trim=p.OCHRE,
+    rng: np.random.Generator,
+    folds: float = 5.0,
+    depth: float = 0.07,
+    sway: float = 0.0,
+    colour: int = p.RED,
+    trim: int = p.OCHRE,
 ) -> PaletteMesh:
-    """A hanging cloth 1 cm thick, with its top edge at y = 0 along x. `sway` gathers it to one side at half height."""
+    """A hanging cloth, 1 cm thick, with its top edge along x at y = 0. `sway` gathers it to one side at half height."""
     u, v = np.linspace(-0.5, 0.5, nx + 1)[:, None], np.linspace(0.0, 1.0, ny + 1)[None]
     phase = rng.uniform(0.0, 2.0 * np.pi, 3)
     wave = np.sin(2 * np.pi * folds * u + phase[0] + 0.6 * v) + 0.4 * np.sin(2 * np.pi * folds * 1.7 * u + phase[1] - v)

@@ -1,4 +1,7 @@
-"""Small closed meshes such as boxes, lofts and tubes, and instanced copies of them that are assembled at the end."""
+"""Small meshes such as boxes, lofts and tubes, and scene parts: instanced copies of meshes, assembled at the end.
+
+Faces are counter-clockwise seen from outside; +Y is up. Most meshes are closed.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import lru_cache
@@ -6,25 +9,26 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-# --- Small closed meshes from grids of points. Faces are counter-clockwise seen from outside; +Y is up ----------------
+# --- Meshes from grids of points --------------------------------------------------------------------------------------
 
 
 class PaletteMesh(NamedTuple):
-    """Indexed triangles."""
+    """Indexed triangles with palette colours."""
 
-    vertices: np.ndarray  # (v, 3) float32, metres
-    faces: np.ndarray  # (f, 3) int32
-    colour: np.ndarray  # (f,) uint8, row of the palette
+    vertices: NDArray[np.float32]  # (v, 3) float32, metres
+    faces: NDArray[np.int32]  # (f, 3) int32
+    colour: NDArray[np.uint8]  # (f,) uint8, palette indices
 
 
-def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """`np.cross` of (..., 3) arrays, without its overhead for small arrays."""
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 def steps(number: float, detail: float, least: int = 1) -> int:
-    """A tessellation count that grows with detail, and is `number` at detail 1."""
+    """A tessellation count that grows with detail and equals `number` at detail 1."""
     return max(least, round(number * detail))
 
 
@@ -39,12 +43,12 @@ def merge(*meshes: PaletteMesh) -> PaletteMesh:
 
 
 def raised(mesh: PaletteMesh, y: float) -> PaletteMesh:
-    """The mesh, `y` metres higher."""
-    return mesh._replace(vertices=mesh.vertices + np.float32([0.0, y, 0.0]))
+    """The mesh, raised by `y` metres."""
+    return mesh._replace(vertices=mesh.vertices + np.array([0.0, y, 0.0], np.float32))
 
 
 def outward(mesh: PaletteMesh) -> PaletteMesh:
-    """A closed mesh with its faces turned outward: its volume is positive."""
+    """A closed mesh with its faces oriented outward, so that its signed volume is positive."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
     if np.sum(np.cross(a, b) * c) < 0.0:
         return mesh._replace(faces=mesh.faces[:, ::-1])
@@ -52,7 +56,7 @@ def outward(mesh: PaletteMesh) -> PaletteMesh:
 
 
 def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
-    """Two triangles for each cell of an array of vertex indices; `flip` chooses the other diagonal."""
+    """Two triangles per cell of an array of vertex indices; `flip` selects the other diagonal."""
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     pairs = np.stack([a, b, c, a, c, d], axis=-1)
     if flip is not None:
@@ -60,21 +64,23 @@ def _split(index: np.ndarray, flip: np.ndarray | None = None) -> np.ndarray:
     return pairs.reshape(-1, 3)
 
 
-def _colours(colour, n: int) -> np.ndarray:
-    """`colour`, one value or one a cell, as (n,) uint8."""
+def _colours(colour: ArrayLike, n: int) -> NDArray[np.uint8]:
+    """`colour`, one value or one per cell, as (n,) uint8."""
     colour = np.asarray(colour, np.uint8).reshape(-1)
     return np.repeat(colour, n // len(colour))
 
 
-def grid(points, colour=0, flip=None) -> PaletteMesh:
-    """An open surface through (m, n, 3) points, facing (along n) x (along m); colour: one, or (m - 1, n - 1)."""
+def grid(points: ArrayLike, colour: ArrayLike = 0, flip: NDArray[np.bool_] | None = None) -> PaletteMesh:
+    """An open surface through (m, n, 3) points that faces (along n) x (along m); colour: scalar or (m - 1, n - 1)."""
     points = np.asarray(points, np.float32)
     index = np.arange(points.shape[0] * points.shape[1], dtype=np.int32).reshape(points.shape[:2])
     faces = _split(index, flip)
     return PaletteMesh(points.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def heightfield(x, z, height, colour=0) -> PaletteMesh:
+def heightfield(
+    x: NDArray[np.float64], z: NDArray[np.float64], height: NDArray[np.float64], colour: ArrayLike = 0
+) -> PaletteMesh:
     """An open surface (x[i], height[i, j], z[j]) that faces up."""
     points = np.empty((len(x), len(z), 3), np.float32)
     points[..., 0], points[..., 1], points[..., 2] = np.asarray(x)[:, None], height, z
@@ -88,26 +94,26 @@ def _rim(m: int, n: int) -> np.ndarray:
     return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
 
-def shell(front, back, colour=0, rim_colour=None) -> PaletteMesh:
+def shell(front: ArrayLike, back: ArrayLike, colour: ArrayLike = 0, rim_colour: int | None = None) -> PaletteMesh:
     """The solid between two (m, n, 3) grids of points."""
     front, back = np.asarray(front, np.float32), np.asarray(back, np.float32)
     m, n = front.shape[:2]
     index = np.arange(m * n, dtype=np.int32).reshape(m, n)
-    near, rim = _split(index), _rim(m, n)
+    front_faces, rim = _split(index), _rim(m, n)
     wall = _split(np.stack([np.append(rim, rim[0]), np.append(rim, rim[0]) + m * n])[::-1].astype(np.int32))
-    faces = np.concatenate([near, near[:, ::-1] + m * n, wall])
-    cells = _colours(colour, len(near))
+    faces = np.concatenate([front_faces, front_faces[:, ::-1] + m * n, wall])
+    cells = _colours(colour, len(front_faces))
     edge = _colours(cells[0] if rim_colour is None else rim_colour, len(wall))
     vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
     return outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
 
 
-def block(points, level: float, colour=0) -> PaletteMesh:
+def block(points: ArrayLike, level: float, colour: ArrayLike = 0) -> PaletteMesh:
     """The solid between a surface of (m, n, 3) points and the horizontal plane at height `level`."""
     top = grid(points, colour)
     m, n = np.asarray(points).shape[:2]
     rim = _rim(m, n)
-    foot = top.vertices[rim] * np.float32([1, 0, 1]) + np.float32([0, level, 0])
+    foot = top.vertices[rim] * np.array([1, 0, 1], np.float32) + np.array([0, level, 0], np.float32)
     under = np.arange(m * n, m * n + len(rim), dtype=np.int32)
     wall = _split(np.stack([np.append(under, under[0]), np.append(rim, rim[0])]))
     cap = np.stack([np.full_like(under, m * n + len(rim)), np.roll(under, -1), under], axis=1)
@@ -130,11 +136,11 @@ def _loft_faces(n: int, k: int, closed: bool) -> np.ndarray:
     return np.concatenate([_split(index), fan[:, ::-1], fan + (n - 1) * k]).astype(np.int32)
 
 
-def lofts(sections, colour=0, closed=False) -> PaletteMesh:
+def lofts(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> PaletteMesh:
     """Solids through (c, n, k, 3) sections: c bodies of n loops of k points, in one mesh.
 
-    Seen from the last section, the loops are counter-clockwise. Fans cap the ends, so the end loops must be convex.
-    `closed` joins the last loop to the first instead. colour: one, or one for each body.
+    The loops must be counter-clockwise seen from the last section. Fans cap the ends, so the end loops must be convex.
+    `closed` joins the last loop to the first instead. colour: one, or one per body.
     """
     sections = np.asarray(sections, np.float32)
     c, n, k = sections.shape[:3]
@@ -143,15 +149,15 @@ def lofts(sections, colour=0, closed=False) -> PaletteMesh:
     return PaletteMesh(sections.reshape(-1, 3), faces, _colours(colour, len(faces)))
 
 
-def loft(sections, colour=0, closed=False) -> PaletteMesh:
-    """The solid through (n, k, 3) sections, which may turn either way; see `lofts`."""
+def loft(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> PaletteMesh:
+    """The solid through (n, k, 3) sections of either orientation; see `lofts`."""
     return outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
-def capped(rings, low, high, colour=0) -> PaletteMesh:
+def capped(rings: ArrayLike, low: ArrayLike, high: ArrayLike, colour: ArrayLike = 0) -> PaletteMesh:
     """The solid through (n, k, 3) loops, closed by fans around the points `low` and `high` ((3,)).
 
-    Seen from `high`, the loops are counter-clockwise. colour: one, or (n - 1) k for the cells and 2 k for the fans.
+    The loops must be counter-clockwise seen from `high`. colour: one, or (n - 1) k for the cells and 2 k for the fans.
     """
     rings = np.asarray(rings, np.float32)
     n, k = rings.shape[:2]
@@ -170,8 +176,10 @@ def capped(rings, low, high, colour=0) -> PaletteMesh:
     return PaletteMesh(vertices, np.concatenate([cells, *fans]), _colours(colour, len(cells) + 2 * k))
 
 
-def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
-    """A solid of revolution about +Y through (k, 2) points (radius, height). Its ends are closed on the axis.
+def revolve(
+    profile: ArrayLike, segments: int, colour: ArrayLike = 0, scale: NDArray[np.float64] | None = None
+) -> PaletteMesh:
+    """A solid of revolution about +Y through (k, 2) points (radius, height), closed at the axis.
 
     scale : (k, segments), optional
         Factors for the radius, for flutes and ribs.
@@ -188,8 +196,8 @@ def revolve(profile, segments: int, colour=0, scale=None) -> PaletteMesh:
 _SIGNS = np.array(list(product((-1, 1), repeat=3)), np.int32)  # corner = 4 [x > 0] + 2 [y > 0] + [z > 0]
 
 
-def _hull(polygons, points) -> np.ndarray:
-    """Fans over planar convex polygons around the origin, turned outward."""
+def _hull(polygons: list[list[int]], points: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Fans over planar convex polygons around the origin, oriented outward."""
     faces = []
     for p in polygons:
         normal = np.cross(points[p[1]] - points[p[0]], points[p[2]] - points[p[0]])
@@ -198,12 +206,12 @@ def _hull(polygons, points) -> np.ndarray:
     return np.array(faces, np.int32)
 
 
-def _corner(signs) -> int:
+def _corner(signs: ArrayLike) -> int:
     return int((np.array(signs) > 0) @ np.array([4, 2, 1]))
 
 
 def _box_faces(bevelled: bool) -> np.ndarray:
-    """Faces of a box. If bevelled, corner c has three vertices 3 c + axis, each in the face of that axis."""
+    """Faces of a box. If bevelled, corner c has three vertices 3 c + axis, each on the face of that axis."""
     per = 3 if bevelled else 1
     points = np.repeat(_SIGNS.astype(float), per, axis=0)
     if bevelled:
@@ -214,8 +222,8 @@ def _box_faces(bevelled: bool) -> np.ndarray:
         polygons.append([per * _corner(s) + axis % per for s in loop])
     if bevelled:
         polygons += [[3 * c, 3 * c + 1, 3 * c + 2] for c in range(8)]
-        for axis, side in product(range(3), product((-1, 1), repeat=2)):
-            a, b = (3 * _corner(np.insert(side, axis, end)) for end in (-1, 1))
+        for axis, sides in product(range(3), product((-1, 1), repeat=2)):
+            a, b = (3 * _corner(np.insert(sides, axis, end)) for end in (-1, 1))
             i, j = (axis + 1) % 3, (axis + 2) % 3
             polygons.append([a + i, a + j, b + j, b + i])
     return _hull(polygons, points)
@@ -224,7 +232,7 @@ def _box_faces(bevelled: bool) -> np.ndarray:
 _BOX, _BEVELLED = _box_faces(False), _box_faces(True)
 
 
-def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
+def box(size: ArrayLike, centre: ArrayLike = (0.0, 0.0, 0.0), colour: ArrayLike = 0, bevel: float = 0.0) -> PaletteMesh:
     """A box of `size` (3,) around `centre`, bevelled by `bevel` metres: 12 triangles, or 44 with bevels."""
     half = np.asarray(size, np.float64) / 2.0
     if bevel > 0.0:
@@ -232,32 +240,35 @@ def box(size, centre=(0.0, 0.0, 0.0), colour=0, bevel=0.0) -> PaletteMesh:
         vertices, faces = (_SIGNS[:, None] * inset).reshape(-1, 3), _BEVELLED
     else:
         vertices, faces = _SIGNS * half, _BOX
-    return PaletteMesh((vertices + centre).astype(np.float32), faces, _colours(colour, len(faces)))
+    return PaletteMesh((vertices + np.asarray(centre)).astype(np.float32), faces, _colours(colour, len(faces)))
 
 
-def boxes(sizes, centres, colour=0) -> PaletteMesh:
-    """Plain boxes of (k, 3) sizes around (k, 3) centres; one colour, or one for each."""
+def boxes(sizes: ArrayLike, centres: ArrayLike, colour: ArrayLike = 0) -> PaletteMesh:
+    """Plain boxes of (k, 3) sizes around (k, 3) centres; colour: one, or one per box."""
     sizes, centres = np.broadcast_arrays(np.asarray(sizes, np.float32), np.asarray(centres, np.float32))
     vertices = _SIGNS.astype(np.float32) * (sizes[:, None] / 2) + centres[:, None]
     faces = _BOX + np.arange(0, 8 * len(sizes), 8, dtype=np.int32)[:, None, None]
     return PaletteMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), _colours(colour, 12 * len(sizes)))
 
 
-def arc(centre, radius, start: float, end: float, n: int) -> np.ndarray:
+def arc(centre: ArrayLike, radius: ArrayLike, start: float, end: float, n: int) -> NDArray[np.float64]:
     """(n + 1, 2) points of an arc around `centre`. Angles are in degrees; radius: one, or (2,)."""
     angle = np.radians(np.linspace(start, end, n + 1))
-    return np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+    points: NDArray[np.float64] = np.asarray(centre) + np.stack([np.cos(angle), np.sin(angle)], axis=1) * np.asarray(
+        radius
+    )
+    return points
 
 
-def prism(lower, upper, depth: float, colour=0) -> PaletteMesh:
-    """The solid between two polylines (n, 2) in the x-y plane, `depth` thick in z around 0."""
+def prism(lower: ArrayLike, upper: ArrayLike, depth: float, colour: ArrayLike = 0) -> PaletteMesh:
+    """The solid between two polylines (n, 2) in the x-y plane, with thickness `depth` in z around 0."""
     flat = np.stack([np.asarray(lower, np.float32), np.asarray(upper, np.float32)])
     z = np.full((*flat.shape[:2], 1), depth / 2, np.float32)
     return shell(np.concatenate([flat, z], axis=-1), np.concatenate([flat, -z], axis=-1), colour)
 
 
-def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
-    """A mitred moulding around a rectangle, with a closed (k, 2) profile of (outward offset, height)."""
+def frame_ring(profile: ArrayLike, half_x: float, half_z: float, colour: ArrayLike = 0) -> PaletteMesh:
+    """A mitred moulding around a rectangle with a closed (k, 2) profile (outward offset, height)."""
     profile = np.asarray(profile, np.float32)
     sx, sz = np.array([1, 1, -1, -1])[:, None], np.array([1, -1, -1, 1])[:, None]
     out, y = profile[:, 0], np.broadcast_to(profile[:, 1], (4, len(profile)))
@@ -265,7 +276,7 @@ def frame_ring(profile, half_x: float, half_z: float, colour=0) -> PaletteMesh:
     return loft(points, colour, closed=True)
 
 
-def tubes(paths, radii, sides: int, colour=0) -> PaletteMesh:
+def tubes(paths: ArrayLike, radii: ArrayLike, sides: int, colour: ArrayLike = 0) -> PaletteMesh:
     """Closed round bars along (c, n, 3) paths with (c, n) or (n,) radii > 0."""
     paths = np.asarray(paths, np.float64)
     tangent = np.gradient(paths, axis=1)
@@ -281,55 +292,61 @@ def tubes(paths, radii, sides: int, colour=0) -> PaletteMesh:
     return lofts(paths[:, :, None] + np.asarray(radii)[..., None, None] * ring, colour)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Parts of a scene: meshes with the positions of their copies. They are counted cheaply and assembled at the end.
+# --- Scene parts: meshes with transforms of their copies, cheap to count before assembly ------------------------------
 
 
 class ScenePart(NamedTuple):
     """Copies of a mesh: vertices of copy i are ``matrix[i] @ vertex + offset[i]``."""
 
     mesh: PaletteMesh
-    offset: np.ndarray  # (k, 3) float32
-    matrix: np.ndarray  # (k, 3, 3) float32
-    shade: np.ndarray  # (k,) uint8, added to the colour of every face
+    offset: NDArray[np.float32]  # (k, 3) float32
+    matrix: NDArray[np.float32]  # (k, 3, 3) float32
+    shade: NDArray[np.uint8]  # (k,) uint8, added to the palette index of every face
 
     @property
     def n_triangles(self) -> int:
         return len(self.offset) * len(self.mesh.faces)
 
 
-def rotation_y(angle) -> np.ndarray:
-    """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees take +Z to +X."""
+def rotation_y(angle: ArrayLike) -> NDArray[np.float64]:
+    """(k, 3, 3) rotations about +Y by (k,) angles in radians; 90 degrees map +Z to +X."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(-1, 3, 3)
 
 
-def rotation_x(angle) -> np.ndarray:
-    """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees take +Y to +Z."""
+def rotation_x(angle: ArrayLike) -> NDArray[np.float64]:
+    """(k, 3, 3) rotations about +X by (k,) angles in radians; 90 degrees map +Y to +Z."""
     angle = np.atleast_1d(np.asarray(angle, np.float64))
     c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
     return np.stack([one, zero, zero, zero, c, -s, zero, s, c], axis=-1).reshape(-1, 3, 3)
 
 
-def place_copies(mesh: PaletteMesh, at=(0.0, 0.0, 0.0), turn=0.0, scale=1.0, tilt=None, shade=0) -> ScenePart:
+def place_copies(
+    mesh: PaletteMesh,
+    at: ArrayLike = (0.0, 0.0, 0.0),
+    turn: ArrayLike = 0.0,
+    scale: ArrayLike = 1.0,
+    tilt: ArrayLike | None = None,
+    shade: ArrayLike = 0,
+) -> ScenePart:
     """Copies of a mesh at (k, 3) positions: scaled ((k,) or (k, 3)), tilted about X, then turned about Y (radians)."""
     offset = np.atleast_2d(np.asarray(at, np.float32))
     k = len(offset)
-    matrix = rotation_y(turn)
+    rotation = rotation_y(turn)
     if tilt is not None:
-        matrix = matrix @ rotation_x(tilt)
-    scale = np.asarray(scale, np.float64)
-    if scale.ndim == 1:
-        scale = scale[:, None, None]
-    elif scale.ndim == 2:
-        scale = scale[:, None, :]
-    matrix = np.broadcast_to((matrix * scale).astype(np.float32), (k, 3, 3))
+        rotation = rotation @ rotation_x(tilt)
+    factors = np.asarray(scale, np.float64)
+    if factors.ndim == 1:
+        factors = factors[:, None, None]
+    elif factors.ndim == 2:
+        factors = factors[:, None, :]
+    matrix = np.broadcast_to((rotation * factors).astype(np.float32), (k, 3, 3))
     return ScenePart(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
 
 
-def moved(parts: Iterable[ScenePart], at=(0.0, 0.0, 0.0), turn=0.0) -> list[ScenePart]:
-    """The parts, turned about Y (radians) as one, then moved by `at` (3,)."""
+def moved(parts: Iterable[ScenePart], at: ArrayLike = (0.0, 0.0, 0.0), turn: ArrayLike = 0.0) -> list[ScenePart]:
+    """The parts, rotated as a whole about Y (radians), then translated by `at` (3,)."""
     around = rotation_y(turn)[0].astype(np.float32)
     shift = np.asarray(at, np.float32)
     return [part._replace(offset=part.offset @ around.T + shift, matrix=around @ part.matrix) for part in parts]
@@ -350,9 +367,9 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     v = f = 0
     for part in parts:
         k, m, n = len(part.offset), len(part.mesh.vertices), len(part.mesh.faces)
-        moved = vertices[v : v + k * m].reshape(k, m, 3)
-        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=moved)
-        moved += part.offset[:, None]
+        placed = vertices[v : v + k * m].reshape(k, m, 3)
+        np.matmul(part.mesh.vertices, part.matrix.transpose(0, 2, 1), out=placed)
+        placed += part.offset[:, None]
         starts = np.arange(v, v + k * m, m, dtype=np.int32)[:, None, None]
         np.add(part.mesh.faces, starts, out=faces[f : f + k * n].reshape(k, n, 3))
         np.add(part.mesh.colour, part.shade[:, None], out=colour[f : f + k * n].reshape(k, n))
@@ -360,11 +377,14 @@ def assemble(parts: Iterable[ScenePart]) -> PaletteMesh:
     return PaletteMesh(vertices, faces, colour)
 
 
-def fitted(build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near=0.93) -> list[ScenePart]:
-    """`build(detail)` with the detail that gives just under `triangles` triangles, found from a first guess.
+def fitted(
+    build: Callable[[float], list[ScenePart]], triangles: int, detail: float, near: float = 0.93
+) -> list[ScenePart]:
+    """`build(detail)` at the detail that gives just under `triangles` triangles; `detail`: the first guess.
 
-    The number of triangles grows with the square of the detail, which false position finds. Counts grow in steps, so
-    any count from `near` * `triangles` on is accepted. If even the coarsest version has more, it is taken.
+    The number of triangles grows about linearly with the square of the detail, which is solved for by false position.
+    The number grows in steps, so any from `near` * `triangles` up to `triangles` is accepted. If even the coarsest
+    version has more, it is returned.
     """
     x, low, high = detail**2, (0.0, 0.0), (np.inf, np.inf)  # (square of the detail, triangles) below and above
     best: list[ScenePart] = []

@@ -1,4 +1,4 @@
-"""Jobs on scenes: sun hours, baked light, lines of sight and data sets; and what they share.
+"""Jobs on scenes: sun hours, baked light, lines of sight and data sets, and the modules that they share.
 
 - `sun/`: sun hours and sky view
 - `bake/`: visibility and light baked into glTF files
@@ -11,8 +11,8 @@
 - `result_table`: results with units, and their writers
 - `false_colours`: false-colour pictures and models
 - `bit_matrices`: packed bit matrices, in memory and in files
-- `executors`: who runs the units of a job
-- `work_parts`: resumable parts, merged shards, and pictures in bands
+- `executors`: local, sharded and dry runs of a job's units
+- `work_parts`: resumable parts, merged shards, and pictures rendered in bands
 - `scene_records`: JSON records and digests
-- `job_kernels`: all compile jobs
+- `job_kernels`: compile jobs for ahead-of-time compilation
 """

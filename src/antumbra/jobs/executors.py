@@ -1,15 +1,16 @@
-"""Executors run the units of a job: all of them here, one shard of them, or none, to collect the units.
+"""Executors, which run the units of a job: all of them locally, one shard of them, or none, only to collect them.
 
-A unit is one file or a few. It depends on the job and its number alone, so it may run twice, and anywhere.
-docs/design/shards.md gives the reasons.
+A unit produces one or a few files. It depends only on the job and the unit's number, so it may run twice, and on any
+machine. docs/design/shards.md gives the reasons.
 """
 
 import json
+import os
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias, cast
 
 from ..checks import listed, path_of, quoted, whole_number
 from ..errors import InputError
@@ -17,74 +18,78 @@ from ..files import atomic_output, checked_folder
 from ..progress import report_progress
 
 JOB = "job.json"
-"""The file in a folder of shards that says which command made them."""
+"""File in a folder of shards that records the command that made them."""
 
 
 class Units(Protocol):
-    """Work in units, numbered from 0. Their files lie below `root`; the work is done when all of them are there."""
+    """Work divided into units, numbered from 0. Their files lie below `root`; the work is done once all exist."""
 
-    what: str  # name of the work, for users; empty: it shows its own progress
+    what: str  # name shown to users; empty: the work reports its own progress
 
     @property
     def root(self) -> Path | None: ...  # None: units are kept in memory
 
     def root_of(self, folder: Path) -> Path:
-        """The root in which another run has its files, if it keeps its shards in `folder`."""
+        """The root of a run that keeps its shards in `folder`."""
         ...
 
     def __len__(self) -> int: ...
 
     def files(self, k: int) -> list[str]:
-        """The files of unit k, below the root."""
+        """The files of unit k, relative to the root."""
         ...
 
     def done(self, k: int, root: Path | None = None) -> bool:
-        """Whether the files of unit k are there, whole, and of this work; `root`: another root to look at."""
+        """Whether the files of unit k exist, are complete and belong to this work; `root`: look in another root."""
         ...
 
     def do(self, k: int) -> None:
-        """Do unit k, and write its files."""
+        """Do unit k and write its files."""
         ...
 
     def found(self, k: int) -> None:
-        """Hear that unit k was done before."""
+        """Called when unit k is already done."""
 
     def clear(self) -> None:
-        """Remove files that are no results, when the results have been written."""
+        """Remove intermediate files after the results have been written."""
 
 
 class Executor(Protocol):
-    """Does the units of a job."""
+    """Runs the units of a job."""
 
     @property
     def folder(self) -> Path | None:
-        """Where units are kept that are no results; None: in memory, if there is room."""
+        """Folder of intermediate units; None: in memory, if there is room."""
 
     def finish(self, job: Sequence[Units]) -> bool:
-        """Do what this engine has to do; return whether all units are done, so that the job can end."""
+        """Run this executor's share; return whether all units are done, so that the job can end."""
         ...
 
     def end(self, job: Sequence[Units]) -> None:
-        """The job's results have been written."""
+        """Called after the job's results have been written."""
 
 
-def executor_of(keep) -> Executor:
-    """The engine that an argument `keep` means: an engine, or the folder of one that does everything itself."""
+Keep: TypeAlias = str | os.PathLike[str] | Executor | None
+"""Argument `keep` of the jobs: a folder of finished parts, or the executor that runs the units."""
+
+
+def executor_of(keep: Keep) -> Executor:
+    """The executor for an argument `keep`: the executor itself, or a local one that keeps its parts in that folder."""
     keep = checked_keep(keep)
     if keep is None:
         return LocalExecutor(None)
     return LocalExecutor(checked_folder(keep, parents=True)) if isinstance(keep, Path) else keep
 
 
-def checked_keep(keep) -> Any:
-    """An argument `keep` as an engine, None, or the path of a folder, which is not made yet; else an InputError."""
+def checked_keep(keep: Keep) -> Path | Executor | None:
+    """`keep` as an executor, None, or the path of a folder, which is not created yet; otherwise an InputError."""
     if keep is None or all(hasattr(keep, part) for part in ("folder", "finish", "end")):
-        return keep
+        return cast(Executor | None, keep)
     return path_of(keep, "keep")
 
 
 class LocalExecutor:
-    """Does all units that are not done yet."""
+    """Runs all units that are not done yet."""
 
     def __init__(self, folder: Path | None = None):
         self.folder = folder
@@ -100,7 +105,7 @@ class LocalExecutor:
 
 
 def do_missing(units: Units, numbers: Sequence[int]) -> int:
-    """Do those of the numbered units that are not done yet; return how many they were."""
+    """Do the numbered units that are not done yet; return their number."""
     did = 0
     if not len(numbers):
         return did
@@ -125,8 +130,8 @@ class ShardIndex(NamedTuple):
         return f"{self.number}/{self.of}"
 
 
-def checked_shard(shard) -> ShardIndex:
-    """`shard`, (i, n) with 0 <= i < n; otherwise an InputError."""
+def checked_shard(shard: tuple[int, int]) -> ShardIndex:
+    """`shard` as (i, n) with 0 <= i < n; otherwise an InputError."""
     with suppress(InputError):
         index, of = (whole_number(i, "shard", 0, 2**31) for i in listed(shard, "shard", 2))
         if index < of:
@@ -135,15 +140,15 @@ def checked_shard(shard) -> ShardIndex:
 
 
 class ShardExecutor:
-    """Does one shard of a job, and leaves the rest to others.
+    """Runs one shard of a job.
 
-    folder : where its units are kept
-    command : the words of the command, which `merge` repeats; they identify the job
+    folder : stores the shard's units
+    command : the words of the command, which identify the job and which a merge repeats
     """
 
     def __init__(self, folder: Path, share: ShardIndex, command: Sequence[str]):
         self.folder, self.share, self._command = folder, share, list(command)
-        self.units = self.did = 0  # of this shard; and how many of them were not done before
+        self.units = self.did = 0  # units of this shard, and those of them that this run did
 
     def finish(self, job: Sequence[Units]) -> bool:
         write_job(self.folder, self._command, self.share.of)
@@ -161,7 +166,7 @@ class ShardExecutor:
 
 
 class UnitCollector:
-    """An engine that does nothing: it learns the units of a job, which others ask for one by one."""
+    """Collects the units of a job without running them, so that a caller can run them one by one."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -172,49 +177,49 @@ class UnitCollector:
         return False
 
     def end(self, job: Sequence[Units]) -> None:
-        raise AssertionError("it writes no results")
+        raise AssertionError("a collector writes no results")
 
 
 class ShardRecord(NamedTuple):
-    """What a folder of shards says of itself."""
+    """Record of a folder of shards."""
 
     command: list[str]
-    of: int  # shards of the last one that began
+    of: int  # number of shards, as the latest run had it
 
 
 def write_job(folder: Path, command: Sequence[str], of: int) -> None:
-    """Say which command a folder belongs to.
+    """Record the command that a folder belongs to.
 
     Raises
     ------
     InputError
-        If it belongs to another command, or cannot be made.
+        If the folder belongs to another command, or cannot be created.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be made ({error.strerror}); choose another output") from None
+        raise InputError(f"{folder}: cannot be created ({error.strerror}); choose another output") from None
     if (folder / JOB).exists():
-        found = read_job(folder)
-        if found.command != list(command):
-            raise InputError(f"{folder}: has shards of another command ({shlex.join(found.command)}); remove it")
-        if found.of == of:
+        record = read_job(folder)
+        if record.command != list(command):
+            raise InputError(f"{folder}: has shards of another command ({shlex.join(record.command)}); remove it")
+        if record.of == of:
             return
     with atomic_output(folder / JOB) as temporary:
         temporary.write_text(json.dumps({"format": 1, "command": list(command), "of": of}) + "\n")
 
 
 def read_job(folder: Path) -> ShardRecord:
-    """What `write_job` wrote. Raises InputError if the folder has no shards."""
+    """Read the record of `write_job`. Raises InputError if the folder has no shards."""
     try:
-        found: dict[str, Any] = json.loads((folder / JOB).read_text())
-        return ShardRecord([str(word) for word in found["command"]], int(found["of"]))
+        data: dict[str, Any] = json.loads((folder / JOB).read_text())
+        return ShardRecord([str(word) for word in data["command"]], int(data["of"]))
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(f"{folder}: holds no shards; name the folder NAME.shards that --shard made") from None
 
 
 def numbered(job: Sequence[Units]) -> Iterator[tuple[int, Units, int]]:
-    """Yield (number in the job, units, number in them) of each unit of a job."""
+    """Yield (number in the job, units, number among these units) of each unit of a job."""
     total = 0
     for units in job:
         for k in range(len(units)):

@@ -1,8 +1,9 @@
 """False-colour output of results: pictures with a legend, and unlit GLB models with vertex colours (`COLOR_0`)."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.scene import AnyScene
 from ..formats.gltf.gltf_file import (
@@ -19,13 +20,16 @@ from ..picture.renderer import render
 from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ..scene.lights import AmbientOcclusion
 from ..scene.materials import srgb_to_linear
-from .sensors import corners_of
+from .sensors import Sensors, corners_of
 
-# --- Where points lie in a camera's picture ---------------------------------------------------------------------------
+if TYPE_CHECKING:
+    from .result_table import Table
+
+# --- Projecting points into a picture ---------------------------------------------------------------------------------
 
 
-def project_points(camera: Camera, points: np.ndarray) -> np.ndarray:
-    """(k, 2) float64: pixels to the right and down, of world points; NaN behind the camera."""
+def project_points(camera: Camera, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 2) float64: pixel coordinates, right and down, of world points; NaN behind the camera."""
     rays = camera.view(camera.position)
     away = points - camera.position
     if isinstance(rays, ExplicitRays):
@@ -36,23 +40,23 @@ def project_points(camera: Camera, points: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.stack([away @ right, away @ down], 1) / depth[:, None]
     flat[depth <= 0.0] = np.nan
-    return flat * scale + (camera.width / 2.0, camera.height / 2.0)
+    return np.asarray(flat * scale + (camera.width / 2.0, camera.height / 2.0))
 
 
-# --- Pictures of results in false colours, with a legend --------------------------------------------------------------
+# --- False-colour pictures --------------------------------------------------------------------------------------------
 
 
-_SIZE = 1024  # pixels of a picture, and least width of a map
-_MOST_PIXELS = 4096  # of a map's side
-_DARKEST = 0.45  # of a colour, where no ambient light arrives
+_SIZE = 1024  # pixels: width of a picture, and minimum width of a map
+_MOST_PIXELS = 4096  # maximum side of a map
+_DARKEST = 0.45  # factor on a colour where no ambient light arrives
 _NOWHERE = 70  # grey of surfaces without a value
 _DOT = 5  # pixels: radius of a mark
 
 
-def false_colours(table, name: str) -> np.ndarray:
-    """(H, W, 3) uint8 sRGB: a column of a `table.Table`, as a map of a raster, else on the surfaces of the scene.
+def false_colours(table: "Table", name: str) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 sRGB: a column of a table, as a map if the sensors form a raster, else on the scene's surfaces.
 
-    The table's marks are dots.
+    The table's marks are drawn as dots.
     """
     values, known = shown_values(table, name)
     scale = shown_scale(table[name], known)
@@ -67,10 +71,10 @@ def false_colours(table, name: str) -> np.ndarray:
     return sheet([panel], scale.bar(caption))
 
 
-def shown_values(table, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """(n,) float64: the numbers of a column; (n,) bool: which are shown.
+def shown_values(table: "Table", name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(n,) float64: the values of a column; (n,) bool: which of them to show.
 
-    Not shown: NaN, whole numbers below 0 (no index), and cells of a raster beside the surfaces that it follows.
+    NaN, negative integers (no index) and raster cells off the surfaces that the raster follows are not shown.
     """
     values = table[name].astype(np.float64)
     known = np.isfinite(values)
@@ -80,7 +84,10 @@ def shown_values(table, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
-    """The scale of a column: of whole numbers up to the highest one, else without a few extreme ones; yes and no."""
+    """The colour scale of a column.
+
+    Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers.
+    """
     if values.dtype.kind == "b":
         return Scale(np.array([0.0, 1.0]), False, names=("no", "yes"))
     if values.dtype.kind not in "iu" or not known.any():
@@ -91,118 +98,125 @@ def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
 
 
 def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """The picture with a dot at each place ((k, 2), pixels to the right and down)."""
+    """The picture with a dot at each place ((k, 2) pixels, right and down)."""
     from PIL import Image, ImageDraw
 
-    drawn = Image.fromarray(picture)
-    pen = ImageDraw.Draw(drawn)
+    image = Image.fromarray(picture)
+    pen = ImageDraw.Draw(image)
     for x, y in places[np.isfinite(places).all(1)].tolist():
         pen.ellipse((x - _DOT, y - _DOT, x + _DOT, y + _DOT), (255, 255, 255), (0, 0, 0), 2)
-    return np.asarray(drawn)
+    return np.asarray(image)
 
 
-def _map(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
-    """The cells of a raster, north up, several pixels wide if they are few; and the places of marks."""
+def _map(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
     raster = table.sensors.raster
+    assert raster is not None and table.scene is not None
     cells = table.sensors.on_raster(values)
     colours = scale.colours(np.nan_to_num(cells), np.isfinite(cells))
     colours[~np.isfinite(cells)] = _NOWHERE
-    several = max(1, _SIZE // max(cells.shape))
+    magnification = max(1, _SIZE // max(cells.shape))
     step = -(-max(cells.shape) // _MOST_PIXELS)
     marks = _marks(table)
     north = marks[:, 1] if table.scene.up == "z" else -marks[:, 2]
-    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (several / step / raster.spacing)
-    return colours[::step, ::step].repeat(several, 0).repeat(several, 1), places
+    places = np.stack([marks[:, 0] - raster.west, raster.north - north], 1) * (magnification / step / raster.spacing)
+    return colours[::step, ::step].repeat(magnification, 0).repeat(magnification, 1), places
 
 
-def _marks(table) -> np.ndarray:
+def _marks(table: "Table") -> NDArray[np.float64]:
     return np.empty((0, 3)) if table.marks is None else table.marks
 
 
-def _view(table, values: np.ndarray, scale: Scale) -> tuple[np.ndarray, np.ndarray]:
-    """The scene in the colours of its sensors, darker where surfaces are near each other; and the places of marks."""
+def _view(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
     scene = table.scene
-    around = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
-    shown = np.concatenate([around, _marks(table)])
-    camera = table.camera or fitted_camera(shown, scene.up, _SIZE, 3 * _SIZE // 4)
+    assert scene is not None
+    extent_points = corners_of(scene).reshape(-1, 3) if table.sensors.kind == "points" else table.sensors.points
+    framed_points = np.concatenate([extent_points, _marks(table)])
+    camera = table.camera or fitted_camera(framed_points, scene.up, _SIZE, 3 * _SIZE // 4)
     frame = render(scene, camera, [AmbientOcclusion()], spp=16)
     buffer = frame.gbuffer
-    met = buffer.face >= 0
-    colours = np.full((*met.shape, 3), 30, np.uint8)
-    at = buffer.position[met] + buffer.origin
-    found = _values_at(table.sensors, values, at, buffer.normal[met], buffer.face[met])
-    known = np.isfinite(found)
-    shown = np.where(known[:, None], scale.colours(np.nan_to_num(found), known), np.uint8(_NOWHERE))
-    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][met][:, None]
-    colours[met] = np.round(shown * light).astype(np.uint8)
+    covered = buffer.face >= 0
+    colours = np.full((*covered.shape, 3), 30, np.uint8)
+    at = buffer.position[covered] + buffer.origin
+    surface_values = _values_at(table.sensors, values, at, buffer.normal[covered], buffer.face[covered])
+    known = np.isfinite(surface_values)
+    surface_colours = np.where(known[:, None], scale.colours(np.nan_to_num(surface_values), known), np.uint8(_NOWHERE))
+    light = _DARKEST + (1.0 - _DARKEST) * frame.visibility[0][covered][:, None]
+    colours[covered] = np.round(surface_colours * light).astype(np.uint8)
     return colours, project_points(camera, _marks(table))
 
 
-def _values_at(sensors, values: np.ndarray, at: np.ndarray, normals: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """The values at surface points: of the face's sensor if each face has one, else of the nearest sensor.
+def _values_at(
+    sensors: Sensors, values: np.ndarray, at: np.ndarray, normals: np.ndarray, faces: np.ndarray
+) -> NDArray[np.float64]:
+    """The values at surface points: those of the face's sensor if each face has one, else of the nearest sensor.
 
-    Sensors that look another way count as farther away, so both sides of a wall keep their own.
+    Sensors that face another direction count as farther away, so the two sides of a wall keep separate values.
     """
     if sensors.kind == "face":
+        assert sensors.faces is not None
         of_face = np.full(max(int(faces.max(initial=0)), int(sensors.faces.max(initial=0))) + 1, np.nan)
         of_face[sensors.faces] = values
-        return of_face[faces]
+        return np.asarray(of_face[faces])
     from scipy.spatial import cKDTree
 
     if sensors.normals is None:
-        return values[cKDTree(sensors.points).query(at, workers=-1)[1]]
+        return np.asarray(values[cKDTree(sensors.points).query(at, workers=-1)[1]])
     away = float(np.ptp(sensors.points, axis=0).max()) / 20.0 or 1.0
     tree = cKDTree(np.hstack([sensors.points, sensors.normals * away]))
-    return values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]]
+    return np.asarray(values[tree.query(np.hstack([at, normals * away]), workers=-1)[1]])
 
 
-# --- Models of results: GLB files whose vertices have the false colours of sensors (`COLOR_0`), unlit -----------------
+# --- False-colour models ----------------------------------------------------------------------------------------------
 
 
-LINES, TRIANGLES = 1, 4  # modes of glTF
+LINES, TRIANGLES = 1, 4  # primitive modes of glTF
 _UNLIT = "KHR_materials_unlit"
 _GREY = 0.35  # linear: surfaces without a value
-_LIFT = 0.02  # of its width: how far a patch lies off its surface
+_LIFT = 0.02  # offset of a sensor's square from its surface, in widths of the square
 
 
 class ColouredMesh(NamedTuple):
-    """A coloured mesh, or lines."""
+    """A mesh or a set of lines with vertex colours."""
 
     name: str
     vertices: np.ndarray  # (v, 3) float32
     colours: np.ndarray  # (v, 3) float32, linear
-    faces: np.ndarray  # (f, 3) uint32; of lines (f, 2)
+    faces: np.ndarray  # (f, 3) uint32; (f, 2) for lines
     mode: int = TRIANGLES
 
 
-def coloured_model(table, name: str) -> bytes:
-    """A GLB file of a column of a `table.Table`: coloured faces or vertices, else a square for each sensor.
+def coloured_model(table: "Table", name: str) -> bytes:
+    """A GLB file of a column of a table: coloured faces or vertices, else a square for each sensor.
 
-    Coordinates are relative to the scene's `origin`, because glTF has float32; the asset's `extras` give it.
+    Coordinates are relative to the scene's `origin`, since glTF stores float32; the asset's `extras` record the origin.
     """
     sensors, scene = table.sensors, table.scene
+    assert scene is not None
     values, known = shown_values(table, name)
     scale = shown_scale(table[name], known)
-    shown = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
-    shown[~known] = _GREY
+    sensor_colours = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
+    sensor_colours[~known] = _GREY
     corners = corners_of(scene) - scene.origin
     colours = np.full((len(corners), 3, 3), _GREY)
     if sensors.kind == "face":
-        colours[sensors.faces] = shown[:, None]
+        colours[sensors.faces] = sensor_colours[:, None]
     elif sensors.kind == "vertex":
+        assert sensors.corners is not None
         used = sensors.corners[:, 0] >= 0
-        colours[used] = shown[sensors.corners[used]]
+        colours[used] = sensor_colours[sensors.corners[used]]
     soup = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
     parts = [ColouredMesh(scene.name, corners.reshape(-1, 3), colours.reshape(-1, 3), soup)]
     if sensors.kind not in ("face", "vertex"):
-        parts.append(_squares(sensors, shown, scene))
-    told = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
-    told["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
-    return coloured_glb(parts, scene.up, told)
+        parts.append(_squares(sensors, sensor_colours, scene))
+    extras = {"column": name, "unit": table.columns[name].unit, "origin": scene.origin.tolist(), **table.about}
+    extras["scale"] = [float(scale.ticks[0]), float(scale.ticks[-1])]
+    return coloured_glb(parts, scene.up, extras)
 
 
-def _squares(sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
-    """A square for each sensor, as large as its area, a little off its surface; level if it has no normal."""
+def _squares(sensors: Sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
+    """A square for each sensor, of the sensor's area and a little off its surface; horizontal without a normal."""
     n = len(sensors)
     width = np.sqrt(sensors.areas) if sensors.areas is not None else np.full(n, 1.0)
     normals = sensors.normals if sensors.normals is not None else np.broadcast_to(axes(scene.up)[1], (n, 3))
@@ -216,9 +230,9 @@ def _squares(sensors, colours: np.ndarray, scene: AnyScene) -> ColouredMesh:
     return ColouredMesh("sensors", vertices.reshape(-1, 3), colours.repeat(4, 0), faces.reshape(-1, 3))
 
 
-def coloured_glb(parts: list[ColouredMesh], up: str, extras: dict) -> bytes:
-    """A binary glTF 2.0 file of coloured meshes, one node each, without light."""
-    blocks, accessors, meshes = list[np.ndarray](), list[dict](), list[dict]()
+def coloured_glb(parts: list[ColouredMesh], up: str, extras: dict[str, Any]) -> bytes:
+    """A binary glTF 2.0 file of unlit coloured meshes, one node each."""
+    blocks, accessors, meshes = list[np.ndarray](), list[dict[str, Any]](), list[dict[str, Any]]()
     for part in parts:
         vertices, colours = (np.ascontiguousarray(a, "<f4") for a in (part.vertices, part.colours))
         first, floats = len(accessors), {"componentType": FLOAT, "type": "VEC3", "count": len(vertices)}

@@ -1,17 +1,20 @@
-"""Areas of the ground, such as gardens, from GeoJSON or Python; their sensors, and which of these lie inside buildings.
+"""Ground areas, such as gardens, from GeoJSON or Python; their sensors, and a test for points inside buildings.
 
-Points inside solids are found by exact rays towards the sky: along a ray that leaves a closed surface, faces met from
-behind outnumber those met from the front. The difference is the winding number, which overlapping solids and shared
-walls do not upset. Real models have holes and missing floors, so several rays vote.
+Exact rays towards the sky find points inside solids: along a ray that leaves a closed surface, back faces outnumber
+front faces. The difference is the winding number, which stays correct where solids overlap or share walls. Real models
+have holes, missing floors and sheets such as canopies, so several rays vote, all of them upwards: missing floors and
+hillsides then do no harm. Horizontal rays that count only walls find the roofs of buildings with neither a floor nor
+ground below them.
 """
 
 import json
 from collections.abc import Iterator, Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import flag, number, path_of
 from ..engine.paged_scene import PagedScene
@@ -26,28 +29,22 @@ from ..trace.rays.ray_hits import intersections
 from .raster_grid import Raster
 from .sensors import LOW, Sensors, Zone, ground_at, raster_of
 
-# --- Points inside solids, such as the buildings of a city, by exact rays towards the sky -----------------------------
-#
-# Along a ray that leaves a closed surface, faces seen from behind outnumber those seen from the front. Their
-# difference is the winding number, which overlapping solids and shared walls do not upset. Real models have holes,
-# missing floors, and sheets such as canopies. So several rays vote, all of them upwards: missing floors and hillsides
-# then do no harm. Level rays that count walls alone find roofs of buildings that have neither a floor nor ground below
-# them.
+# --- Points inside solids ---------------------------------------------------------------------------------------------
 
 
 _PLAN = "bsah+wide"
 _RAYS = 16
-_SHARE = 0.75  # of the rays, which must leave a solid
+_SHARE = 0.75  # share of the rays that must leave a solid
 _LOWEST = 0.2  # height of the lowest ray's unit vector
-_DEPTHS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0, 40.0  # world units below a roof, for level rays
+_DEPTHS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0, 13.0, 20.0, 40.0  # world units below a roof, of horizontal rays
 _STEEP = 0.5  # height of a unit normal: steeper faces are walls
 _AT_A_TIME = 1 << 12  # points
 
 
-def covered_by_solids(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
-    """(n,) bool: whether points of the ground, or points `LOW` above them, lie inside solids.
+def covered_by_solids(scene: AnyScene, points: NDArray[np.float64], threads: int | None = None) -> NDArray[np.bool_]:
+    """(n,) bool: whether ground points, or the points `LOW` above them, lie inside solids.
 
-    Floors of buildings often lie a little above or below the ground, hence the second test.
+    The second test is needed because floors of buildings often lie a little above or below the ground.
 
     points : (n, 3) float64, world
     """
@@ -55,10 +52,10 @@ def covered_by_solids(scene: AnyScene, points: np.ndarray, threads: int | None =
     return inside_solids(scene, points, threads) | inside_solids(scene, points + LOW * up, threads)
 
 
-def inside_solids(scene: AnyScene, points: np.ndarray, threads: int | None = None) -> np.ndarray:
-    """(n,) bool: whether points lie inside closed surfaces. Points of surfaces that look up lie above them.
+def inside_solids(scene: AnyScene, points: NDArray[np.float64], threads: int | None = None) -> NDArray[np.bool_]:
+    """(n,) bool: whether points lie inside closed surfaces. Points on surfaces that face up lie above them.
 
-    Faces that alpha cuts are not counted: they are leaves and fences.
+    Alpha-masked faces do not count: they are leaves and fences.
 
     points : (n, 3) float64, world
 
@@ -71,33 +68,35 @@ def inside_solids(scene: AnyScene, points: np.ndarray, threads: int | None = Non
     return _leaves_solid(scene, begin.origins[0], _rays(scene.up, _LOWEST, 1.0), False, threads)
 
 
-def below_roofs(scene: AnyScene, points: np.ndarray, floor: np.ndarray, threads: int | None = None) -> np.ndarray:
-    """(n,) bool: whether surfaces are roofs of buildings that have no floor, and no ground below them.
+def below_roofs(
+    scene: AnyScene, points: NDArray[np.float64], floor: NDArray[np.float64], threads: int | None = None
+) -> NDArray[np.bool_]:
+    """(n,) bool: whether surfaces are roofs of buildings with neither a floor nor ground below them.
 
-    Of such buildings, the roof is the lowest surface. But somewhere below it, walls are all around.
+    The roof is then the lowest surface, but somewhere below it there are walls all around.
 
     points : (n, 3) float64, world, on the surfaces
     floor : (n,) float64, the height of the lowest ground around
     """
     up = "xyz".index(scene.up)
-    found, rays = np.zeros(len(points), bool), _rays(scene.up, 0.01, 0.05)
+    roofs, rays = np.zeros(len(points), bool), _rays(scene.up, 0.01, 0.05)
     for depth in _DEPTHS:
         at = points.copy()
         at[:, up] = np.maximum(points[:, up] - depth, floor + LOW)
-        high = np.flatnonzero((points[:, up] > floor + LOW) & ~found)
+        high = np.flatnonzero((points[:, up] > floor + LOW) & ~roofs)
         if len(high):
-            found[high] = _leaves_solid(
+            roofs[high] = _leaves_solid(
                 scene, Receivers.in_space(at[high], scene.origin).origins[0], rays, True, threads
             )
-    return found
+    return roofs
 
 
 def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: bool, threads: int | None) -> np.ndarray:
-    """(n,) bool: whether most rays from points leave a solid.
+    """(n,) bool: whether most rays from each point leave a solid.
 
     begin : (n, 3) float32, recentred
     rays : (_RAYS, 3) float64, unit vectors
-    walls : whether only steep faces count
+    walls : count only steep faces
     """
     if isinstance(scene, PagedScene):
         raise scene.refusal()
@@ -109,21 +108,21 @@ def _leaves_solid(scene: AnyScene, begin: np.ndarray, rays: np.ndarray, walls: b
         flat = np.abs(normals[:, "xyz".index(scene.up)]) > _STEEP * np.linalg.norm(normals, axis=1)
         normals[flat] = 0.0
     reach = 2.0 * float(np.linalg.norm(np.ptp(scene.bounds, axis=0))) + 1.0
-    found = np.zeros(len(begin), bool)
+    inside = np.zeros(len(begin), bool)
     for first in range(0, len(begin), _AT_A_TIME):
-        some = begin[first : first + _AT_A_TIME]
-        origins = np.repeat(some, _RAYS, 0)
-        ends = (origins + np.tile(reach * rays, (len(some), 1))).astype(np.float32)
-        met = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
-        ray = np.repeat(np.arange(len(origins)), np.diff(met.first))
-        signs = np.sign((normals[met.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
+        batch = begin[first : first + _AT_A_TIME]
+        origins = np.repeat(batch, _RAYS, 0)
+        ends = (origins + np.tile(reach * rays, (len(batch), 1))).astype(np.float32)
+        hits = intersections(ready.bvh, origins, ends, np.full(len(origins), -1, np.int32), threads)
+        ray = np.repeat(np.arange(len(origins)), np.diff(hits.first))
+        signs = np.sign((normals[hits.prims] * (ends.astype(np.float64) - origins)[ray]).sum(1))
         winding = np.bincount(ray, signs, len(origins)).reshape(-1, _RAYS)
-        found[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
-    return found
+        inside[first : first + _AT_A_TIME] = (winding != 0.0).mean(1) >= _SHARE
+    return inside
 
 
 def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
-    """(_RAYS, 3) float64: unit vectors on a spiral, none of them along an axis, as edges of models often are."""
+    """(_RAYS, 3) float64: unit vectors on a spiral, none of them along an axis, since edges of models often are."""
     i = np.arange(_RAYS)
     height, angle = lowest + (highest - lowest) * (i + 0.5) / _RAYS, 0.3 + i * np.pi * (3.0 - np.sqrt(5.0))
     width = np.sqrt(1.0 - height * height)
@@ -131,43 +130,47 @@ def _rays(up: str, lowest: float, highest: float) -> np.ndarray:
     return np.stack([east, north, height] if up == "z" else [east, height, -north], axis=1)
 
 
-# --- Areas of the ground, such as gardens: polygons from GeoJSON or Python, and the sensors in them -------------------
+# --- Polygons and their sensors ---------------------------------------------------------------------------------------
 
 
 SPACING = 0.5
-"""Side of the cells of areas, if no other is given."""
+"""Default cell size of areas, world units."""
 
 SUFFIXES = (".geojson", ".json")
-_WORLD = "EPSG:4326"  # of GeoJSON without a CRS [RFC 7946]
+_WORLD = "EPSG:4326"  # CRS of GeoJSON that names none [RFC 7946]
 
 
 class Area(NamedTuple):
-    """An area of the ground."""
+    """A ground area."""
 
     name: str
-    rings: list[np.ndarray]  # (k, 2) float64 each, to the east and to the north; holes and further polygons included
+    rings: list[np.ndarray]  # (k, 2) float64 each: easting and northing; includes holes and further polygons
+
+
+AreaLike: TypeAlias = Any
+"""What `area_sensors` accepts as areas: a path, GeoJSON, an object with ``__geo_interface__``, or rings."""
 
 
 def area_sensors(
-    scene: SceneLike, areas, spacing: float | str | PathLike = SPACING, height: float = 0.0, *, follow: bool = True,
-    threads: int | None = None,
+    scene: SceneLike, areas: AreaLike, spacing: float | str | PathLike[str] = SPACING, height: float = 0.0, *,
+    follow: bool = True, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
-    """Sensors on the ground of areas, such as gardens: the cells of a raster whose middles lie in them.
+    """Place sensors on the ground of areas, such as gardens: raster cells whose centres lie inside the areas.
 
-    The ground is the lowest surface, or the upper side of a slab there that is less than 1 world unit thick. So no
-    sensor lies on a roof. Cells inside buildings are left out.
+    The ground is the lowest surface, or the top of a slab there that is less than 1 world unit thick, so no sensor lies
+    on a roof. Cells inside buildings are left out.
 
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
     areas : str, path-like, dict, or sequence
         A GeoJSON file or object of Polygons and MultiPolygons; an object with ``__geo_interface__``, such as a shapely
-        polygon or a GeoDataFrame; a sequence of (k, 2) rings, in the scene's coordinates to the east and to the north;
-        or a dict from names to any of these. GeoJSON is in WGS 84 unless it names a CRS or has other numbers.
+        polygon or a GeoDataFrame; a sequence of (k, 2) rings, in easting and northing of the scene; or a dict from
+        names to any of these. GeoJSON is in WGS 84 unless it names a CRS or its numbers cannot be degrees.
     spacing : float, str or path-like
         As in `raster_sensors`.
     height : float
-        World units above the ground if `follow`, else a coordinate on the up axis.
+        World units above the ground if `follow`, else the coordinate on the up axis.
     threads : int, optional
         None: all cores.
 
@@ -178,29 +181,32 @@ def area_sensors(
     """
     scene, follow, threads = scene_of(scene), flag(follow, "follow"), thread_count(threads)
     height = number(height, "the height of sensors")
-    found = list(read_areas(areas, scene.crs))
-    if not found:
-        raise InputError("there is no area; give at least one polygon")
-    corners = np.concatenate([ring for area in found for ring in area.rings])
+    polygons = list(read_areas(areas, scene.crs))
+    if not polygons:
+        raise InputError("areas are empty; give at least one polygon")
+    corners = np.concatenate([ring for area in polygons for ring in area.rings])
     raster = raster_of(scene, spacing, np.stack([corners.min(0), corners.max(0)]))
-    cells = [_cells_in(area, raster) for area in found]
-    cell, zone = np.concatenate(cells), np.repeat(np.arange(len(found)), [len(each) for each in cells])
+    cells = [_cells_in(area, raster) for area in polygons]
+    cell, zone = np.concatenate(cells), np.repeat(np.arange(len(polygons)), [len(each) for each in cells])
     at, faces, up = raster.places(cell, scene.up), np.full(len(cell), -1, np.int64), "xyz".index(scene.up)
     if follow:
         at[:, up], faces = ground_at(scene, at, 0.0, threads)
-        _check_ground(found, zone, faces)
-        floor = np.array([at[zone == k, up].min() for k in range(len(found))])
-        out = below_roofs(scene, at, floor[zone], threads)
+        _check_ground(polygons, zone, faces)
+        floor = np.array([at[zone == k, up].min() for k in range(len(polygons))])
+        excluded = below_roofs(scene, at, floor[zone], threads)
         at[:, up] += height
     else:
-        at[:, up], out = height, np.zeros(len(at), bool)
-    out |= covered_by_solids(scene, at, threads)
-    zones = [Zone(area.name, len(each), int(out[zone == k].sum())) for k, (area, each) in enumerate(zip(found, cells))]
+        at[:, up], excluded = height, np.zeros(len(at), bool)
+    excluded |= covered_by_solids(scene, at, threads)
+    zones = [
+        Zone(area.name, len(each), int(excluded[zone == k].sum()))
+        for k, (area, each) in enumerate(zip(polygons, cells))
+    ]
     normals, sizes = np.broadcast_to(np.eye(3)[up], at.shape), np.full(len(at), raster.area)
-    kept = ~out
+    included = ~excluded
     return Sensors(
-        at[kept], normals[kept], sizes[kept], faces[kept], "raster", raster, cells=cell[kept], zone=zone[kept],
-        zones=tuple(zones),
+        at[included], normals[included], sizes[included], faces[included], "raster", raster,
+        cells=cell[included], zone=zone[included], zones=tuple(zones),
     )  # fmt: skip
 
 
@@ -211,60 +217,60 @@ def check_areas(path: Path) -> None:
     checked_file(path, path.name)
 
 
-def read_areas(given, crs: str | None) -> Iterator[Area]:
-    """The areas of all that `area_sensors` takes, in the coordinates of a scene with a CRS."""
-    if isinstance(given, (str, PathLike)):
-        path = path_of(given, "areas")
+def read_areas(areas: AreaLike, crs: str | None) -> Iterator[Area]:
+    """Yield the areas of any input of `area_sensors`, in the coordinates of a scene with this CRS."""
+    if isinstance(areas, (str, PathLike)):
+        path = path_of(areas, "areas")
         checked_file(path, path.name)
         try:
             yield from _of_json(json.loads(path.read_bytes()), crs, path.name, None)
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(f"{path.name}: is no GeoJSON ({str(error)[:80]}); export it again") from None
-    elif hasattr(given, "__geo_interface__"):
-        own = getattr(given, "crs", None)
-        yield from _of_json(given.__geo_interface__, crs, "areas", crs if own is None else checked_crs(own))
-    elif isinstance(given, Mapping) and "type" in given:
-        yield from _of_json(given, crs, "areas", None)
-    elif isinstance(given, Mapping):
-        for name, each in given.items():
+            raise InputError(f"{path.name}: is not GeoJSON ({str(error)[:80]}); export it again") from None
+    elif hasattr(areas, "__geo_interface__"):
+        data_crs = getattr(areas, "crs", None)
+        yield from _of_json(areas.__geo_interface__, crs, "areas", crs if data_crs is None else checked_crs(data_crs))
+    elif isinstance(areas, Mapping) and "type" in areas:
+        yield from _of_json(areas, crs, "areas", None)
+    elif isinstance(areas, Mapping):
+        for name, each in areas.items():
             yield Area(str(name), [ring for area in read_areas([each], crs) for ring in area.rings])
-    elif isinstance(given, (list, tuple)):
-        for k, each in enumerate(given):
+    elif isinstance(areas, (list, tuple)):
+        for k, each in enumerate(areas):
             if hasattr(each, "__geo_interface__") or isinstance(each, Mapping):
                 yield from (area._replace(name=f"area {k + 1}") for area in read_areas(each, crs))
             else:
                 yield Area(f"area {k + 1}", [_ring(each, f"area {k + 1}")])
     else:
-        raise InputError(f"areas are a {type(given).__name__}; give GeoJSON, or a list of rings ((k, 2) numbers)")
+        raise InputError(f"areas are a {type(areas).__name__}; give GeoJSON, or a list of rings ((k, 2) numbers)")
 
 
-def _of_json(root: Any, crs: str | None, where: str, own: str | None) -> Iterator[Area]:
-    """The areas of GeoJSON. own: the CRS of its numbers; None: as the file says."""
+def _of_json(root: Any, crs: str | None, where: str, data_crs: str | None) -> Iterator[Area]:
+    """Yield the areas of GeoJSON. data_crs: the CRS of its numbers; None: the CRS that the file names."""
     if not isinstance(root, Mapping):
-        raise InputError(f"{where}: is no GeoJSON object; export it again")
+        raise InputError(f"{where}: is not a GeoJSON object; export it again")
     features = root.get("features") or [] if root.get("type") == "FeatureCollection" else [root]
     if not isinstance(features, list | tuple):
-        raise InputError(f"{where}: has features that are no list; export it again")
-    found = [_of_feature(each, k, where) for k, each in enumerate(features)]
-    corners = np.concatenate([np.empty((0, 2)), *(ring for area in found for ring in area.rings)])
-    source = own or _named_crs(root)
+        raise InputError(f"{where}: its features are not a list; export it again")
+    areas = [_of_feature(each, k, where) for k, each in enumerate(features)]
+    corners = np.concatenate([np.empty((0, 2)), *(ring for area in areas for ring in area.rings)])
+    source = data_crs or _named_crs(root)
     if source is None and crs is not None and (np.abs(corners) <= [180.0, 90.0]).all():
         source = _WORLD
     if source is not None and crs is None and _is_world(source):
         raise InputError(f"{where}: is in degrees, and the scene's CRS is unknown; give it, such as --crs EPSG:7415")
     if source is not None and crs is not None:
-        found = [area._replace(rings=[reproject(ring, source, crs) for ring in area.rings]) for area in found]
-    yield from found
+        areas = [area._replace(rings=[reproject(ring, source, crs) for ring in area.rings]) for area in areas]
+    yield from areas
 
 
-def _of_feature(given: Any, k: int, where: str) -> Area:
+def _of_feature(feature: Any, k: int, where: str) -> Area:
     """The area of a Feature or a geometry."""
-    shape, name = given, None
-    if isinstance(given, Mapping) and given.get("type") == "Feature":
-        told = given.get("properties") or {}
-        shape, name = given.get("geometry"), told.get("name") or told.get("id") or given.get("id")
+    shape, name = feature, None
+    if isinstance(feature, Mapping) and feature.get("type") == "Feature":
+        properties = feature.get("properties") or {}
+        shape, name = feature.get("geometry"), properties.get("name") or properties.get("id") or feature.get("id")
     name = f"area {k + 1}" if name is None else str(name)
     kind = shape.get("type") if isinstance(shape, Mapping) else None
     if kind not in ("Polygon", "MultiPolygon"):
@@ -274,58 +280,58 @@ def _of_feature(given: Any, k: int, where: str) -> Area:
     try:
         return Area(name, [_ring(ring, name) for polygon in polygons for ring in polygon])
     except TypeError:
-        raise InputError(f"{where}: {name} has coordinates that are no list of rings; export it again") from None
+        raise InputError(f"{where}: the coordinates of {name} are not a list of rings; export it again") from None
 
 
-def _ring(given, name: str) -> np.ndarray:
+def _ring(coordinates: Any, name: str) -> NDArray[np.float64]:
     try:
-        ring = np.array([[float(x), float(y)] for x, y, *_ in given])
+        ring = np.array([[float(x), float(y)] for x, y, *_ in coordinates])
     except (TypeError, ValueError, OverflowError):
         ring = np.empty((0, 2))
     if len(ring) < 3 or not np.isfinite(ring).all():
-        raise InputError(f"{name}: a ring must have at least three corners of finite numbers, to the east and north")
+        raise InputError(f"{name}: a ring needs at least three corners, each a finite easting and northing")
     return ring
 
 
-def _named_crs(root: Mapping) -> str | None:
-    """The CRS that GeoJSON names, as GIS programs write it."""
-    told = root.get("crs")
-    if not isinstance(told, Mapping):
+def _named_crs(root: Mapping[str, Any]) -> str | None:
+    """The CRS that GeoJSON names, in the member that GIS programs write."""
+    member = root.get("crs")
+    if not isinstance(member, Mapping):
         return None
-    name = (told.get("properties") or {}).get("name")
+    name = (member.get("properties") or {}).get("name")
     return None if name is None else checked_crs(str(name))
 
 
 def _is_world(crs: str) -> bool:
     from pyproj import CRS
 
-    return CRS.from_user_input(crs).is_geographic
+    return bool(CRS.from_user_input(crs).is_geographic)
 
 
 def _cells_in(area: Area, raster: Raster) -> np.ndarray:
-    """The cells whose middles lie in an area, by the even-odd rule; middles on an edge belong to one side of it."""
+    """The cells whose centres lie in an area, by the even-odd rule; centres on an edge belong to one side of it."""
     a = np.concatenate(area.rings)
     b = np.concatenate([np.roll(ring, -1, 0) for ring in area.rings])
     east, north = raster.middles()
     rows = np.flatnonzero((north >= a[:, 1].min()) & (north <= a[:, 1].max()))
-    found = [np.empty(0, np.int64)]
+    cells = [np.empty(0, np.int64)]
     for row in rows.tolist():
         y = north[row]
         spans = (a[:, 1] <= y) != (b[:, 1] <= y)
         (x0, y0), (x1, y1) = a[spans].T, b[spans].T
         crossed = np.sort(x0 + (y - y0) / (y1 - y0) * (x1 - x0))
         inside = np.searchsorted(crossed, east, side="right") % 2 == 1
-        found.append(row * raster.columns + np.flatnonzero(inside))
-    if not sum(map(len, found)):
-        raise InputError(f"{area.name}: no cell of {raster.spacing:g} has its middle in it; make the spacing finer")
-    return np.concatenate(found)
+        cells.append(row * raster.columns + np.flatnonzero(inside))
+    if not sum(map(len, cells)):
+        raise InputError(f"{area.name}: contains no centre of a cell of {raster.spacing:g}; use a finer spacing")
+    return np.concatenate(cells)
 
 
 def _check_ground(areas: list[Area], zone: np.ndarray, faces: np.ndarray) -> None:
     for k, area in enumerate(areas):
-        lost = int((faces[zone == k] < 0).sum())
-        if lost:
+        missing = int((faces[zone == k] < 0).sum())
+        if missing:
             raise InputError(
-                f"{area.name}: {lost} of {(zone == k).sum()} cells have no surface below them; "
+                f"{area.name}: {missing} of {(zone == k).sum()} cells have no surface below them; "
                 "give the height of the ground, such as raster:0.5@12.3, or a scene with terrain"
             )

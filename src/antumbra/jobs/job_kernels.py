@@ -1,4 +1,4 @@
-"""All compile jobs, for ahead-of-time compilation: those of rendering, and those of `jobs`."""
+"""All compile jobs for ahead-of-time compilation: those of rendering and those of `jobs`."""
 
 from collections.abc import Iterable
 
@@ -32,17 +32,15 @@ from .bake.surface_meter import Meter, MeterSettings, SurfacePoints
 from .bit_matrices import reorder_bits
 from .sun.sun_visibility import tally_job
 
-# --- All jobs whose kernels can be compiled ahead of time -------------------------------------------------------------
-
 
 def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
-    """The jobs of the given plans, and the jobs common to all plans.
+    """The jobs of some plans, and those common to all plans.
 
     plans : None: enough plans to cover every method
-    papers : cover the methods added by packages too; they come last
+    papers : also cover the methods that packages add; they come last
     """
     plans = list(dict.fromkeys(covering_plans(papers) if plans is None else plans))
-    found = [
+    jobs = [
         rays_job(),
         best_tree_job(),
         camera_rays_job(),
@@ -54,33 +52,30 @@ def rendering_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) ->
         indirect_job("raster"),
         indirect_job("rays"),
     ]
-    found += [steps_job(), store_job(), paged_job(), cutouts_job()]
-    found += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
-    found += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
+    jobs += [steps_job(), store_job(), paged_job(), cutouts_job()]
+    jobs += [wide_lights_job()] if any(plan.trace == "cones" for plan in plans) else []
+    jobs += [bounce_job()] if any(plan.wants_rays for plan in plans) else []
     for plan in plans:
         for gbuffer in ("raster", "rays"):
             for counters in (False, True)[: 1 + plan.tracer.counts_apart]:
-                found.append(rendering_job(plan, gbuffer, counters))
-    return found
-
-
-# --- All jobs whose kernels can be compiled ahead of time: those of rendering, and those of this folder ---------------
+                jobs.append(rendering_job(plan, gbuffer, counters))
+    return jobs
 
 
 def all_jobs(plans: Iterable[Plan] | None = None, papers: bool = False) -> list[Job]:
-    """The jobs of the given plans, and the jobs common to all plans; arguments as for `jobs.job_kernels.rendering_jobs`."""
+    """The jobs of `rendering_jobs` and those of this folder; arguments as for `rendering_jobs`."""
     return [tally_job(), points_job(), *rendering_jobs(plans, papers)]
 
 
 def points_job() -> Job:
-    """The job of baked light, and of matrices of lines of sight, without tracing."""
+    """The job of baked light and visibility matrices, without tracing."""
 
-    def work():
+    def work() -> None:
         scene, light, up = Scene.of_data(small_scene()), PointLight((0.0, 2.0, 0.0)), np.array([[0.0, 1.0, 0.0]])
         samples = light_samples(light, 1)
         for what in ("light", "bent-normal"):
-            asked = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
-            Meter(scene, asked, 1).values(SurfacePoints(np.zeros((1, 3)), up))
+            settings = MeterSettings(what, [light], 1, "larcher-pillichshammer", "bsah+single", 0.0, 1)
+            Meter(scene, settings, 1).values(SurfacePoints(np.zeros((1, 3)), up))
         ends = Receivers.on_surface(np.zeros((1, 3)), up, np.zeros(3))
         (query,) = scene.engine.with_options("bsah+single", 1, None).queries(ends, [light], [samples])
         below_horizon(query, 1)

@@ -1,15 +1,18 @@
-"""Result tables: one row per sensor, columns with units, and their CRS; with writers for all output formats.
+"""Result tables: one row per sensor, columns with units, and a CRS; with writers for all output formats.
 
-CSV, JSON, NPZ, Parquet, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the column that pictures show.
+The formats are CSV, JSON, NPZ, Parquet, GeoTIFF, PNG and GLB. A writer takes a `Table`, the path, and the name of the
+column that pictures show.
 """
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import instance, points, quoted, spelling_hint
 from ..engine.scene import AnyScene
@@ -22,16 +25,14 @@ from ..scene.crs import checked_crs
 from .false_colours import coloured_model, false_colours
 from .sensors import Sensors, check_on_scene
 
-# --- Writers of tables: CSV, JSON, NPZ, Parquet, GeoTIFF, pictures and models -----------------------------------------
-#
-# Each takes a `table.Table`, the path, and the name of the column that pictures show.
+# --- Writers ----------------------------------------------------------------------------------------------------------
 
 
-_ROWS = 1 << 16  # rows that are made into text at a time
-_POINT_Z = 1001  # of well-known binary: a point with three coordinates
+_ROWS = 1 << 16  # rows converted to text at a time
+_POINT_Z = 1001  # well-known binary: a point with three coordinates
 
 
-def _csv(table, path: Path, column: str) -> None:
+def _csv(table: "Table", path: Path, column: str) -> None:
     columns = table.rows()
     with atomic_output(path) as temporary, open(temporary, "w", encoding="utf-8", newline="") as file:
         file.write(",".join(columns) + "\n")
@@ -41,7 +42,7 @@ def _csv(table, path: Path, column: str) -> None:
 
 
 def _texts(values: np.ndarray) -> list[str]:
-    """Numbers as text: the shortest that gives the same number; nothing for NaN and for no time. Quoted names."""
+    """Values as CSV fields: the shortest text that round-trips, empty for NaN and NaT; names quoted where needed."""
     if values.dtype.kind == "U":
         return ['"' + text.replace('"', '""') + '"' if set(text) & set(',"\r\n') else text for text in values.tolist()]
     if values.dtype.kind == "M":
@@ -49,91 +50,95 @@ def _texts(values: np.ndarray) -> list[str]:
     return ["" if value != value else str(value) for value in values.tolist()]
 
 
-def _json(table, path: Path, column: str) -> None:
+def _json(table: "Table", path: Path, column: str) -> None:
     rows = {name: _plain(values) for name, values in table.rows().items()}
-    told = {"about": table.about, "columns": _units(table), "rows": rows}
+    document = {"about": table.about, "columns": _units(table), "rows": rows}
     with atomic_output(path) as temporary:
-        temporary.write_text(json.dumps(told, allow_nan=False), encoding="utf-8")
+        temporary.write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
 
 
-def _plain(values: np.ndarray) -> list:
-    """Values that JSON can hold: None for NaN."""
+def _plain(values: np.ndarray) -> list[Any]:
+    """Values for JSON: None for NaN."""
     if values.dtype.kind == "M":
         return [text or None for text in _texts(values)]
     return [None if value != value else value for value in values.tolist()]
 
 
-def _units(table) -> dict[str, dict[str, str]]:
+def _units(table: "Table") -> dict[str, dict[str, str]]:
     return {name: {"unit": column.unit, "about": column.about} for name, column in table.columns.items()}
 
 
-def _npz(table, path: Path, column: str) -> None:
-    told = json.dumps({"about": table.about, "columns": _units(table)})
+def _npz(table: "Table", path: Path, column: str) -> None:
+    metadata = json.dumps({"about": table.about, "columns": _units(table)})
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, about=np.array(told), **table.rows())
+        np.savez_compressed(file, allow_pickle=False, about=np.array(metadata), **table.rows())
 
 
-def _parquet(table, path: Path, column: str) -> None:
+def _parquet(table: "Table", path: Path, column: str) -> None:
     import_extra("pyarrow", ".parquet", "gis")
     import pyarrow
     import pyarrow.parquet
 
-    moments = lambda values: values.astype("datetime64[ms]") if values.dtype.kind == "M" else values  # no minutes there
-    columns = {name: pyarrow.array(moments(values)) for name, values in table.rows().items()}
-    told = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
+    columns = {name: pyarrow.array(_in_milliseconds(values)) for name, values in table.rows().items()}
+    metadata = {"antumbra": json.dumps({"about": table.about, "columns": _units(table)})}
     if table.about.get("crs"):
         columns["geometry"] = pyarrow.array(_well_known(_on_map(table)), pyarrow.binary())
-        told["geo"] = json.dumps(_geo(table))
-    made = pyarrow.table(columns).replace_schema_metadata(told)
+        metadata["geo"] = json.dumps(_geo(table))
+    arrow_table = pyarrow.table(columns).replace_schema_metadata(metadata)
     with atomic_output(path) as temporary:
-        pyarrow.parquet.write_table(made, temporary, compression="zstd")
+        pyarrow.parquet.write_table(arrow_table, temporary, compression="zstd")
 
 
-def _on_map(table) -> np.ndarray:
+def _in_milliseconds(values: np.ndarray) -> np.ndarray:
+    """Times in milliseconds, since Parquet has no minutes; other values unchanged."""
+    return values.astype("datetime64[ms]") if values.dtype.kind == "M" else values
+
+
+def _on_map(table: "Table") -> NDArray[np.float64]:
     """(n, 3) float64: easting, northing and height of the sensors."""
     points = table.sensors.points
     return points[:, [0, 2, 1]] * [1.0, -1.0, 1.0] if table.scene is not None and table.scene.up == "y" else points
 
 
 def _well_known(points: np.ndarray) -> list[bytes]:
-    """Points as well-known binary."""
+    """Points in well-known binary."""
     rows = np.empty(len(points), [("order", "u1"), ("kind", "<u4"), ("xyz", "<f8", 3)])
     rows["order"], rows["kind"], rows["xyz"] = 1, _POINT_Z, points
     data, size = rows.tobytes(), rows.itemsize
     return [data[k : k + size] for k in range(0, len(data), size)]
 
 
-def _geo(table) -> dict:
-    """The metadata of GeoParquet 1.1."""
+def _geo(table: "Table") -> dict[str, Any]:
+    """GeoParquet 1.1 metadata."""
     from pyproj import CRS
 
     at = _on_map(table)
     low, high = at.min(0), at.max(0)
-    column: dict = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
+    column: dict[str, Any] = {"encoding": "WKB", "geometry_types": ["Point Z"], "bbox": [*low.tolist(), *high.tolist()]}
     column["crs"] = CRS.from_user_input(checked_crs(table.about["crs"])).to_json_dict()
     return {"version": "1.1.0", "primary_column": "geometry", "columns": {"geometry": column}}
 
 
-def _tiff(table, path: Path, column: str) -> None:
+def _tiff(table: "Table", path: Path, column: str) -> None:
     raster = table.sensors.raster
     assert raster is not None
     import_extra("rasterio", ".tif", "gis")
     import rasterio
 
-    names = [name for name, made in table.columns.items() if made.values.dtype.kind in "fiub"]
+    names = [name for name, candidate in table.columns.items() if candidate.values.dtype.kind in "fiub"]
     shape = {"width": raster.columns, "height": raster.rows, "count": len(names)}
     place = rasterio.transform.from_origin(raster.west, raster.north, raster.spacing, raster.spacing)
     options = {"driver": "GTiff", "dtype": "float32", "nodata": np.nan, "compress": "deflate", "transform": place}
     if table.about.get("crs"):
-        options["crs"] = checked_crs(table.about["crs"])  # as text: rasterio then keeps the code of a compound CRS
-    with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print lines of its own
+        options["crs"] = checked_crs(table.about["crs"])  # as text, so that rasterio keeps the code of a compound CRS
+    with rasterio.MemoryFile() as memory:  # on a full disk, GDAL would print its own messages
         with memory.open(**shape, **options) as file:
             _fill(file, table, names)
         with atomic_output(path) as temporary:
             temporary.write_bytes(memory.read())
 
 
-def _fill(file, table, names: list[str]) -> None:
+def _fill(file: Any, table: "Table", names: list[str]) -> None:
     """Write columns as the bands of an open GeoTIFF."""
     for band, name in enumerate(names, 1):
         file.write(table.sensors.on_raster(table[name]).astype(np.float32), band)
@@ -142,21 +147,23 @@ def _fill(file, table, names: list[str]) -> None:
     file.update_tags(antumbra=json.dumps(table.about))
 
 
-def _png(table, path: Path, column: str) -> None:
+def _png(table: "Table", path: Path, column: str) -> None:
     from PIL import Image
 
-    made = Image.fromarray(false_colours(table, column))
+    image = Image.fromarray(false_colours(table, column))
     with atomic_output(path) as temporary:
-        made.save(temporary, "PNG")
+        image.save(temporary, "PNG")
 
 
-def _glb(table, path: Path, column: str) -> None:
+def _glb(table: "Table", path: Path, column: str) -> None:
     data = coloured_model(table, column)
     with atomic_output(path) as temporary:
         temporary.write_bytes(data)
 
 
-WRITERS: dict[str, Callable[[Any, Path, str], None]] = {
+Writer: TypeAlias = "Callable[[Table, Path, str], None]"
+
+WRITERS: dict[str, Writer] = {
     ".csv": _csv,
     ".json": _json,
     ".npz": _npz,
@@ -170,15 +177,16 @@ WRITERS: dict[str, Callable[[Any, Path, str], None]] = {
 _EXTRA = {".parquet": ("pyarrow", "gis"), ".tif": ("rasterio", "gis")}
 
 
-def writer_of(path, kind: str) -> Callable[[Any, Path, str], None]:
-    """The function that writes a table to this path: ask before long work begins.
+def writer_of(path: str | os.PathLike[str], kind: str) -> Writer:
+    """The function that writes a table to this path; call it before long work begins, to check the path.
 
     kind : the kind of the sensors
 
     Raises
     ------
     InputError
-        If the suffix is unknown, the path cannot be written, a package is missing, or a GeoTIFF would hold no raster.
+        If the suffix is unknown, the path cannot be written, a package is missing, or a GeoTIFF is requested for
+        sensors that form no raster.
     """
     target = checked_output(path, tuple(WRITERS))
     suffix = target.suffix.lower()
@@ -190,35 +198,34 @@ def writer_of(path, kind: str) -> Callable[[Any, Path, str], None]:
     return WRITERS[suffix]
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Results that know what they are: columns of numbers, one row for each sensor, with units and a place on the earth.
+# --- Tables -----------------------------------------------------------------------------------------------------------
 
 
 class Column(NamedTuple):
-    """Numbers, one for each sensor."""
+    """One value per sensor."""
 
     values: np.ndarray  # (n,) float, int or datetime64
-    unit: str  # such as "h" or "kWh/m2"; empty: a pure number
-    about: str  # one line
+    unit: str  # such as "h" or "kWh/m2"; empty: dimensionless
+    about: str  # one-line description
 
 
 @dataclass(eq=False)
 class Table:
-    """The results of a job, one row for each sensor.
+    """The results of a job, one row per sensor.
 
     sensors : Sensors
         One for each row.
     columns : dict of str to Column
-        The first one is what pictures show.
+        Pictures show the first one by default.
     about : dict
-        Facts of the whole job, as JSON can hold them: "job", "timezone", settings, and "crs": that of the scene, or
-        else of the file whose cells a raster has.
+        Metadata of the job, in JSON types: "job", "timezone", settings, and "crs", the CRS of the scene or else of the
+        raster file that defines the cells.
     scene : Scene or None
-        What the sensors belong to; pictures need it.
+        The scene of the sensors; pictures need it.
     camera : Camera or None
-        Of pictures that are no maps. None: one that shows the whole scene.
+        For pictures other than maps. None: one that shows the whole scene.
     marks : (k, 3) float or None
-        Points that pictures show as dots, world.
+        World positions that pictures show as dots.
     """
 
     sensors: Sensors
@@ -228,7 +235,7 @@ class Table:
     camera: Camera | None = None
     marks: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         instance(self.sensors, Sensors, "sensors")
         if not isinstance(self.columns, dict) or not all(isinstance(name, str) for name in self.columns):
             raise InputError(f"columns are {quoted(self.columns)}; they must be a dict of names to antumbra.Column")
@@ -253,7 +260,7 @@ class Table:
         return len(self.sensors)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The values of a column. InputError names the columns if there is none of this name."""
+        """The values of a column. Raises InputError with the names of all columns if there is none of this name."""
         if not isinstance(name, str) or name not in self.columns:
             names = ", ".join(self.columns)
             raise InputError(f"there is no column {quoted(name)}; {spelling_hint(name, self.columns)}there are {names}")
@@ -262,18 +269,18 @@ class Table:
     def __repr__(self) -> str:
         return f"Table({len(self)} rows: {', '.join(self.columns)})"
 
-    def save(self, path, column: str | None = None) -> None:
-        """Write the table, in the format that the suffix names.
+    def save(self, path: str | os.PathLike[str], column: str | None = None) -> None:
+        """Write the table in the format of the suffix.
 
-        .csv, .json, .npz and .parquet hold all columns; .parquet is GeoParquet if the CRS is known. .png is a picture
-        in false colours with a legend, .glb the model in these colours, .tif a GeoTIFF of a raster. .parquet and .tif
-        need ``antumbra[gis]``.
+        .csv, .json, .npz and .parquet hold all columns; .parquet is GeoParquet if the CRS is known. .png is a
+        false-colour picture with a legend, .glb a model in the same colours, .tif a GeoTIFF of a raster. .parquet and
+        .tif need ``antumbra[gis]``.
 
         Parameters
         ----------
         path : str or path-like
         column : str, optional
-            The column of a picture or model. None: the first one.
+            The column that a picture or model shows. None: the first one.
 
         Raises
         ------
@@ -283,7 +290,7 @@ class Table:
         writer_of(path, self.sensors.kind)(self, Path(path), self.shown(column))
 
     def shown(self, column: str | None) -> str:
-        """The name of the column that a picture shows. InputError if it is unknown or has no numbers."""
+        """The name of the column that a picture shows. Raises InputError if it is unknown or not numeric."""
         if not self.columns:
             raise InputError("the table has no columns; there is nothing to show")
         name = next(iter(self.columns)) if column is None else column
@@ -291,8 +298,8 @@ class Table:
             raise InputError(f"column {name!r} holds times, and a picture shows numbers; name another column")
         return name
 
-    def of_faces(self, name: str) -> np.ndarray:
-        """(faces,) float64: the mean of a column on each face of the scene, by area; NaN for faces without a sensor.
+    def of_faces(self, name: str) -> NDArray[np.float64]:
+        """(faces,) float64: the area-weighted mean of a column on each face; NaN for faces without a sensor.
 
         Raises
         ------
@@ -309,13 +316,13 @@ class Table:
             return np.bincount(faces, areas * self[name][on], scene.n_triangles) / total
 
     def rows(self) -> dict[str, np.ndarray]:
-        """Name -> (n,) values of the sensors' own columns (x, y, z, nx, ny, nz, area, face), then of the results."""
+        """Name -> (n,) values: the sensors' columns (x, y, z, nx, ny, nz, area, face), then the results."""
         sensors = self.sensors
-        found = dict(zip("xyz", sensors.points.T))
+        columns = dict(zip("xyz", sensors.points.T))
         if sensors.normals is not None:
-            found |= dict(zip(("nx", "ny", "nz"), sensors.normals.T))
+            columns |= dict(zip(("nx", "ny", "nz"), sensors.normals.T))
         if sensors.areas is not None:
-            found["area"] = sensors.areas
+            columns["area"] = sensors.areas
         if sensors.faces is not None:
-            found["face"] = sensors.faces
-        return found | {name: column.values for name, column in self.columns.items()}
+            columns["face"] = sensors.faces
+        return columns | {name: column.values for name, column in self.columns.items()}

@@ -1,12 +1,13 @@
 """JSON records of scenes, lights and cameras, and the digests by which jobs recognise their stored results.
 
-The same settings give the same bytes. Threads, memory, plan and shards change no result, so they are not recorded.
+Equal settings give equal bytes. Threads, memory, plan and shards do not affect results, so they are not recorded.
 """
 
 import hashlib
 import json
 import math
 from dataclasses import fields
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -16,14 +17,14 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..scene.mesh import ObjectInfo
 
-# --- A digest of a scene, by which jobs know that kept results belong to it -------------------------------------------
+# --- Scene digest -----------------------------------------------------------------------------------------------------
 
 
-_STORE_HEADER = 4096  # bytes of a store, which hold the checksum of the checksums of all chunks
+_STORE_HEADER = 4096  # bytes of a store's first page, which contains the checksum of all chunk checksums
 
 
 def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> str:
-    """SHA-256 of the scene's triangles at a time, with colours, cut-outs and objects; of a store, of its first page."""
+    """SHA-256 of the scene's triangles at a time, with colours, alpha masks and objects; of a store, its first page."""
     digest = hashlib.sha256()
     if isinstance(scene, PagedScene):
         with scene.store.path.open("rb") as stream:
@@ -36,17 +37,18 @@ def scene_digest(scene: AnyScene, time: float, threads: int | None = None) -> st
     return digest.hexdigest()
 
 
-# --- What a data set records: its settings, its frames, and digests. Everything is in the types of JSON ---------------
-#
-# The same settings give the same bytes. Threads, memory, plan and shards change none, so they are no settings.
+# --- Records, in JSON types -------------------------------------------------------------------------------------------
 
 
 FORMAT = 1
 """Version of the manifest's schema, which docs/jobs/dataset.md describes."""
 
+Record: TypeAlias = dict[str, Any]
+"""An object of JSON."""
 
-def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
-    """The scene: its name, size and frame, and a digest of all that the frames depend on."""
+
+def scene_record(scene: AnyScene, time: float, threads: int | None) -> Record:
+    """A scene's name, size and coordinate frame, and a digest of everything that affects the frames."""
     return {
         "name": scene.name,
         "sha256": scene_digest(scene, time, threads),
@@ -59,33 +61,33 @@ def scene_record(scene: AnyScene, time: float, threads: int | None) -> dict:
     }
 
 
-def object_records(scene: AnyScene) -> list[dict]:
-    """The objects of the scene. The index in this list is what the layer ``IndexOB`` holds."""
+def object_records(scene: AnyScene) -> list[Record]:
+    """The objects of the scene. The layer ``IndexOB`` contains indices into this list."""
     names = [m.name for m in scene.meshes]
     return [_object(each, names[each.mesh] if names else None) for each in scene.objects]
 
 
-def _object(given: ObjectInfo, mesh: str | None) -> dict:
-    """An object; of a city object, also its type and the object that it is a part of."""
-    more = {name: value for name in ("type", "parent") if (value := getattr(given, name))}
-    return {"name": given.name, "mesh": mesh, "instance": given.instance, **more}
+def _object(info: ObjectInfo, mesh: str | None) -> Record:
+    """An object; a city object also has its type and parent."""
+    more = {name: value for name in ("type", "parent") if (value := getattr(info, name))}
+    return {"name": info.name, "mesh": mesh, "instance": info.instance, **more}
 
 
-def light_record(light: Light) -> dict:
-    """A light as names and values."""
+def light_record(light: Light) -> Record:
+    """A light's type and fields."""
     return {"type": type(light).__name__, **{f.name: _plain(getattr(light, f.name)) for f in fields(light)}}
 
 
-def camera_record(camera: Camera) -> dict:
-    """A camera as its arguments and as matrices.
+def camera_record(camera: Camera) -> Record:
+    """A camera's arguments and matrices.
 
-    ``intrinsics`` (3, 3) and ``world_to_camera`` (4, 4), both by rows, are those of OpenCV: x to the right, y down, z
-    along the view; pixel centres are at half numbers. Both take world coordinates to pixels. Cameras that are not
+    ``intrinsics`` (3, 3) and ``world_to_camera`` (4, 4), both row-major, follow OpenCV: x to the right, y down, z along
+    the view; pixel centres are at half-integers. Together they map world coordinates to pixels. Cameras that are not
     perspective have ``projection`` and ``extent`` instead of ``intrinsics``.
     """
     names = "position", "target", "up", "vfov", "width", "height"
     if camera.listed:
-        lens: dict = {"projection": camera.projection, "extent": camera.extent}
+        lens: Record = {"projection": camera.projection, "extent": camera.extent}
         rotation = camera.frame
     else:
         rays = camera.rays(np.zeros(3))
@@ -100,27 +102,27 @@ def camera_record(camera: Camera) -> dict:
     return {**values, **lens, "world_to_camera": matrix.tolist()}
 
 
-def digest_of(settings: dict) -> str:
+def digest_of(settings: Record) -> str:
     """SHA-256 of settings."""
     return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
 
 
-def differences(old: dict, new: dict, of: str = "") -> list[str]:
-    """In words, the settings that differ: "spp 4, not 8" where both are short, else the name ("scene sha256")."""
-    told = []
+def differences(old: Record, new: Record, of: str = "") -> list[str]:
+    """Describe the settings that differ: "spp 4, not 8" if both values are short, else the name ("scene sha256")."""
+    lines = []
     for key in sorted(old.keys() | new.keys()):
         a, b, name = old.get(key), new.get(key), of + key
         if isinstance(a, dict) and isinstance(b, dict):
-            told += differences(a, b, name + " ")
+            lines += differences(a, b, name + " ")
         elif a != b:
             short = all(isinstance(v, (str, int, float)) and len(str(v)) < 30 for v in (a, b))
-            told.append(f"{name} {a}, not {b}" if short else name)
-    return told
+            lines.append(f"{name} {a}, not {b}" if short else name)
+    return lines
 
 
-def _plain(value):
+def _plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, float) and not math.isfinite(value):
-        return None  # no limit
+        return None  # unlimited
     return list(value) if isinstance(value, tuple) else value

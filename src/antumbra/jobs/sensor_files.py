@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
 from ..scene.crs import check_plan, checked_crs
-from .ground_areas import area_sensors
+from .ground_areas import AreaLike, area_sensors
 from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
 
@@ -30,14 +31,14 @@ SUFFIXES = (".csv", ".parquet", ".npy", ".npz")
 
 _GRID = re.compile(r"grid:([0-9.eE+-]+)")
 _RASTER = re.compile(r"raster:([0-9.]+(?:[eE][0-9-]+)?|.+\.(?:tif|tiff|vrt|asc))(?:([+@])([0-9.eE+-]+))?", re.I)
-_ROWS = 1 << 16  # lines of a CSV file that are lists at a time
-_NUMBER_BYTES = 8  # of a column of Parquet, at most
-_WORLD = "OGC:CRS84"  # of GeoParquet that names no CRS
+_ROWS = 1 << 16  # lines of a CSV file held as lists at a time
+_NUMBER_BYTES = 8  # maximum size of a number in a Parquet column
+_WORLD = "OGC:CRS84"  # CRS of GeoParquet that names none
 _POSITION, _NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
 
 
 def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> None:
-    """Raise an InputError, before a scene is read, unless `sensors_of` knows this form; `areas`: in areas."""
+    """Raise an InputError, before a scene is read, unless `sensors_of` accepts the text; `areas`: for use in areas."""
     if not isinstance(text, str):
         raise InputError(f"{option} is {quoted(text)}; it must be {FORMS}")
     if areas and not _RASTER.fullmatch(text):
@@ -53,7 +54,7 @@ def check_sensors(text: str, option: str = "sensors", areas: bool = False) -> No
 
 
 def check_point_file(text: str, option: str, forms: str) -> None:
-    """Raise an InputError unless the text of an option names a file of points; `forms`: what it may be."""
+    """Raise an InputError unless an option's text names a point file; `forms`: the accepted forms, for the message."""
     path = Path(text)
     if path.suffix.lower() not in SUFFIXES:
         hint = "" if "." in text else spelling_hint(text.partition(":")[0], ("face", "vertex", "grid", "raster"))
@@ -62,29 +63,29 @@ def check_point_file(text: str, option: str, forms: str) -> None:
 
 
 def raster_file(text: str) -> str | None:
-    """The path in ``raster:FILE.tif`` and its like; None: the text names no raster file."""
+    """The path in a text such as ``raster:FILE.tif``; None if it names no raster file."""
     raster = _RASTER.fullmatch(text)
     return raster[1] if raster and Path(raster[1]).suffix.lower() in RASTERS else None
 
 
 def kind_of(text: str) -> str:
-    """The kind of the sensors that a checked text names."""
+    """The kind of sensors that a checked text names."""
     word = text.partition(":")[0]
     return word if word in ("face", "vertex", "grid", "raster") else "points"
 
 
-def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=None) -> Sensors:
+def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas: AreaLike | None = None) -> Sensors:
     """The sensors that a text names.
 
-    With `areas`, as `area_sensors` takes them, the text must be one of ``raster``: its heights are above the ground of
-    the areas.
+    With `areas`, in any form that `area_sensors` accepts, the text must start with ``raster``; heights are then above
+    the ground of the areas.
 
-    - ``face``, ``vertex``: one for each face, or each place of corners
+    - ``face``, ``vertex``: one for each face, or for each distinct corner position
     - ``grid:1.5``: a grid on every surface
     - ``raster:2``, ``raster:2+1.6``, ``raster:2@30``: a horizontal raster on the highest surfaces, 1.6 above them,
       or at the coordinate 30; its cells begin at multiples of 2
     - ``raster:dem.tif``, ``raster:dem.tif+1.6``: the cells of a raster file
-    - a file of points: see `read_points`
+    - a point file: see `read_points`
     """
     check_sensors(text, areas=areas is not None)
     scene, threads = scene_of(scene), thread_count(threads)
@@ -105,25 +106,25 @@ def sensors_of(text: str, scene: SceneLike, threads: int | None = None, areas=No
 
 
 def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
-    """Raise an InputError if a file of points names a CRS with other horizontal coordinates than the scene's."""
+    """Raise an InputError if a point file names a CRS whose horizontal coordinates differ from the scene's."""
     for path in paths:
         if scene.crs and path is not None and path.suffix.lower() == ".parquet":
             with _reader_errors(path):
                 check_plan(path.name, _crs_of(path), scene.crs)
 
 
-def _number(text: str, whole: str) -> float:
+def _number(text: str, sensors: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f"sensors are {whole!r}; {text!r} is no number")
+        raise InputError(f"sensors are {sensors!r}; {text!r} is not a number")
     return value
 
 
 def read_points(path: Path) -> Sensors:
-    """Points from a file.
+    """Read points from a file.
 
     - CSV with a header, Parquet, NPZ: columns or arrays x, y, z, and optionally nx, ny, nz, and area
     - NPY: (n, 3) points, or (n, 6) points and normals
@@ -144,13 +145,13 @@ def read_points(path: Path) -> Sensors:
 
 
 def read_array(path: Path) -> np.ndarray:
-    """The array of a .npy file. InputError if it cannot be read."""
+    """The array in a .npy file. Raises InputError if it cannot be read."""
     with _reader_errors(path):
         return np.array(mapped_array(path, path.name))
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Those of the columns with these names, in lower case, that a .csv, .parquet or .npz file has, as numbers.
+    """The columns of a .csv, .parquet or .npz file that have one of these lower-case names, as numbers.
 
     Raises
     ------
@@ -165,12 +166,12 @@ def read_columns(path: Path, names: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 @contextmanager
 def _reader_errors(path: Path) -> Iterator[None]:
-    """Errors of readers as an InputError that names the file."""
+    """Turn errors of readers into an InputError that names the file."""
     try:
         yield
     except InputError:
         raise
-    except Exception as error:  # damage makes the readers of csv, zipfile and pyarrow raise errors of many kinds
+    except Exception as error:  # csv, zipfile and pyarrow raise many kinds of errors for damaged files
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(f"{path.name}: cannot be read ({reason}); write it again") from error
 
@@ -183,32 +184,32 @@ def _from_array(array: np.ndarray, name: str) -> Sensors:
     return point_sensors(array[:, :3], array[:, 3:] if array.shape[1] == 6 else None)
 
 
-def _csv(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _csv(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = csv.reader(file)
         header = [name.strip().lower() for name in next(rows, [])]
-        found = [(k, name) for k, name in enumerate(header) if name in wanted]
+        columns = [(k, name) for k, name in enumerate(header) if name in column_names]
         tables, values = list[np.ndarray](), list[list[float]]()
         for line, row in enumerate(rows, 2):
             if not row:
                 continue
             try:
-                values.append([float(row[k]) for k, _ in found])
+                values.append([float(row[k]) for k, _ in columns])
             except (ValueError, IndexError):
-                shown = ",".join(row)[:60]
-                raise InputError(f"{path.name}, line {line}: {shown!r} lacks a number of a point") from None
-            if len(values) == _ROWS:  # as an array, they take a fifth of the memory
+                line_text = ",".join(row)[:60]
+                raise InputError(f"{path.name}, line {line}: {line_text!r} lacks a number of a point") from None
+            if len(values) == _ROWS:  # an array takes a fifth of the memory
                 tables, values = [*tables, np.array(values, np.float64)], []
-    table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(found))])
-    return {name: table[:, k] for k, (_, name) in enumerate(found)}
+    table = np.concatenate([*tables, np.array(values, np.float64).reshape(len(values), len(columns))])
+    return {name: table[:, k] for k, (_, name) in enumerate(columns)}
 
 
-def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
+def _parquet(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
     import_extra("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
     with pyarrow.parquet.ParquetFile(path) as file:
-        names = [name for name in file.schema_arrow.names if name.lower() in wanted]
+        names = [name for name in file.schema_arrow.names if name.lower() in column_names]
         for name in names:
             _check_kind(np.dtype(file.schema_arrow.field(name).type.to_pandas_dtype()), name, path)
         check_expansion(path, file.metadata.num_rows * len(names) * _NUMBER_BYTES)
@@ -217,20 +218,20 @@ def _parquet(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _crs_of(path: Path) -> str | None:
-    """The CRS of the geometry that GeoParquet names as the main one; None: none, or the file is plain Parquet."""
+    """The CRS of GeoParquet's primary geometry; None if it has none, or the file is plain Parquet."""
     import_extra("pyarrow", ".parquet", "gis")
     import pyarrow.parquet
 
-    told = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
-    if told is None:
+    metadata = (pyarrow.parquet.read_schema(path).metadata or {}).get(b"geo")
+    if metadata is None:
         return None
-    geo = json.loads(told)
-    named = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
-    return None if named is None else checked_crs(named)
+    geo = json.loads(metadata)
+    crs = geo["columns"][geo["primary_column"]].get("crs", _WORLD)
+    return None if crs is None else checked_crs(crs)
 
 
-def _npz(path: Path, wanted: tuple[str, ...]) -> dict[str, np.ndarray]:
-    return {name: _numbers(values, name, path) for name, values in npz_arrays(path, wanted).items()}
+def _npz(path: Path, column_names: tuple[str, ...]) -> dict[str, np.ndarray]:
+    return {name: _numbers(values, name, path) for name, values in npz_arrays(path, column_names).items()}
 
 
 def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
@@ -240,6 +241,6 @@ def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     return values.astype(np.float64)
 
 
-def _check_kind(kind: np.dtype, name: str, path: Path) -> None:
+def _check_kind(kind: np.dtype[Any], name: str, path: Path) -> None:
     if kind.kind not in "fiu":
         raise InputError(f"{path.name}: column {name!r} must hold numbers, not {kind}")

@@ -1,15 +1,16 @@
 """Sensors: the sample points of a job, with normals and areas, and the sightline ends made from them.
 
-They lie on faces, at vertices, on surface grids, in horizontal rasters, or at given points. Fields are checked once,
-when a `Sensors` is made.
+Sensors lie on faces, at vertices, on surface grids, in horizontal rasters, or at arbitrary points. Fields are validated
+once, when a `Sensors` is created.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, choice, flag, items, number, path_of, points, unit_vectors, whole_number
 from ..checks import points as checked_points
@@ -25,15 +26,15 @@ from .raster_grid import Raster, aligned_raster, check_count, checked_raster, pl
 
 
 NEEDED = {"face": "faces", "grid": "faces", "vertex": "corners", "raster": "raster"}
-"""Kind of sensors -> the field that it needs."""
+"""Kind of sensors -> the field that it requires."""
 
-_UNIT = 1e-5  # how far a length may be from 1, as float32 rounds it
+_UNIT = 1e-5  # tolerance of a unit length, from float32 rounding
 
 
-def checked_normals(values, n: int) -> np.ndarray:
-    """(n, 3) float64 of length 1, of finite vectors of any length."""
+def checked_normals(values: ArrayLike, n: int) -> NDArray[np.float64]:
+    """(n, 3) float64: finite vectors of any length, normalized."""
     normals = _checked_array(values, (n, 3), "normals").astype(np.float64, copy=False)
-    different = normals[:1] if normals.strides[0] == 0 else normals  # all are one, if they were broadcast
+    different = normals[:1] if normals.strides[0] == 0 else normals  # broadcast rows are all the same
     with np.errstate(over="ignore", invalid="ignore"):
         squares = np.einsum("ij,ij->i", different, different)
         if (np.abs(squares - 1.0) <= 2.0 * _UNIT).all():
@@ -41,7 +42,7 @@ def checked_normals(values, n: int) -> np.ndarray:
     return unit_vectors(normals, "the normal of sensor", "leave normals out for points in free space")
 
 
-def checked_areas(values, n: int) -> np.ndarray:
+def checked_areas(values: ArrayLike, n: int) -> NDArray[np.float64]:
     """(n,) float64, finite and not negative."""
     areas = _checked_array(values, (n,), "areas").astype(np.float64, copy=False)
     if not (np.isfinite(areas) & (areas >= 0.0)).all():
@@ -49,19 +50,21 @@ def checked_areas(values, n: int) -> np.ndarray:
     return areas
 
 
-def checked_indices(values, shape: tuple[int, ...], name: str, low: int, count: int | None = None) -> np.ndarray:
-    """int64 indices of a shape, from `low` to `count` - 1; None: of any number of things."""
-    found = _checked_array(values, shape, name)
-    if found.dtype.kind == "f":
-        raise InputError(f"{name} of sensors must be whole numbers, not {found.dtype}")
-    if found.size and (found.min() < low or (count is not None and found.max() >= count)):
-        wrong = found.min() if found.min() < low else found.max()
+def checked_indices(
+    values: ArrayLike, shape: tuple[int, ...], name: str, low: int, count: int | None = None
+) -> NDArray[np.int64]:
+    """int64 indices of a shape, from `low` to `count` - 1; None: no upper limit."""
+    indices = _checked_array(values, shape, name)
+    if indices.dtype.kind == "f":
+        raise InputError(f"{name} of sensors must be whole numbers, not {indices.dtype}")
+    if indices.size and (indices.min() < low or (count is not None and indices.max() >= count)):
+        wrong = indices.min() if indices.min() < low else indices.max()
         end = f"at least {low}" if count is None else f"from {low} to {count - 1}" if count else "left out"
         raise InputError(f"{name} of sensors hold {wrong}; they must be {end}")
-    return found.astype(np.int64, copy=False)
+    return indices.astype(np.int64, copy=False)
 
 
-def checked_corners(values, n: int) -> np.ndarray:
+def checked_corners(values: ArrayLike, n: int) -> NDArray[np.int64]:
     """(faces, 3) int64, from -1 to n - 1."""
     corners = as_array(values, "corners of sensors")
     if corners.ndim != 2 or corners.shape[1] != 3:
@@ -69,8 +72,8 @@ def checked_corners(values, n: int) -> np.ndarray:
     return checked_indices(corners, corners.shape, "corners", -1, n)
 
 
-def check_on_scene(sensors, scene: AnyScene) -> None:
-    """Raise an InputError if sensors lie on faces that a scene does not have: they belong to another scene."""
+def check_on_scene(sensors: "Sensors", scene: AnyScene) -> None:
+    """Raise an InputError if sensors lie on faces that a scene does not have, so belong to another scene."""
     n, faces, corners = scene.n_triangles, sensors.faces, sensors.corners
     last = -1 if faces is None or not len(faces) else int(faces.max())
     if last >= n:
@@ -79,21 +82,21 @@ def check_on_scene(sensors, scene: AnyScene) -> None:
         raise InputError(f"corners of sensors are of {len(corners)} faces, and {scene.name} has {n}; make them for it")
 
 
-def _checked_array(values, shape: tuple[int, ...], name: str) -> np.ndarray:
+def _checked_array(values: ArrayLike, shape: tuple[int, ...], name: str) -> np.ndarray:
     array = as_array(values, f"{name} of sensors")
     if array.shape != shape:
         raise InputError(f"{name} of {shape[0]} sensors must be numbers {shape}, not {array.dtype} {array.shape}")
     return array
 
 
-# --- Sensors: the points at which a job asks, with normals and areas --------------------------------------------------
+# --- Sensors ----------------------------------------------------------------------------------------------------------
 
 
 KINDS = "face", "vertex", "grid", "raster", "points"
 """The kinds of `Sensors`."""
 
 LOW = 1.0
-"""World units: what is lower above the ground is part of it, such as a pavement; what is higher may be a building."""
+"""World units: lower surfaces belong to the ground, such as a pavement; higher ones may be buildings."""
 
 
 class Zone(NamedTuple):
@@ -101,39 +104,39 @@ class Zone(NamedTuple):
 
     name: str
     cells: int  # all cells of its raster
-    left_out: int  # those inside buildings, which have no sensor
+    left_out: int  # cells inside buildings, which have no sensor
 
 
 @dataclass(frozen=True, eq=False)
 class Sensors:
-    """Points at which a job asks.
+    """The sample points of a job.
 
     points : (n, 3) float64
         World coordinates.
     normals : (n, 3) float64 or None
-        Vectors to the tested side; they become unit vectors. None: points in free space.
+        Vectors towards the tested side; they are normalized. None: points in free space.
     areas : (n,) float64 or None
-        Square world units for which each sensor stands. None: points without area.
+        Area that each sensor represents, square world units. None: points without area.
     faces : (n,) int64 or None
         The face of the scene on which each sensor lies, -1: none. None: on no faces.
     kind : str
         "face", "vertex", "grid", "raster" or "points".
     raster : Raster or None
-        Of the kind "raster": sensor ``row * columns + column`` is in the middle of this cell, if `cells` is None.
+        For the kind "raster": sensor ``row * columns + column`` is in the centre of this cell if `cells` is None.
     corners : (faces, 3) int64 or None
-        Of the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
+        For the kind "vertex": the sensor at each corner of each face, -1 for faces without area.
     cells : (n,) int64 or None
-        Of the kind "raster": ``row * columns + column`` of each sensor's cell. None: all cells have a sensor.
+        For the kind "raster": ``row * columns + column`` of each sensor's cell. None: all cells have a sensor.
     zone : (n,) int64 or None
-        Of sensors in areas: the area of each, an index in `zones`.
+        For sensors in areas: the area of each, an index into `zones`.
     zones : tuple of Zone
         The areas.
 
     Raises
     ------
     InputError
-        If the fields have not as many rows as there are points, a number is out of range, or the kind needs another
-        field: "face" and "grid" need `faces`, "vertex" needs `corners`, and "raster" needs `raster`.
+        If a field does not have one row per point, a number is out of range, or the kind needs another field: "face"
+        and "grid" need `faces`, "vertex" needs `corners`, and "raster" needs `raster`.
     """
 
     points: np.ndarray
@@ -147,35 +150,39 @@ class Sensors:
     zone: np.ndarray | None = None
     zones: tuple[Zone, ...] = ()
 
-    def __post_init__(self):
-        given = points(self.points, "points of sensors")
-        n, keep = len(given), lambda name, value: object.__setattr__(self, name, value)
-        keep("points", given)
-        keep("zones", tuple(items(self.zones, Zone, "zones of sensors")))
+    def __post_init__(self) -> None:
+        positions = points(self.points, "points of sensors")
+        n = len(positions)
+        self._set("points", positions)
+        self._set("zones", tuple(items(self.zones, Zone, "zones of sensors")))
         choice(self.kind, "the kind of sensors", KINDS)
         needs = NEEDED.get(self.kind)
         if needs and getattr(self, needs) is None:
             raise InputError(f'sensors of kind "{self.kind}" have no {needs}; give it, or the kind "points"')
         if self.normals is not None:
-            keep("normals", checked_normals(self.normals, n))
+            self._set("normals", checked_normals(self.normals, n))
         if self.areas is not None:
-            keep("areas", checked_areas(self.areas, n))
+            self._set("areas", checked_areas(self.areas, n))
         if self.faces is not None:
-            keep("faces", checked_indices(self.faces, (n,), "faces", -1))
+            self._set("faces", checked_indices(self.faces, (n,), "faces", -1))
         if self.corners is not None:
-            keep("corners", checked_corners(self.corners, n))
+            self._set("corners", checked_corners(self.corners, n))
         if self.zone is not None:
-            keep("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
+            self._set("zone", checked_indices(self.zone, (n,), "zone", 0, len(self.zones)))
         self._check_cells()
 
-    def _check_cells(self):
+    def _set(self, name: str, value: object) -> None:
+        """Set a field during initialization, since the class is frozen."""
+        object.__setattr__(self, name, value)
+
+    def _check_cells(self) -> None:
         if self.raster is None:
             if self.cells is not None:
                 raise InputError("cells of sensors need a raster; give it, or leave cells out")
             return
         count = checked_raster(self.raster).n_cells
         if self.cells is not None:
-            object.__setattr__(self, "cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
+            self._set("cells", checked_indices(self.cells, (len(self),), "cells", 0, count))
         elif len(self) != count:
             raise InputError(f"{len(self)} sensors are not one for each of {count} cells of the raster; give cells")
 
@@ -187,45 +194,45 @@ class Sensors:
 
     @property
     def covered(self) -> np.ndarray:
-        """(n,) bool: False for cells of a raster that lie beside the surfaces that it follows; True for all others."""
+        """(n,) bool: False for raster cells off the surfaces that the raster follows; True otherwise."""
         if self.kind != "raster" or self.zone is not None or self.faces is None or not (self.faces >= 0).any():
             return np.ones(len(self), bool)
         return self.faces >= 0
 
     def on_raster(self, values: np.ndarray) -> np.ndarray:
-        """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN in the others.
+        """(rows, columns) float64: the values ((n,) numbers) of `covered` cells; NaN elsewhere.
 
         Raises
         ------
         InputError
-            If the sensors are in no raster, or there is not one number for each.
+            If the sensors form no raster, or there is not one number per sensor.
         """
         if self.raster is None:
-            raise InputError(f"sensors of kind {self.kind!r} are in no raster; make them by raster_sensors")
-        own = values if isinstance(values, np.ndarray) and values.dtype == bool else as_array(values, "values")
-        if own.shape != (len(self),):
-            raise InputError(f"values must be ({len(self)},) numbers, one for each sensor, not {own.shape}")
-        found = np.full(self.raster.rows * self.raster.columns, np.nan)
+            raise InputError(f"sensors of kind {self.kind!r} form no raster; make them with raster_sensors")
+        numbers = values if isinstance(values, np.ndarray) and values.dtype == bool else as_array(values, "values")
+        if numbers.shape != (len(self),):
+            raise InputError(f"values must be ({len(self)},) numbers, one for each sensor, not {numbers.shape}")
+        raster_values = np.full(self.raster.rows * self.raster.columns, np.nan)
         cells = np.arange(len(self)) if self.cells is None else self.cells
-        found[cells[self.covered]] = own[self.covered]
-        return found.reshape(self.raster.rows, self.raster.columns)
+        raster_values[cells[self.covered]] = numbers[self.covered]
+        return raster_values.reshape(self.raster.rows, self.raster.columns)
 
     def part(self, first: int, last: int) -> "Sensors":
-        """The sensors from `first` to `last`, excluded, as single points."""
+        """The sensors from `first` to `last`, exclusive, as single points."""
         first, last = (whole_number(each, "a number of sensors", 0, len(self)) for each in (first, last))
-        cut = lambda array: None if array is None else array[first:last]
-        areas, faces, zone = cut(self.areas), cut(self.faces), cut(self.zone)
-        return Sensors(self.points[first:last], cut(self.normals), areas, faces, "points", zone=zone, zones=self.zones)
+        fields = self.normals, self.areas, self.faces, self.zone
+        normals, areas, faces, zone = (None if array is None else array[first:last] for array in fields)
+        return Sensors(self.points[first:last], normals, areas, faces, "points", zone=zone, zones=self.zones)
 
 
-def corners_of(scene: AnyScene, time: float = 0.0) -> np.ndarray:
-    """(n, 3, 3) float64: the corners of all faces, world. A scene in a store raises InputError."""
-    found = scene.triangles(time)
-    return found.vertices.astype(np.float64) + found.origin
+def corners_of(scene: AnyScene, time: float = 0.0) -> NDArray[np.float64]:
+    """(n, 3, 3) float64: the corners of all faces, world. Raises InputError for a scene in a store."""
+    triangles = scene.triangles(time)
+    return np.asarray(triangles.vertices.astype(np.float64) + triangles.origin)
 
 
 def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals, NaN for faces without area, and areas."""
+    """Unit normals, NaN for faces without area; and areas."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -233,7 +240,7 @@ def _areas(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def face_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
-    """One sensor in the centre of each face that has an area, on the side from which its corners turn left."""
+    """One sensor at the centre of each face with an area, on the side from which its corners run counterclockwise."""
     scene = scene_of(scene)
     corners = corners_of(scene, time)
     normals, areas = _areas(corners)
@@ -242,7 +249,7 @@ def face_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
 
 
 def vertex_sensors(scene: SceneLike, time: float = 0.0) -> Sensors:
-    """One sensor at each place where corners of faces lie, with their mean normal, weighted by angles.
+    """One sensor at each distinct corner position, with the angle-weighted mean normal of its faces.
 
     Normals that cancel out (both sides of a sheet) are replaced by the normal of one of the faces. A sensor's area is a
     third of its faces' areas.
@@ -272,20 +279,20 @@ def _angles(corners: np.ndarray) -> np.ndarray:
     """(n, 3) float64: the angles at the corners of faces, radians."""
     after, before = np.roll(corners, -1, 1) - corners, np.roll(corners, 1, 1) - corners
     cosines = (after * before).sum(-1) / (np.linalg.norm(after, axis=-1) * np.linalg.norm(before, axis=-1))
-    return np.arccos(np.clip(cosines, -1.0, 1.0))
+    return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors:
-    """A square grid of sensors on every surface; a face that no point of the grid meets gets one in its centre.
+    """A square grid of sensors on every surface; a face without a grid point gets one sensor at its centre.
 
-    Faces in a plane share one grid, whose rows are horizontal. The sensors of a face share its area.
+    Faces in one plane share a grid, whose rows are horizontal. A face's area is divided among its sensors.
 
     spacing : float
         World units between neighbours.
     """
     scene = scene_of(scene)
     spacing = number(spacing, "the spacing of sensors", 0.0, np.inf)
-    corners = corners_of(scene, time) - scene.origin  # far from zero, planes' axes would need more than float64
+    corners = corners_of(scene, time) - scene.origin  # far from zero, plane axes would need more than float64
     normals, areas = _areas(corners)
     sound = np.flatnonzero(areas > 0.0)
     corners, normals, areas = corners[sound], normals[sound], areas[sound]
@@ -304,24 +311,24 @@ def grid_sensors(scene: SceneLike, spacing: float, time: float = 0.0) -> Sensors
 
 
 def _plane_axes(normals: np.ndarray, up: int) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors in the planes with these normals: a horizontal one, and one at right angles to it."""
+    """Unit vectors in the planes with these normals: a horizontal one, and one perpendicular to it."""
     north = np.eye(3)[(up + 2) % 3 if up == 2 else 0]
     across = np.cross(np.eye(3)[up], normals)
     length = np.linalg.norm(across, axis=1, keepdims=True)
-    level = length[:, 0] < 1e-3  # planes that are horizontal, or nearly: a common direction for all of them
+    level = length[:, 0] < 1e-3  # (nearly) horizontal planes share one direction
     across[level] = np.cross(north, normals[level])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     return across, np.cross(normals, across)
 
 
 def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points (i + 1/2, j + 1/2) in triangles: (m,) indices of the triangles, (m, 2) points.
+    """The points (i + 1/2, j + 1/2) in triangles: (m,) triangle indices and (m, 2) points.
 
     flat : (n, 3, 2) float64, corners in the plane
     """
     low, high = np.ceil(flat.min(1) - 0.5), np.floor(flat.max(1) - 0.5)
     counts = np.maximum(high - low + 1.0, 0.0).astype(np.int64)
-    faces, found = [], []
+    faces, places = list[np.ndarray](), list[np.ndarray]()
     total = np.cumsum(counts.prod(1))
     for first, last in _blocks(total, 1 << 22):
         n = counts[first:last].prod(1)
@@ -331,12 +338,12 @@ def _lattice(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         at = low[face] + np.stack([k % columns, k // columns], -1) + 0.5
         inside = _inside(flat[face], at)
         faces.append(face[inside])
-        found.append(at[inside])
-    return np.concatenate([np.empty(0, np.int64), *faces]), np.concatenate([np.empty((0, 2)), *found])
+        places.append(at[inside])
+    return np.concatenate([np.empty(0, np.int64), *faces]), np.concatenate([np.empty((0, 2)), *places])
 
 
-def _blocks(total: np.ndarray, most: int):
-    """Ranges (first, last) of items with about `most` points; `total`: running number of points."""
+def _blocks(total: NDArray[np.int64], most: int) -> Iterator[tuple[int, int]]:
+    """Yield ranges (first, last) of items with about `most` points; `total`: cumulative number of points."""
     first = 0
     while first < len(total):
         before = total[first - 1] if first else 0
@@ -346,7 +353,7 @@ def _blocks(total: np.ndarray, most: int):
 
 
 def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Do points lie in triangles? Of two triangles on both sides of an edge, one has the points on it."""
+    """Whether points lie in triangles. A point on an edge shared by two triangles lies in exactly one of them."""
     sides = []
     for k in range(3):
         a, b = triangles[:, k], triangles[:, (k + 1) % 3]
@@ -354,21 +361,21 @@ def _inside(triangles: np.ndarray, at: np.ndarray) -> np.ndarray:
         side = edge[:, 0] * (at[:, 1] - a[:, 1]) - edge[:, 1] * (at[:, 0] - a[:, 0])
         first = (edge[:, 1] > 0.0) | ((edge[:, 1] == 0.0) & (edge[:, 0] < 0.0))
         sides.append((side > 0.0) | ((side == 0.0) & first))
-    return sides[0] & sides[1] & sides[2]
+    return np.asarray(sides[0] & sides[1] & sides[2])
 
 
 def raster_sensors(
-    scene: SceneLike, spacing: float | str | PathLike, height: float = 0.0, *, follow: bool = True,
+    scene: SceneLike, spacing: float | str | PathLike[str], height: float = 0.0, *, follow: bool = True,
     bounds: ArrayLike | None = None, time: float = 0.0, threads: int | None = None,
 ) -> Sensors:  # fmt: skip
-    """A horizontal raster of sensors that look up, in the middle of its cells.
+    """A horizontal raster of sensors that face up, at the centres of its cells.
 
     spacing : float, str or path-like
-        Side of a cell, world units. Edges of cells are multiples of it, so rasters of several scenes fit together.
-        A path names a raster file, such as a GeoTIFF of heights, whose cells are taken; it needs ``antumbra[gis]``.
+        Side of a cell, world units. Cell edges are multiples of it, so rasters of several scenes fit together. A path
+        names a raster file, such as a GeoTIFF of heights, whose cells are used; this needs ``antumbra[gis]``.
     height : float
-        World units; above the highest surface of each cell's middle if `follow`, else a coordinate on the up axis.
-        Where there is no surface, `follow` takes the scene's lowest coordinate.
+        World units above the highest surface at each cell's centre if `follow`, else the coordinate on the up axis.
+        Where there is no surface, `follow` uses the scene's lowest coordinate.
     bounds : ((x0, n0), (x1, n1)), or (x0, n0, x1, n1), optional
         World units along X and towards north (Y if Z is up, else -Z). Cells begin at the north-west corner. None: the
         scene's bounds.
@@ -376,8 +383,8 @@ def raster_sensors(
     Raises
     ------
     InputError
-        If a number is wrong, or the raster file cannot be read, has cells that are no squares with north up, or has
-        another CRS than the scene.
+        If a number is invalid, the raster file cannot be read, its cells are not square with north up, or its CRS
+        differs from the scene's.
     """
     scene, follow = scene_of(scene), flag(follow, "follow")
     height = number(height, "the height of sensors")
@@ -400,8 +407,8 @@ def raster_sensors(
     return Sensors(at, upwards, np.full(len(at), raster.area), faces, "raster", raster)
 
 
-def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray | None = None) -> Raster:
-    """The cells of `raster_sensors` over a scene, or over bounds as `plan_of` has them."""
+def raster_of(scene: AnyScene, spacing: float | str | PathLike[str], plan: np.ndarray | None = None) -> Raster:
+    """The cells of `raster_sensors` over a scene, or over bounds such as those of `plan_of`."""
     if not isinstance(spacing, (str, PathLike)):
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
@@ -410,20 +417,24 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike, plan: np.ndarray
     return raster
 
 
-def on_top(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
-    """The highest surface at places: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none.
+def on_top(
+    scene: AnyScene, at: NDArray[np.float64], time: float = 0.0, threads: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The highest surface at each position: (n,) coordinates on the up axis, and (n,) faces, -1 where there is none.
 
-    Where there is none, the coordinate is the lowest of the scene.
+    Without a surface, the coordinate is the lowest of the scene.
     """
     lowest, highest = scene.bounds[:, "xyz".index(scene.up)]
     start = np.full(len(at), highest + max(highest - lowest, 1.0))
     return _first_surface(scene, at, start, -1.0, time, threads)
 
 
-def ground_at(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int | None = None):
-    """The ground at places, as `on_top` has the highest surface: the lowest surface, or another less than `LOW` above.
+def ground_at(
+    scene: AnyScene, at: NDArray[np.float64], time: float = 0.0, threads: int | None = None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The ground at each position, in the form of `on_top`: the highest surface less than `LOW` above the lowest one.
 
-    So the ground is the upper side of pavements and other low slabs.
+    The ground is therefore the top of pavements and other low slabs.
     """
     lowest, highest = scene.bounds[:, "xyz".index(scene.up)]
     start = np.full(len(at), lowest - max(highest - lowest, 1.0))
@@ -432,8 +443,10 @@ def ground_at(scene: AnyScene, at: np.ndarray, time: float = 0.0, threads: int |
     return np.where(none < 0, bottom, ground), np.where(none < 0, none, faces)
 
 
-def _first_surface(scene: AnyScene, at: np.ndarray, start: np.ndarray, sign: float, time: float, threads: int | None):
-    """The first surface that rays from heights meet, upwards (sign 1) or downwards (-1)."""
+def _first_surface(
+    scene: AnyScene, at: np.ndarray, start: np.ndarray, sign: float, time: float, threads: int | None
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The first surface that rays hit from the heights `start`, upwards (sign 1) or downwards (-1)."""
     up = "xyz".index(scene.up)
     begin, along = at.copy(), np.zeros(3)
     begin[:, up], along[up] = start, sign
@@ -443,12 +456,12 @@ def _first_surface(scene: AnyScene, at: np.ndarray, start: np.ndarray, sign: flo
 
 
 def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayLike | None = None) -> Sensors:
-    """Sensors at given points.
+    """Sensors at arbitrary points.
 
     at : (n, 3) float
         World coordinates.
     normals : (n, 3) float, optional
-        Of any length. None: the points lie in free space.
+        Vectors of any length. None: the points lie in free space.
     areas : (n,) float, optional
         Square world units.
     """
@@ -465,24 +478,24 @@ def point_sensors(at: ArrayLike, normals: ArrayLike | None = None, areas: ArrayL
     return Sensors(where, unit, sizes, None, "points")
 
 
-# --- Points as ends of sightlines, in the float32 frame in which sightlines are exact ---------------------------------
+# --- Sightline ends, in the float32 frame in which sightlines are exact -----------------------------------------------
 
 
 def sightline_ends(scene: AnyScene, sensors: Sensors) -> Receivers:
-    """The ends of sensors. Those with normals lie on surfaces, and are moved off them (docs/design/receivers.md).
+    """Sensors as sightline ends. Those with normals lie on surfaces and are moved off them (docs/design/receivers.md).
 
-    The cells of a raster are moved up, off the surfaces below them, but they see all around: the surface may be steep.
+    Raster cells are moved up from the surface below but have no horizon, since that surface may be steep.
     """
     ends = Receivers.of(sensors.points, sensors.normals, scene.origin)
     return ends.seeing_all_around() if sensors.kind == "raster" else ends
 
 
-def sensors_from(scene: AnyScene, given: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
-    """Sensors of a scene as they are, or of points with normals. InputError names `what` they are."""
-    if isinstance(given, Sensors):
-        check_on_scene(given, scene)
-        return given
-    where = checked_points(given, what)
+def sensors_from(scene: AnyScene, sensors: ArrayLike | Sensors, normals: ArrayLike | None, what: str) -> Sensors:
+    """`sensors` if they are `Sensors` of the scene, else sensors made of points; `what` names them in errors."""
+    if isinstance(sensors, Sensors):
+        check_on_scene(sensors, scene)
+        return sensors
+    where = checked_points(sensors, what)
     if normals is not None:
         normals = np.atleast_2d(as_array(normals, f"normals of {what}"))
         if len(normals) not in (1, len(where)):

@@ -1,8 +1,8 @@
-"""Resumable parts of long work, merging the shards of a job, and pictures whose row bands are parts.
+"""Resumable parts of long work, merging the shards of a job, and pictures rendered in row bands.
 
 A part is a range of items. Its results depend only on the settings and the range, so parts may be done in any order and
-on any machine. Finished parts are stored in a folder, and an interrupted job resumes there. A merge checks that each
-unit is there exactly once and belongs to the job.
+on any machine. Finished parts are stored in a folder, from which an interrupted job resumes. A merge checks that each
+unit is present exactly once and belongs to the job.
 """
 
 import hashlib
@@ -28,53 +28,50 @@ from ..scene.lights import Light
 from ..version import VERSION
 from .executors import Executor, Units, numbered, read_job
 
-# --- Long work in parts: finished parts are kept in a folder, and the same work goes on where it stopped --------------
-#
-# A part is a range of items. Its results depend on the settings and the range only, so the order in which parts are
-# done, and by whom, does not matter. Parts are the units of an `engines.Engine`.
+# --- Resumable parts --------------------------------------------------------------------------------------------------
 
 
 Arrays = dict[str, np.ndarray]
 Work = Callable[[int, int], Arrays]
-"""work(first, last) -> arrays whose first axis are the items from `first` to `last`, excluded."""
+"""work(first, last) -> arrays whose first axis runs over the items from `first` to `last`, exclusive."""
 
 ABOUT = "about.json"
-"""The file beside the parts of a folder that says what they depend on."""
+"""File beside the parts in a folder that records what they depend on."""
 
-_OF = "part of"  # the array in each file that names its folder and its number
+_OF = "part of"  # array in each file that records its folder and number
 
 
 def settings_digest(*settings: Any) -> str:
-    """A short name of settings: arrays, and all that JSON holds."""
-    made = hashlib.sha256()
+    """A short digest of settings: arrays and JSON values."""
+    digest = hashlib.sha256()
     for each in settings:
         if isinstance(each, np.ndarray):
-            made.update(f"{each.dtype.str}{each.shape}".encode())
-            made.update(np.ascontiguousarray(each).data)
+            digest.update(f"{each.dtype.str}{each.shape}".encode())
+            digest.update(np.ascontiguousarray(each).data)
         else:
-            made.update(json.dumps(each, sort_keys=True, default=str).encode())
-        made.update(b";")
-    return made.hexdigest()[:24]
+            digest.update(json.dumps(each, sort_keys=True, default=str).encode())
+        digest.update(b";")
+    return digest.hexdigest()[:24]
 
 
 def about_parts(what: str, scene: str, *settings: Any) -> dict[str, str]:
-    """What parts depend on, for `Parts`: the kind of work, the digest of a scene, settings, and this version."""
+    """The dependencies of `Parts`: the kind of work, the digest of a scene, the settings, and this version."""
     return {"what": what, "version": VERSION, "scene": scene, "settings": settings_digest(*settings)}
 
 
 def inexact_plan(plan: str | Plan | None) -> str | None:
-    """A plan that changes bits, as text, for the settings of parts; None: an exact one, which changes none."""
-    found = None if plan is None else parse_plan(plan)
-    return None if found is None or found.tracer.exact else str(found)
+    """An inexact plan as text, for the settings of parts; None for exact plans, which do not affect results."""
+    parsed = None if plan is None else parse_plan(plan)
+    return None if parsed is None or parsed.tracer.exact else str(parsed)
 
 
 class Parts:
-    """Items 0 to `count` in parts of `size`: units of work, whose files are .npz.
+    """Items 0 to `count` in parts of `size`: the `Units` of an executor, stored as .npz files.
 
     what : name of the work, for users
-    work : makes the arrays of a range
-    folder : where finished parts are kept, in a folder of their own; None: they are kept in memory
-    about : names and texts of all that the results depend on; they name that folder
+    work : computes the arrays of a range
+    folder : finished parts are stored in a subfolder of it; None: in memory
+    about : everything that the results depend on, by name; its digest names the subfolder
     """
 
     def __init__(
@@ -86,7 +83,7 @@ class Parts:
         self.name = settings_digest(self.about)
         self.root = folder
         self.folder = None if folder is None else folder / self.name
-        self._made: dict[int, Arrays] = {}
+        self._in_memory: dict[int, Arrays] = {}
 
     def __len__(self) -> int:
         return len(self.ranges)
@@ -95,75 +92,75 @@ class Parts:
         return folder
 
     def files(self, k: int) -> list[str]:
-        """The file of part k, below the root."""
+        """The file of part k, relative to the root."""
         return [f"{self.name}/{k:06d}.npz"]
 
     def done(self, k: int, root: Path | None = None) -> bool:
-        """Whether part k is kept and whole; `root`: another root to look at."""
-        return self._kept(k, root) is not None
+        """Whether part k is stored and complete; `root`: look in another root."""
+        return self._load(k, root) is not None
 
     def found(self, k: int) -> None:
-        """Nobody needs to know."""
+        """No-op."""
 
     def do(self, k: int) -> None:
-        """Do part k, and keep it."""
-        made = self._work(*self.ranges[k])
+        """Compute part k and store it."""
+        arrays = self._work(*self.ranges[k])
         if self.folder is None:
-            self._made[k] = made
+            self._in_memory[k] = arrays
             return
         file = self._file(k, None)
         file.parent.mkdir(parents=True, exist_ok=True)
-        if not (told := file.with_name(ABOUT)).exists():
-            with atomic_output(told) as temporary:
+        if not (about_file := file.with_name(ABOUT)).exists():
+            with atomic_output(about_file) as temporary:
                 temporary.write_text(json.dumps(self.about))
         with atomic_output(file) as temporary, open(temporary, "wb") as out:
-            np.savez(out, allow_pickle=False, **made, **{_OF: np.array(f"{self.name} {k}")})
+            np.savez(out, allow_pickle=False, **arrays, **{_OF: np.array(f"{self.name} {k}")})
 
     def joined(self, names: Sequence[str]) -> Arrays:
-        """The arrays of these names of all parts, which are done, one after the other. There is at least one part."""
+        """The named arrays of all parts, concatenated. All parts must be done, and there must be at least one."""
         done = [[part[name] for name in names] for part in map(self.__getitem__, range(len(self)))]
         return {name: np.concatenate(arrays) for name, arrays in zip(names, zip(*done))}
 
     def __getitem__(self, k: int) -> Arrays:
-        """The arrays of part k, which is done."""
-        found = self._kept(k, None)
-        if found is None:
+        """The arrays of part k, which must be done."""
+        arrays = self._load(k, None)
+        if arrays is None:
             raise InputError(f"{self.folder}: part {k} is missing or damaged; run the command again")
-        return found
+        return arrays
 
     def _file(self, k: int, root: Path | None) -> Path:
         assert self.root is not None
         return (root or self.root) / self.files(k)[0]
 
-    def _kept(self, k: int, root: Path | None) -> Arrays | None:
-        """The arrays of part k; None if it is not done, or its file is damaged or of other work."""
+    def _load(self, k: int, root: Path | None) -> Arrays | None:
+        """The arrays of part k; None if it is not done, or its file is damaged or belongs to other work."""
         if self.folder is None:
-            return self._made.get(k)
+            return self._in_memory.get(k)
         with (
-            suppress(Exception),  # damage makes zipfile, zlib and numpy raise errors of many kinds
-            np.load(self._file(k, root), allow_pickle=False) as kept,
+            suppress(Exception),  # zipfile, zlib and numpy raise many kinds of errors for damaged files
+            np.load(self._file(k, root), allow_pickle=False) as archive,
         ):
-            found = dict(kept)
-            if str(found.pop(_OF)) == f"{self.name} {k}":
-                return found
+            arrays = dict(archive)
+            if str(arrays.pop(_OF)) == f"{self.name} {k}":
+                return arrays
         return None
 
     def clear(self) -> None:
-        """Remove the kept parts, and the folder around them if it is empty."""
+        """Remove the stored parts, and the folder around them if it is empty."""
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
             with suppress(OSError):
                 self.folder.parent.rmdir()
 
 
-# --- Brings the shards of a job together: each unit must be there once, of this job and no other ----------------------
+# --- Merging shards ---------------------------------------------------------------------------------------------------
 
 
-_MAX_NAMES = 3  # names in an error
+_MAX_NAMES = 3  # names listed in an error
 
 
 class FinishedUnit(NamedTuple):
-    """A unit, and the root in which it is done."""
+    """A unit and the root that contains its files."""
 
     units: Units
     k: int
@@ -171,9 +168,9 @@ class FinishedUnit(NamedTuple):
 
 
 class ShardMerge:
-    """An engine that does no unit: all of them are in folders of shards.
+    """An executor that runs no unit: it collects finished ones from folders of shards.
 
-    folder : where the job keeps its units, for the results
+    folder : receives the units, from which the job writes its results
     sources : folders of shards; `folder` may be one of them
     """
 
@@ -186,15 +183,15 @@ class ShardMerge:
         self._check_commands()
         for source in self._sources.values():
             _check_folder(source, job)
-        for found in self._places(job):
-            own = found.units.root
-            if own is not None and found.root.resolve() != own.resolve():
-                _copy(found, own)
-            found.units.found(found.k)
+        for unit in self._places(job):
+            target = unit.units.root
+            if target is not None and unit.root.resolve() != target.resolve():
+                _copy(unit, target)
+            unit.units.found(unit.k)
         return True
 
     def end(self, job: Sequence[Units]) -> None:
-        """Remove what was brought here. Shards that were here stay."""
+        """Remove the copied units, unless `folder` is itself a source."""
         if self.folder.resolve() not in self._sources:
             for units in job:
                 units.clear()
@@ -202,27 +199,29 @@ class ShardMerge:
     def _check_commands(self) -> None:
         for path, recorded in zip(self._sources.values(), self._recorded):
             if recorded.command != self._recorded[0].command:
-                own = next(iter(self._sources.values()))
-                raise InputError(f"{path}: has shards of another command than {own}: {shlex.join(recorded.command)}")
+                first_source = next(iter(self._sources.values()))
+                raise InputError(
+                    f"{path}: has shards of another command than {first_source}: {shlex.join(recorded.command)}"
+                )
 
     def _places(self, job: Sequence[Units]) -> list[FinishedUnit]:
-        """Where each unit is done. Raises InputError if one is missing, or there twice."""
-        found, missing = list[FinishedUnit](), list[tuple[int, str]]()
+        """Locate each unit. Raises InputError if one is missing or present twice."""
+        finished, missing_units = list[FinishedUnit](), list[tuple[int, str]]()
         for number, units, k in numbered(job):
-            places = [root for root in self._roots(units) if units.done(k, root)]
-            if len(places) > 1:
+            roots = [root for root in self._roots(units) if units.done(k, root)]
+            if len(roots) > 1:
                 name = units.files(k)[0]
-                raise InputError(f"{name} is there twice, in {places[0]} and {places[1]}; leave one of them out")
-            if places:
-                found.append(FinishedUnit(units, k, places[0]))
+                raise InputError(f"{name} is there twice, in {roots[0]} and {roots[1]}; leave one of them out")
+            if roots:
+                finished.append(FinishedUnit(units, k, roots[0]))
             else:
-                missing.append((number, self._fault(units, k)))
-        if missing:
-            raise InputError(self._told(missing, len(found) + len(missing)))
-        return found
+                missing_units.append((number, self._fault(units, k)))
+        if missing_units:
+            raise InputError(self._missing_message(missing_units, len(finished) + len(missing_units)))
+        return finished
 
     def _roots(self, units: Units) -> Iterator[Path]:
-        """The roots of all sources, each once."""
+        """Yield the distinct roots of all sources."""
         yield from {
             units.root_of(source).resolve(): units.root_of(source) for source in self._sources.values()
         }.values()
@@ -235,8 +234,8 @@ class ShardMerge:
                     return f"{root / file} is damaged, or of another job"
         return ""
 
-    def _told(self, missing: list[tuple[int, str]], total: int) -> str:
-        """The units that are missing, by the names of their shards."""
+    def _missing_message(self, missing: list[tuple[int, str]], total: int) -> str:
+        """The error message for missing units, with the names of their shards."""
         of = self._recorded[0].of
         shards = sorted({number % of for number, _ in missing})
         names = ", ".join(f"{i}/{of}" for i in shards[:_MAX_NAMES]) + (", ..." if len(shards) > _MAX_NAMES else "")
@@ -248,18 +247,18 @@ class ShardMerge:
 
 
 def _check_folder(folder: Path, job: Sequence[Units]) -> None:
-    """Refuse parts of other work: they are stale, or of another job."""
-    own = {units.name: units.about for units in job if isinstance(units, Parts)}
+    """Raise an InputError if a folder has parts that are stale or belong to another job."""
+    about_by_name = {units.name: units.about for units in job if isinstance(units, Parts)}
     for path in sorted(folder.iterdir()):
-        if path.is_dir() and path.name not in own:
-            raise InputError(f"{path}: {_difference(path, list(own.values()))}; remove it, and merge again")
+        if path.is_dir() and path.name not in about_by_name:
+            raise InputError(f"{path}: {_difference(path, list(about_by_name.values()))}; remove it, and merge again")
 
 
-def _difference(path: Path, own: list[dict[str, str]]) -> str:
-    """In words, how the parts in a folder differ from those of this job."""
+def _difference(path: Path, expected: list[dict[str, str]]) -> str:
+    """Describe how the parts in a folder differ from those of this job."""
     try:
         about = json.loads((path / ABOUT).read_text())
-        same = next(each for each in own if each["what"] == about["what"])
+        same = next(each for each in expected if each["what"] == about["what"])
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
         return "has parts of another job"
     if about["version"] != same["version"]:
@@ -269,38 +268,38 @@ def _difference(path: Path, own: list[dict[str, str]]) -> str:
     return "has parts of other settings, or of other input files"
 
 
-def _copy(found: FinishedUnit, root: Path) -> None:
-    """Copy the files of a unit to another root; the file that says it is done is the last one."""
-    for file in found.units.files(found.k):
+def _copy(unit: FinishedUnit, root: Path) -> None:
+    """Copy the files of a unit to another root; the file that marks it as done comes last."""
+    for file in unit.units.files(unit.k):
         target = root / file
         target.parent.mkdir(parents=True, exist_ok=True)
         with atomic_output(target) as temporary:
-            shutil.copyfile(found.root / file, temporary)
+            shutil.copyfile(unit.root / file, temporary)
 
 
-# --- A picture whose rays are traced in bands of rows, by any engine --------------------------------------------------
+# --- Pictures in row bands --------------------------------------------------------------------------------------------
 
 
 def render_bands(
-    renderer: Renderer, camera: Camera, lights: Sequence[Light], options: RenderOptions, engine: Executor, scene: str,
-    settings: dict,
+    renderer: Renderer, camera: Camera, lights: Sequence[Light], options: RenderOptions, executor: Executor, scene: str,
+    settings: dict[str, Any],
 ) -> Frame | None:  # fmt: skip
-    """The frame of `Renderer.render`, whose rays an engine traces; None if it leaves bands to others.
+    """The frame of `Renderer.render`, whose row bands an executor traces; None if it leaves bands to other shards.
 
-    scene, settings : the digest of the scene, and all that the bits depend on besides it, as JSON can hold them
+    scene, settings : the digest of the scene, and everything else that the bits depend on, in JSON types
     """
     request = renderer.request(camera, lights, options)
     rows = None
 
-    def band(first: int, last: int):
+    def band(first: int, last: int) -> Arrays:
         nonlocal rows
         rows = rows or renderer.rows(request)
         return rows.band(first, last)
 
     about = about_parts("picture", scene, settings)
-    parts = Parts("bands of the picture", camera.height, BAND, band, engine.folder, about)
-    if not engine.finish([parts]):
+    parts = Parts("bands of the picture", camera.height, BAND, band, executor.folder, about)
+    if not executor.finish([parts]):
         return None
     frame = renderer.from_rows(request, joined_bits(parts.joined(band_array_names(request))))
-    engine.end([parts])  # the bits are in memory
+    executor.end([parts])  # the bits are in memory
     return frame

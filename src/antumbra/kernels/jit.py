@@ -1,17 +1,17 @@
 """The decorators of compiled functions. Numba is imported only if something must be compiled.
 
-- `kernel` marks a function that Python or other kernels call.
+- `kernel` marks a function called by Python or by other kernels.
 - `inlined` marks a function that LLVM must inline into its callers.
-- `formula` marks an inlined function that Python may call too.
-- `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
+- `formula` marks an inlined function that Python can call too.
+- `overload` implements a plain function inside kernels, by the types of its arguments.
 
-A call from Python finds machine code by the kinds of its arguments (`marshalling`). It looks among the code that this
-process has loaded, then in packs and in the user's cache (`toolchain.kernel_cache`). If there is none, Numba compiles
-the kernel (`toolchain.compiling`).
+A call from Python selects machine code by the kinds of its arguments (`marshalling`): first among the code loaded into
+this process, then in packs and the user's cache (`toolchain.kernel_cache`). If there is none, Numba compiles the kernel
+(`toolchain.compiling`).
 
-The types of the fields of NamedTuples that kernels take (`F32Ptr`, `F32x16`, ...) are for readers. At run time each is
-`Any`. A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`.
-Numbers are ``int`` (int64), ``np.float32`` and so on.
+The field types of NamedTuples that kernels take (`F32Ptr`, `F32x16`, ...) are for readers; at run time each is `Any`. A
+pointer is an address, made from an array by `simd.ptr`. ``F32x4`` etc. are the vectors of `simd`. Numbers are ``int``
+(int64), ``np.float32`` and so on.
 """
 
 import functools
@@ -19,15 +19,11 @@ import importlib
 import threading
 import types
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from .marshalling import Key, flatten, struct_of, text_of
 
-# --- Types of the fields of NamedTuples that kernels take, for readers. At run time each is `Any` ---------------------
-#
-# A pointer is an address that `simd.ptr` makes of an array. ``F32x4`` and its like are the vectors of `simd`. Numbers
-# are
-# ``int`` (int64), ``np.float32`` and so on.
+# --- Types of the fields of kernel arguments --------------------------------------------------------------------------
 
 
 BoolPtr: TypeAlias = Any
@@ -44,39 +40,40 @@ F32x16: TypeAlias = Any
 F32Lanes: TypeAlias = Any  # F32x8 or F32x16: the same functions take both
 F32OrLanes: TypeAlias = Any  # np.float32 or F32x16: the same functions take both
 
-# --- The decorators of compiled functions. Numba is imported only if something must be compiled -----------------------
-#
-# - `kernel` marks a function that Python or other kernels call.
-# - `inlined` marks a function that LLVM must inline into its callers.
-# - `formula` marks an inlined function that Python may call too.
-# - `overload` gives a plain function its meaning inside kernels, by the types of its arguments.
-#
-# A call from Python finds machine code by the kinds of its arguments (`arguments.py`). It looks among the code that
-# this process has loaded, then in packs and in the user's cache (`loading.py`). If there is none, Numba compiles the
-# kernel (`compiling.py`).
+# --- Decorators -------------------------------------------------------------------------------------------------------
 
+
+_F = TypeVar("_F", bound=Callable[..., Any])
 
 _lock = threading.RLock()
 
 
-class Above(NamedTuple):
-    """Functions of modules that import this one. `antumbra.kernels` sets them."""
+class ToolchainHooks(NamedTuple):
+    """Functions of the toolchain, which imports this module. Set by `antumbra.kernels`."""
 
-    find: Callable | None  # `loading.find`: (kernel, key) -> function of packed words
-    type_of_function: Callable | None  # `compiling.type_of_function`: inlined function -> Numba's type
-    type_of_global: Callable | None  # `compiling.type_of_global`: value -> Numba's type
+    find: Callable[
+        ["kernel", str], Callable[[bytes], Any]
+    ]  # `kernel_cache.find`: (kernel, key) -> function of packed words
+    type_of_function: Callable[["inlined"], Any]  # `compiling.type_of_function`: inlined function -> Numba's type
+    type_of_global: Callable[[object], Any]  # `compiling.type_of_global`: value -> Numba's type
 
 
-above = Above(None, None, None)  # `antumbra.kernels` replaces this when it is imported
+def _unset(*arguments: Any) -> Any:
+    raise RuntimeError("import antumbra.kernels first")
+
+
+hooks = ToolchainHooks(_unset, _unset, _unset)  # replaced when `antumbra.kernels` is imported
 
 
 class inlined:
-    """Decorator of small functions on hot paths: LLVM inlines them always. Only kernels call them."""
+    """Decorator of small functions on hot paths, which LLVM always inlines. Only kernels can call them."""
 
     forced = True
 
-    def __init__(self, function):
-        self.py_func = function
+    __qualname__: str
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.py_func: Any = function  # a function = function
         functools.update_wrapper(self, function)
 
     @property
@@ -84,93 +81,95 @@ class inlined:
         return f"{self.py_func.__module__}:{self.py_func.__qualname__}"
 
     @property
-    def _numba_type_(self):
-        """Numba reads this attribute for the type of a global."""
-        return above.type_of_function(self)
+    def _numba_type_(self) -> Any:
+        """The type of this object as a global, read by Numba."""
+        return hooks.type_of_function(self)
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         raise TypeError(f"{self.__qualname__} is inlined; only kernels can call it")
 
 
 class formula(inlined):
-    """Decorator of inlined functions of plain arithmetic. Python may call them too, on numbers and on arrays."""
+    """Decorator of inlined functions of plain arithmetic. Python can call them too, on numbers and arrays."""
 
-    def __call__(self, *arguments):
+    def __call__(self, *arguments: Any) -> Any:
         return self.py_func(*arguments)
 
 
 class kernel(inlined):
-    """Decorator of compiled functions, which are kept on disk and run without the GIL.
+    """Decorator of compiled functions, which are cached on disk and run without the GIL.
 
-    Division follows IEEE 754. There is no fast-math and no allocation.
+    Division follows IEEE 754. Fast-math and allocation are not available.
 
-    Arguments are C-contiguous or strided arrays of the machine's byte order, numbers, booleans, None, tuples and
-    NamedTuples of them, and `arguments.Packed`. The result is a number, a boolean, None, or a tuple of them.
+    Arguments are C-contiguous or strided arrays in native byte order, numbers, booleans, None, tuples and NamedTuples
+    of these, and `marshalling.Packed`. The result is a number, a boolean, None, or a tuple of these.
 
     Raises
     ------
     TypeError
-        On an argument of another kind.
+        If an argument is of another kind.
     RuntimeError
         If the kernel raises.
     """
 
     forced = False
 
-    def __init__(self, function):
+    def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self.found: dict[Key, Callable] = {}
-        self._codes: dict[str, Callable] = {}  # by the text of a key, which is the same for a `Packed` and its value
+        self._functions: dict[Key, Callable[[bytes], Any]] = {}
+        self._codes: dict[
+            str, Callable[[bytes], Any]
+        ] = {}  # by the text of a key, which is the same for a `Packed` and its value
         code = function.__code__
         self._names = code.co_varnames[: code.co_argcount]
         self._defaults = dict(zip(self._names[::-1], (function.__defaults__ or ())[::-1]))
 
-    def __call__(self, *arguments, **by_name):
+    def __call__(self, *arguments: Any, **by_name: Any) -> Any:
         if len(arguments) != len(self._names):
             arguments = self._completed(arguments, by_name)
         key, values = flatten(arguments)
-        code = self.found.get(key) or self._find(key)
+        code = self._functions.get(key) or self._find(key)
         return code(struct_of(key).pack(*values))
 
-    def _completed(self, arguments, by_name):
-        """All arguments, including those given by name or by default."""
-        given = self._defaults | by_name
+    def _completed(self, arguments: tuple[Any, ...], by_name: dict[str, Any]) -> tuple[Any, ...]:
+        """All arguments, including those passed by name or by default."""
+        values_by_name = self._defaults | by_name
         try:
-            rest = tuple(given.pop(name) for name in self._names[len(arguments) :])
+            remaining = tuple(values_by_name.pop(name) for name in self._names[len(arguments) :])
         except KeyError as error:
             raise TypeError(f"{self.__qualname__}() needs the argument {error}") from None
-        if len(arguments) + len(rest) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
+        if len(arguments) + len(remaining) != len(self._names) or by_name.keys() - self._names[len(arguments) :]:
             raise TypeError(f"{self.__qualname__}() takes the arguments {', '.join(self._names)}")
-        return arguments + rest
+        return arguments + remaining
 
-    def _find(self, key):
+    def _find(self, key: Key) -> Callable[[bytes], Any]:
         with _lock:
             text = text_of(key)
             code = self._codes.get(text)
             if code is None:
-                code = self._codes[text] = above.find(self, text)
-            self.found[key] = code
+                code = self._codes[text] = hooks.find(self, text)
+            self._functions[key] = code
         return code
 
 
 class _Choices(NamedTuple):
-    """The meanings of a plain function in kernels: functions that `overload` gave."""
+    """The implementations of a plain function in kernels, registered by `overload`."""
 
-    homes: tuple[str, ...]  # modules whose meanings are for any types
-    given: list  # the meanings from these modules
-    guests: list  # meanings from other modules, for their own NamedTuples
+    homes: tuple[str, ...]  # modules whose implementations are for any types
+    local: list[Callable[..., Any]]  # the implementations from these modules
+    guests: list[Callable[..., Any]]  # implementations from other modules, for their own NamedTuples
 
 
 _CHOICES = "_antumbra_choices"
 
 
-def overloaded(*modules: str):
-    """Decorator of a plain function whose meanings in kernels are in other modules, named relative to its package.
+def overloaded(*modules: str) -> Callable[[_F], _F]:
+    """Decorator of a plain function with implementations in other modules, named relative to its package.
 
-    The modules are imported before the function is compiled or digested, so both steps always know the same meanings.
+    The modules are imported before the function is compiled or digested, so both steps see the same implementations.
     """
 
-    def add(stub):
+    def add(stub: _F) -> _F:
         package = stub.__module__.rpartition(".")[0]
         setattr(stub, _CHOICES, _Choices(tuple(f"{package}.{module}" for module in modules), [], []))
         return stub
@@ -178,56 +177,57 @@ def overloaded(*modules: str):
     return add
 
 
-def overload(stub: types.FunctionType):
-    """Decorator of a meaning of `stub` in kernels: a function of Numba's types that returns a function, or None.
+def overload(stub: Callable[..., Any]) -> Callable[[_F], _F]:
+    """Decorator of an implementation of `stub` in kernels: a function of Numba's types that returns a function or None.
 
-    It does the same as ``numba.extending.overload``, without importing Numba. A module is a guest if it is neither the
-    stub's own nor named by the stub's `overloaded`. A guest's meaning is for NamedTuples that the guest itself defines,
-    and returns None for all other types. Only kernels that take such a tuple, or name its class, depend on the guest.
+    It does the same as ``numba.extending.overload`` without importing Numba. A module is a guest if it is neither the
+    stub's own nor named by the stub's `overloaded`. A guest's implementation is for NamedTuples that the guest itself
+    defines, and must return None for all other types. Only kernels that take such a tuple, or name its class, depend on
+    the guest.
     """
 
-    def add(function):
+    def add(function: _F) -> _F:
         choices = _choices(stub) or vars(stub).setdefault(_CHOICES, _Choices((stub.__module__,), [], []))
         at_home = function.__module__ in (stub.__module__, *choices.homes)
-        (choices.given if at_home else choices.guests).append(function)
+        (choices.local if at_home else choices.guests).append(function)
         return function
 
     return add
 
 
-def _choices(stub) -> _Choices | None:
+def _choices(stub: object) -> _Choices | None:
     return vars(stub).get(_CHOICES) if isinstance(stub, types.FunctionType) else None
 
 
-def overloads(stub) -> list:
-    """The meanings that the stub's module, and the modules that it names, gave by `overload`; else an empty list."""
+def overloads(stub: object) -> list[Callable[..., Any]]:
+    """The implementations of a stub from its own module and from the modules that `overloaded` names; else none."""
     choices = _choices(stub)
     if choices is None:
         return []
     for module in choices.homes:
         importlib.import_module(module)
-    return choices.given
+    return choices.local
 
 
-def guest_overloads(stub) -> list:
-    """The meanings that guests gave by `overload`."""
+def guest_overloads(stub: object) -> list[Callable[..., Any]]:
+    """The implementations of a stub from guest modules."""
     choices = _choices(stub)
     return choices.guests if choices else []
 
 
 class Intrinsic:
-    """A placeholder for a name in a module that imports Numba, until a kernel that uses the name is compiled."""
+    """A placeholder for a name in a module that imports Numba, resolved when a kernel that uses it is compiled."""
 
-    def __init__(self, module: str, name: str):
+    def __init__(self, module: str, name: str) -> None:
         self.module, self.name = module, name
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"{self.module}.{self.name}"
 
     @property
-    def _numba_type_(self):
-        return above.type_of_global(getattr(importlib.import_module(self.module), self.name))
+    def _numba_type_(self) -> Any:
+        return hooks.type_of_global(getattr(importlib.import_module(self.module), self.name))
 
     @property
-    def __doc__(self):
+    def __doc__(self) -> Any:  # type: ignore[override]
         return getattr(importlib.import_module(self.module), self.name).__doc__

@@ -1,18 +1,18 @@
-"""Machine code for a level of processors: optimisation and emission by LLVM, and the record that holds a kernel's code.
+"""Machine code for a processor level: optimisation and emission by LLVM, and the record that holds a kernel's code.
 
-Levels of processors. A level names the instructions that machine code may use. `x86-64-v2`, `-v3` (AVX2, FMA) and `-v4`
-(AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The default is the best level of this processor.
-``ANTUMBRA_LEVEL`` chooses another one.
+Processor levels. A level names the instructions that machine code may use, so one pack serves all machines of a level.
+`x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The default
+is the best level of this processor; ``ANTUMBRA_LEVEL`` selects another.
 
 Records. A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. The
-checksum shows that a record is truncated, changed or foreign. Such a record counts as missing.
+checksum detects truncated, modified and foreign records, which count as missing.
 
-Operations by level. `source_of` has LLVM IR for operations that LLVM lowers badly at some level; `optimise` links it.
-LLVM knows how to move lanes to the front only with AVX-512. Without it, it stores them one by one. AVX2 can permute
-eight lanes by an order from a table.
+Operations by level. `source_of` has LLVM IR for operations that LLVM lowers badly at some levels; `optimise` links it.
+LLVM can compress lanes to the front only with AVX-512, and otherwise stores them one by one. AVX2 can permute eight
+lanes by an order from a table.
 
-The rounding error of a product is one fused instruction. Without the instruction, LLVM calls a library, so Dekker's
-split [1971] takes its place. Both are exact.
+The rounding error of a product takes one fused instruction. Without that instruction, LLVM calls a library, so Dekker's
+split [1971] is used instead. Both are exact.
 """
 
 import json
@@ -28,34 +28,30 @@ import llvmlite.binding as llvm
 from ..errors import InputError
 from .marshalling import Spec
 
-# --- Levels of processors: the instructions that machine code may use. One pack serves all machines of a level --------
-#
-# `x86-64-v2`, `-v3` (AVX2, FMA) and `-v4` (AVX-512) are the levels of the x86-64 psABI. `aarch64` has NEON. The
-# default
-# is the best level of this processor. ``ANTUMBRA_LEVEL`` chooses another one.
+# --- Processor levels -------------------------------------------------------------------------------------------------
 
 
 _V2 = ["cx16", "sahf", "popcnt", "sse3", "ssse3", "sse4.1", "sse4.2"]
 _V3 = [*_V2, *["avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"]]
 _V4 = [*_V3, *["avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"]]
 X86 = {"x86-64-v2": _V2, "x86-64-v3": _V3, "x86-64-v4": _V4}
-"""Level: its features, by LLVM's names. The name of a level is also LLVM's name of a processor."""
+"""Features of each level, by LLVM's names. The name of a level is also LLVM's name of a processor."""
 
 LEVELS = (*X86, "aarch64")
 OTHER = "generic"
-"""The level of other machines: LLVM's generic processor."""
+"""The level of all other machines: LLVM's generic processor."""
 
 
 @cache
 def level() -> str:
-    """The level for which kernels are compiled on this machine."""
-    wanted = os.environ.get("ANTUMBRA_LEVEL")
+    """The level that kernels are compiled for on this machine."""
+    name = os.environ.get("ANTUMBRA_LEVEL")
     best = _best()
-    if not wanted:
+    if not name:
         return best
-    if wanted not in usable(best):
-        raise InputError(f"ANTUMBRA_LEVEL is {wanted}: this machine runs {', '.join(usable(best))}")
-    return wanted
+    if name not in usable(best):
+        raise InputError(f"ANTUMBRA_LEVEL is {name}: this machine runs {', '.join(usable(best))}")
+    return name
 
 
 def usable(best: str) -> list[str]:
@@ -75,10 +71,7 @@ def _best() -> str:
     return next((name for name, needs in reversed(X86.items()) if all(has.get(f) for f in needs)), OTHER)
 
 
-# --- Machine code of one kernel for arguments of one kind, and its file format ----------------------------------------
-#
-# A record is ``magic, checksum, length of the description, description (JSON), object file (zlib)``. The checksum
-# shows that a record is truncated, changed or foreign. Such a record counts as missing.
+# --- Records ----------------------------------------------------------------------------------------------------------
 
 
 _MAGIC = b"antumbra kernel 1\n"
@@ -90,24 +83,24 @@ class KernelCode(NamedTuple):
     """Everything that a call from Python needs."""
 
     kernel: str  # module:qualname
-    key: str  # kinds of the arguments, separated by blanks
+    key: str  # kinds of the arguments, separated by spaces
     result: Spec  # kind of the result
-    machine: bytes  # object file; the function's name holds the digest (`symbol_of`)
+    machine: bytes  # object file; the function's name contains the digest (`symbol_of`)
 
     def record(self) -> bytes:
-        """The record's bytes."""
+        """The bytes of the record."""
         about = json.dumps([self.kernel, self.key, self.result]).encode()
         body = len(about).to_bytes(4, "little") + about + zlib.compress(self.machine, 6)
         return _MAGIC + blake2b(body, digest_size=_SUM).digest() + body
 
 
 def symbol_of(digest: str) -> str:
-    """The function's name in the object file of a digest."""
+    """The name of the function in the object file of a digest."""
     return f"antumbra_{digest}"
 
 
 def from_record(data: bytes) -> KernelCode | None:
-    """The code in a file, or None if the file is damaged."""
+    """The code in a record, or None if the record is damaged."""
     body = data[_HEAD:]
     if not data.startswith(_MAGIC) or blake2b(body, digest_size=_SUM).digest() != data[len(_MAGIC) : _HEAD]:
         return None
@@ -116,21 +109,15 @@ def from_record(data: bytes) -> KernelCode | None:
     return KernelCode(kernel, key, result, zlib.decompress(body[end:]))
 
 
-# --- Operations that LLVM lowers badly at some level, written in its IR for each level. `machine` links them ----------
-#
-# LLVM knows how to move lanes to the front only with AVX-512. Without it, it stores them one by one. AVX2 can permute
-# eight lanes by an order from a table.
-#
-# The rounding error of a product is one fused instruction. Without the instruction, LLVM calls a library, so Dekker's
-# split [1971] takes its place. Both are exact.
+# --- Operations by level ----------------------------------------------------------------------------------------------
 
 
 _STORE_COMPRESSED = "antumbra.store_compressed."  # (pointer, mask, lanes of int32)
 _PRODUCT_ERROR = "antumbra.product_error"  # (a, b, a b rounded), float64
 
 
-def _fronts() -> str:
-    """For each mask of eight lanes, the lanes that are set, in order, as eight bytes of one int64."""
+def _compress_orders() -> str:
+    """For each mask of eight lanes, the set lanes in order, as the eight bytes of an int64."""
     orders = [[lane for lane in range(8) if mask >> lane & 1] for mask in range(256)]
     return ", ".join(f"i64 {sum(lane << 8 * place for place, lane in enumerate(order))}" for order in orders)
 
@@ -153,7 +140,7 @@ _BY_PERMUTING = f"""
 declare <8 x i32> @llvm.x86.avx2.permd(<8 x i32>, <8 x i32>)
 declare i8 @llvm.ctpop.i8(i8)
 
-@antumbra.fronts = internal unnamed_addr constant [256 x i64] [{_fronts()}], align 64
+@antumbra.fronts = internal unnamed_addr constant [256 x i64] [{_compress_orders()}], align 64
 
 define linkonce_odr void @{_STORE_COMPRESSED}v8i32(ptr %to, <8 x i1> %mask, <8 x i32> %lanes) alwaysinline {{
   %bits = bitcast <8 x i1> %mask to i8
@@ -226,20 +213,20 @@ _SOURCES = {
     "x86-64-v4": _BY_LLVM + _FUSED,
     "aarch64": _BY_LLVM + _FUSED,
 }
-"""Level: IR of the operations above. Other levels have `_BASE`."""
+"""IR of the operations above for each level. Other levels use `_BASE`."""
 
 _BASE = _BY_LLVM + _SPLIT
 
 
 def name_of_store_compressed(lanes: int) -> str:
-    """The name of the function that `source_of` defines. Its source counts in the keys of kernels that use it."""
+    """The name of the compressing store in `source_of`. Its source is part of the digests of kernels that use it."""
     name = f"{_STORE_COMPRESSED}v{lanes}i32"
     assert all(name in source for source in (_BASE, *_SOURCES.values()))
     return name
 
 
 def name_of_product_error() -> str:
-    """The name of the other function that `source_of` defines."""
+    """The name of the function for product errors in `source_of`."""
     assert all(_PRODUCT_ERROR in source for source in (_BASE, *_SOURCES.values()))
     return _PRODUCT_ERROR
 
@@ -249,16 +236,16 @@ def source_of(level: str) -> str:
     return _SOURCES.get(level, _BASE)
 
 
-def is_missing(name: str) -> bool:
-    """Whether a function that a module declares is one of `source_of`."""
+def is_level_operation(name: str) -> bool:
+    """Whether a function that a module declares is defined in `source_of`."""
     return name.startswith((_STORE_COMPRESSED, _PRODUCT_ERROR))
 
 
-# --- LLVM: optimise the IR of a kernel and emit machine code for a level of processors --------------------------------
+# --- Optimisation and emission by LLVM --------------------------------------------------------------------------------
 
 
 _TRIPLES = {"x86_64": ("x86-64", "x86_64-unknown-linux-gnu"), "aarch64": ("aarch64", "aarch64-unknown-linux-gnu")}
-"""Architecture: (prefix of its levels' names, LLVM's target triple), for compiling on another architecture."""
+"""(prefix of its levels' names, LLVM's target triple) of each architecture, for cross-compilation."""
 
 
 @cache
@@ -279,13 +266,13 @@ def _target_machine(level: str) -> llvm.TargetMachine:
 
 
 def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
-    """The module with its functions inlined and optimised.
+    """The module, inlined and optimised.
 
-    A cheap run of passes brings loops into shape, and a full run follows. Floating-point operations stay as written:
-    none is contracted or reordered.
+    A cheap run of passes first normalises loops, and a full run follows. Floating-point operations are never contracted
+    or reordered.
     """
     machine = _target_machine(level)
-    if any(function.is_declaration and is_missing(function.name) for function in module.functions):
+    if any(function.is_declaration and is_level_operation(function.name) for function in module.functions):
         module.link_in(llvm.parse_assembly(source_of(level)))
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for cheap in True, False:
@@ -303,10 +290,10 @@ def optimise(module: llvm.ModuleRef, level: str) -> llvm.ModuleRef:
 
 
 def emit_object(module: llvm.ModuleRef, level: str) -> bytes:
-    """An object file of a module."""
-    return _target_machine(level).emit_object(module)
+    """The object file of a module."""
+    return bytes(_target_machine(level).emit_object(module))
 
 
 def emit_assembly(module: llvm.ModuleRef, level: str) -> str:
-    """The module in the processor's assembly language."""
-    return _target_machine(level).emit_assembly(module)
+    """The assembly code of a module."""
+    return str(_target_machine(level).emit_assembly(module))

@@ -1,9 +1,9 @@
 """Marshalling: arguments and results of kernels as 8-byte words.
 
-A *key* lists the kinds of the arguments, one token for each scalar, array, None, and begin or end of a tuple. The key
-chooses the machine code and the packing of the values.
+A *key* lists the kinds of the arguments: one token for each scalar, array, None, and start or end of a tuple. The key
+selects the machine code and the packing of the values.
 
-What is an argument of many calls, such as a tree, is `Packed` once. A kernel takes it in place of the value.
+A value that many calls take, such as a tree, can be flattened once to a `Packed`, which kernels accept in its place.
 """
 
 import ctypes
@@ -12,17 +12,18 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import cache, reduce
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 
 Key = tuple["str | Key", ...]
-"""Tokens. Those of a `Packed` are a tuple of their own."""
+"""Tokens. Those of a `Packed` form a nested tuple."""
 
 SCALARS = {
     "b": "?7x", "f": "f4x", "d": "d",
     "i1": "q", "i2": "q", "i4": "q", "i": "q", "u1": "Q", "u2": "Q", "u4": "Q", "u": "Q",
 }  # fmt: skip
-"""Token of a scalar: format by which `struct` packs it into a word."""
+"""The format by which `struct` packs a scalar into a word, for each token."""
 
 _TOKENS: dict[type, str] = {
     bool: "b", np.bool_: "b", int: "i", float: "d",
@@ -39,7 +40,7 @@ _classes: dict[str, type] = {}
 
 @cache
 def _opening(cls: type) -> str:
-    """The token that begins a tuple of a class."""
+    """The token that starts a tuple of a class."""
     if cls is tuple:
         return "("
     name = f"{cls.__module__}:{cls.__qualname__}"
@@ -48,12 +49,12 @@ def _opening(cls: type) -> str:
 
 
 def class_of(name: str) -> type:
-    """The class that ``module:qualname`` names."""
+    """The class named ``module:qualname``."""
     return _classes.get(name) or import_object(name)
 
 
-def import_object(name: str):
-    """The object that ``module:qualname`` names."""
+def import_object(name: str) -> Any:
+    """The object named ``module:qualname``."""
     module, _, qualname = name.partition(":")
     return reduce(getattr, qualname.split("."), import_module(module))
 
@@ -68,16 +69,16 @@ def _array_token(array: np.ndarray) -> str:
     return f"{'A' if flags.writeable else 'R'}[{dtype.str[1:]},{array.ndim},{layout}]"
 
 
-_array_tokens: dict[tuple, str] = {}  # by all that `_array_token` reads
+_array_tokens: dict[tuple[np.dtype[Any], int, int], str] = {}  # by everything that `_array_token` reads
 
 
 def _address_in_header(array: np.ndarray) -> int:
-    """The address of an array's first element, from the first field of NumPy's ABI; eight times as fast as NumPy."""
+    """The address of an array's first element, from the first field of NumPy's ABI; eight times as fast as by NumPy."""
     return _word_at(id(array) + _HEADER).value
 
 
 def _address_by_numpy(array: np.ndarray) -> int:
-    return array.__array_interface__["data"][0]
+    return int(array.__array_interface__["data"][0])
 
 
 _word_at, _HEADER = ctypes.c_size_t.from_address, object.__basicsize__
@@ -96,17 +97,17 @@ def array_parts(token: str) -> tuple[str, int, str, bool]:
     return dtype, int(ndim), layout, token[0] == "A"
 
 
-def flatten(arguments: tuple) -> tuple[Key, list]:
-    """The key of arguments, and their values. The values of an array are its address, shape and strides."""
+def flatten(arguments: tuple[Any, ...]) -> tuple[Key, list[Any]]:
+    """The key of arguments, and their flat values. Those of an array are its address, shape and strides."""
     key: list[str | Key] = []
-    values: list = []
+    values: list[Any] = []
     for argument in arguments:
         _flatten(argument, key, values)
     return tuple(key), values
 
 
-def _flatten(x, key, values):
-    kind = type(x)
+def _flatten(x: Any, key: list[str | Key], values: list[Any]) -> None:
+    kind: Any = type(x)
     if kind is Packed:
         key.append(x.key)
         values.append(x.words)
@@ -141,37 +142,37 @@ class ArgumentForm:
 
     __slots__ = ("_struct", "key")
 
-    def __init__(self, example):
+    def __init__(self, example: object) -> None:
         self.key, _ = flatten((example,))
         self._struct = struct_of(self.key)
 
-    def pack(self, *values) -> "Packed":
-        """A `Packed` of flat values: of an array its address, shape and strides. They must outlive it."""
+    def pack(self, *values: Any) -> "Packed":
+        """A `Packed` of flat values; those of an array are its address, shape and strides. Arrays must outlive it."""
         return Packed(self.key, self._struct.pack(*values))
 
 
 class Packed:
-    """An argument of kernels that is flattened already.
+    """A kernel argument that is already flattened.
 
     key : its tokens
-    words : its values, packed
-    value : what it was made from, if that must live as long
+    words : its packed values
+    value : the original value, if it must be kept alive
     """
 
     __slots__ = ("key", "value", "words")
 
-    def __init__(self, key: Key, words: bytes, value: object = None):
+    def __init__(self, key: Key, words: bytes, value: object = None) -> None:
         self.key, self.words, self.value = key, words, value
 
 
-def packed(value) -> Packed:
-    """A value, flattened. It keeps the value's arrays alive, which kernels read and write as ever."""
+def packed(value: object) -> Packed:
+    """A value, flattened. It keeps the value's arrays alive, which kernels read and write as usual."""
     key, values = flatten((value,))
     return Packed(key, struct_of(key).pack(*values), value)
 
 
 def text_of(key: Key) -> str:
-    """All tokens of a key: the same for a `Packed` and for its value."""
+    """All tokens of a key as text, which is the same for a `Packed` and for its value."""
     return " ".join(token if isinstance(token, str) else text_of(token) for token in key)
 
 
@@ -189,19 +190,19 @@ def _packing(token: str | Key) -> str:
     return SCALARS.get(token, "")
 
 
-Spec = str | list
+Spec = str | list[Any]
 """The kind of a result: a scalar's token, `NONE`, or [class name (None for a plain tuple), specs of the items]."""
 
 
 class ResultReader:
     """Builds a kernel's result from the words that it wrote."""
 
-    def __init__(self, spec: Spec):
+    def __init__(self, spec: Spec) -> None:
         self._struct = struct.Struct("<" + "".join(_forms(spec)))
         self._build = _builder(spec)
         self.size = max(self._struct.size, 8)
 
-    def __call__(self, memory: ctypes.Array):
+    def __call__(self, memory: "ctypes.Array[ctypes.c_char]") -> object:
         return self._build(iter(self._struct.unpack_from(memory)))
 
 
@@ -213,7 +214,7 @@ def _forms(spec: Spec) -> Iterator[str]:
             yield from _forms(item)
 
 
-def _builder(spec: Spec) -> Callable[[Iterator], object]:
+def _builder(spec: Spec) -> Callable[[Iterator[Any]], Any]:
     if isinstance(spec, str):
         return (lambda words: None) if spec == NONE else next
     parts = [_builder(item) for item in spec[1]]

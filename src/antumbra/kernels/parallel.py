@@ -1,8 +1,8 @@
-"""Threads that share out the work of one kernel.
+"""Threads that share the work of one kernel.
 
-A kernel is compiled to run without the GIL, so plain Python threads use every core. Work is handed out
-while it runs. Each thread takes the next `chunk` items from a ticket when its last ones are done, so no
-thread waits for a slower one. A worker is a kernel that loops over `items` or `shares`::
+Kernels run without the GIL, so plain Python threads use every core. Work is distributed dynamically: a thread takes the
+next `chunk` items from a ticket when its previous ones are done, so no thread waits for a slower one. A worker is a
+kernel that loops over `items` or `shares`::
 
     @kernel
     def worker(ticket, values):
@@ -11,10 +11,10 @@ thread waits for a slower one. A worker is a kernel that loops over `items` or `
 
     run(worker, thread_count(None), new_ticket(len(values), 64), values)
 
-Leaving the loop leaves the items of the thread's share that are not done; set `STOP` to stop all threads. What is not
-compiled calls `take`.
+Leaving the loop skips the remaining items of the thread's share; set `STOP` to stop all threads. Workers that are not
+compiled call `take`.
 
-Kernels allocate no memory but their stack. `run` calls `own` in each thread to make other scratch memory.
+Kernels allocate no memory except on their stack. `run` calls `own` in each thread to create other scratch memory.
 """
 
 import numbers
@@ -26,33 +26,45 @@ from contextlib import suppress
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .jit import Intrinsic, kernel
 from .simd import atomic_add
 
 __all__ = [
-    "CHUNK", "DONE", "MAX_THREADS", "NEXT", "STOP", "N", "Ticket", "items", "new_ticket", "run", "shares", "take",
+    "CHUNK",
+    "DONE",
+    "MAX_THREADS",
+    "NEXT",
+    "STOP",
+    "N",
+    "Ticket",
+    "items",
+    "new_ticket",
+    "run",
+    "shares",
+    "take",
     "thread_count",
-]  # fmt: skip
+]
 
-Ticket: TypeAlias = np.ndarray
+Ticket: TypeAlias = NDArray[np.int64]
 """(5,) int64: the fields below."""
 
-NEXT = 0  # first item that no thread has taken; runs past N at the end
-STOP = 1  # not 0: no more items are handed out
+NEXT = 0  # first item not yet taken by a thread; exceeds N at the end
+STOP = 1  # if nonzero, no more items are handed out
 N = 2  # number of items
 CHUNK = 3  # items handed out at a time
-DONE = 4  # for the worker's own count; starts at 0, and this module never reads it
+DONE = 4  # a counter for the worker; starts at 0, not used by this module
 
 MAX_THREADS = 1024
-"""Far more threads than processors help nobody, and a system may refuse to start them."""
+"""Far more threads than processors do not help, and the system may refuse to start them."""
 
 _POLL_SECONDS = 0.1
 
 
 def thread_count(threads: int | None) -> int:
-    """The number of threads to use; None means one for each core that this process may use.
+    """The number of threads to use; None means one per core available to this process.
 
     Raises
     ------
@@ -64,49 +76,57 @@ def thread_count(threads: int | None) -> int:
             return len(os.sched_getaffinity(0))
         return os.cpu_count() or 1
     if isinstance(threads, bool) or not isinstance(threads, numbers.Integral) or not 1 <= threads <= MAX_THREADS:
-        given = repr(threads)[:40]
+        value = repr(threads)[:40]
         raise InputError(
-            f"threads is {given}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"
+            f"threads is {value}; it must be a whole number from 1 to {MAX_THREADS}, or None for all cores"
         )
     return int(threads)
 
 
 def new_ticket(n_items: int, chunk: int) -> Ticket:
-    """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time. A ticket serves one run."""
+    """A ticket for items 0 to `n_items` - 1, handed out `chunk` (at least 1) at a time. Each run needs a new ticket."""
     return np.array([0, 0, n_items, max(chunk, 1), 0], np.int64)
 
 
 items: Any = Intrinsic("antumbra.kernels.ticket_loops", "items")
-"""In kernels, ``for i in items(ticket):`` is a loop over the items that this thread takes."""
+"""In kernels, ``for i in items(ticket):`` loops over the items that this thread takes."""
 
 shares: Any = Intrinsic("antumbra.kernels.ticket_loops", "shares")
-"""In kernels, ``for first, last in shares(ticket):`` is a loop over the items that this thread takes at a time.
+"""In kernels, ``for first, last in shares(ticket):`` loops over the shares that this thread takes.
 
-A share is the items from `first` to `last` - 1. The loop is for workers that begin or end something with each share,
-such as a row of sums of its own.
+A share is the items from `first` to `last` - 1. Use this loop for workers that need to start or finish something with
+each share, such as a row of partial sums.
 """
 
 
 @kernel
 def take(ticket):
-    """The first of the next ``ticket[CHUNK]`` items; -1 when none is left or `STOP` is set."""
-    # Adding 0 reads STOP from memory each time; LLVM may move a plain read out of the worker's loop.
-    if atomic_add(ticket, STOP, 0) != 0:  # type: ignore[call-arg]  # mypy counts the typing context
+    """The first of the next ``ticket[CHUNK]`` items; -1 if none is left or `STOP` is set."""
+    # Adding 0 reads STOP from memory each time; LLVM could hoist a plain read out of the worker's loop.
+    if atomic_add(ticket, STOP, 0) != 0:
         return np.int64(-1)
     first = atomic_add(ticket, NEXT, ticket[CHUNK])
     return first if first < ticket[N] else np.int64(-1)
 
 
 class _ParallelRun:
-    """One `run`: the worker with its arguments, and the outcome in each thread."""
+    """One `run`: the worker, its arguments, and the outcome in each thread."""
 
-    def __init__(self, worker, ticket, args, own, n_threads):
+    def __init__(
+        self,
+        worker: Callable[..., object],
+        ticket: Ticket,
+        args: tuple[Any, ...],
+        own: Callable[[], Iterable[Any]],
+        n_threads: int,
+    ) -> None:
         self.worker, self.ticket, self.args, self.own, self.n_threads = worker, ticket, args, own, n_threads
-        self.begun: list[None] = []  # one None per thread that has begun; appending to a list is atomic
+        self.begun: list[None] = []  # one None per thread that has begun; list.append is atomic
         self.outcomes: list[BaseException | None] = []  # one per thread that has finished: None, or its exception
         self.wake: queue.SimpleQueue[None] = queue.SimpleQueue()  # receives an item when the last thread has finished
 
-    def work(self):
+    def work(self) -> BaseException | None:
+        """Run the worker in this thread; return its exception, if any."""
         self.begun.append(None)
         try:
             self.worker(self.ticket, *self.args, *self.own())
@@ -115,26 +135,27 @@ class _ParallelRun:
             return error
         return None
 
-    def finish(self, outcome):
+    def finish(self, outcome: BaseException | None) -> None:
+        """Store the outcome of this thread, and wake the caller if it is the last."""
         self.outcomes.append(outcome)
         if len(self.outcomes) >= self.n_threads:
             self.wake.put(None)
 
 
 class _Thread:
-    """A thread that waits for jobs. It is in `_idle` whenever it has none."""
+    """A thread that waits for jobs. It is in `_idle` while it has none."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.inbox: queue.SimpleQueue[_ParallelRun] = queue.SimpleQueue()
         threading.Thread(target=self._serve, name="antumbra", daemon=True).start()
 
-    def _serve(self):
+    def _serve(self) -> None:
         while True:
             job = self.inbox.get()
             outcome = job.work()
-            _idle.append(self)  # before the caller wakes: its next run finds this thread
+            _idle.append(self)  # before the caller wakes, so that its next run finds this thread
             job.finish(outcome)
-            del job, outcome  # else the arrays would live until the next job
+            del job, outcome  # otherwise the arrays would live until the next job
 
 
 _idle: list[_Thread] = []
@@ -155,35 +176,35 @@ def _wait(job: _ParallelRun, seconds: float) -> None:
 
 
 def run(
-    worker: Callable,
+    worker: Callable[..., object],
     n_threads: int,
     ticket: Ticket,
-    *args,
-    own: Callable[[], Iterable] = tuple,
+    *args: Any,
+    own: Callable[[], Iterable[Any]] = tuple,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Call ``worker(ticket, *args, *own())`` in `n_threads` threads at once and wait until all have returned.
+    """Call ``worker(ticket, *args, *own())`` in `n_threads` threads at once, and wait until all have returned.
 
     Parameters
     ----------
     worker : kernel (or any function) that takes its work from `ticket`
         Its result is dropped.
     n_threads : int
-        At least 1. No more threads are used than there are chunks of items. With 1 thread and without
-        `progress`, the caller's own thread does the work.
+        At least 1. At most as many threads are used as there are chunks of items. With one thread and no `progress`,
+        the calling thread does the work.
     ticket : from `new_ticket`
-    own : function of nothing, optional
-        Called in each thread to make the arguments that only this thread may touch, such as scratch memory.
+    own : function without parameters, optional
+        Called in each thread to create per-thread arguments, such as scratch memory.
     progress : function of (items handed out, items), optional
-        Called in the caller's thread about ten times a second, and once at the end.
+        Called in the calling thread about ten times a second, and once at the end.
 
     Raises
     ------
     Exception
         The first exception that a worker raised. The other workers stop at their next chunk.
     KeyboardInterrupt
-        Raised in the caller's thread while it waits. The workers stop at their next chunk, and `run` waits
-        for them before it raises. If the caller's own thread does the work, the interrupt comes afterwards.
+        Raised in the calling thread while it waits. The workers stop at their next chunk, and `run` waits for them
+        before it raises. If the calling thread does the work, the interrupt comes afterwards.
     """
     total = int(ticket[N])
     n_threads = max(1, min(n_threads, -(-total // int(ticket[CHUNK]))))
@@ -203,7 +224,7 @@ def run(
             progress(min(int(ticket[NEXT]), total), total)
     except BaseException:
         ticket[STOP] = 1
-        # The interrupt may have come after a thread was given the job and before it was counted.
+        # The interrupt may have come after a thread received the job and before it was counted.
         while len(job.outcomes) < max(started, len(job.begun)):
             try:
                 _wait(job, _POLL_SECONDS)

@@ -1,4 +1,4 @@
-"""Vectors of three coordinates: of float32 scalars, or of f32x16 with one vector in each lane."""
+"""Vectors of three coordinates: float32 scalars, or f32x16 with one vector per lane."""
 
 from typing import NamedTuple
 
@@ -20,37 +20,37 @@ class Vec3(NamedTuple):
 
 @inlined
 def dot(a, b):
-    """a . b of f32x16."""
+    """a . b for f32x16."""
     return fma(a.x, b.x, fma(a.y, b.y, a.z * b.z))
 
 
 @inlined
 def dots(v, s):
-    """v . s of f32x16 and scalars."""
+    """v . s for f32x16 and scalars."""
     return fma(v.x, splat16(s.x), fma(v.y, splat16(s.y), v.z * s.z))
 
 
 @inlined
 def abs_dot(v, w):
-    """|v| . w of f32x16; |v| is taken component by component."""
+    """|v| . w for f32x16, with |v| componentwise."""
     return fma(absolute(v.x), w.x, fma(absolute(v.y), w.y, absolute(v.z) * w.z))
 
 
 @inlined
 def abs_dots(v, s):
-    """|v| . s of f32x16 and scalars; |v| is taken component by component."""
+    """|v| . s for f32x16 and scalars, with |v| componentwise."""
     return fma(absolute(v.x), splat16(s.x), fma(absolute(v.y), splat16(s.y), absolute(v.z) * s.z))
 
 
 @inlined
 def cross(a, b):
-    """a x b of f32x16."""
+    """a x b for f32x16."""
     return Vec3(fma(a.y, b.z, -(a.z * b.y)), fma(a.z, b.x, -(a.x * b.z)), fma(a.x, b.y, -(a.y * b.x)))
 
 
 @inlined
 def crosses(a, s):
-    """a x s of f32x16 and scalars."""
+    """a x s for f32x16 and scalars."""
     return Vec3(
         fma(a.y, splat16(s.z), -(a.z * s.y)),
         fma(a.z, splat16(s.x), -(a.x * s.z)),
@@ -70,7 +70,7 @@ def minus(a, b):
 
 @inlined
 def times(a, s):
-    """a * s, component by component."""
+    """a * s, componentwise."""
     return Vec3(a.x * s, a.y * s, a.z * s)
 
 
@@ -93,7 +93,7 @@ def total(v):
 
 @inlined
 def middles_and_halves(low, high):
-    """(middles, half extents) of boxes from their corners, padded: middle -+ half contains each box."""
+    """(middles, half extents) of boxes from their corners, padded so that middle -+ half contains each box."""
     m = plus(times(low, _HALF), times(high, _HALF))
     up, down = minus(high, m), minus(m, low)
     return m, Vec3(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
@@ -101,25 +101,25 @@ def middles_and_halves(low, high):
 
 @inlined
 def scalars(p, at, stride):
-    """Three numbers from memory, `stride` apart."""
+    """Load three numbers, `stride` apart."""
     return Vec3(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
 
 
 @inlined
 def rows(p, at, stride):
-    """Three f32x16 from memory, `stride` float32 apart."""
+    """Load three f32x16, `stride` float32 apart."""
     return Vec3(load16(p, at), load16(p, at + stride), load16(p, at + 2 * stride))
 
 
 @inlined
 def broadcasts(p, at, stride):
-    """Three numbers from memory, each in all lanes."""
+    """Load three numbers, `stride` apart, each into all lanes."""
     return Vec3(broadcast16(p, at), broadcast16(p, at + stride), broadcast16(p, at + 2 * stride))
 
 
 @inlined
 def keep(p, at, stride, v):
-    """Write three f32x16."""
+    """Store three f32x16, `stride` float32 apart."""
     store(p, at, v.x)
     store(p, at + stride, v.y)
     store(p, at + 2 * stride, v.z)

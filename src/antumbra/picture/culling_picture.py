@@ -1,40 +1,54 @@
 """Draw the triangles that pre-BVH culling keeps: from the camera, and as X-ray views from above and from the side."""
 
+from collections.abc import Sequence
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.method_registry import CULLERS
+from ..engine.scene import AnyScene
+from ..query.gbuffer import GBuffer
 from ..query.light_samples import light_samples
 from ..query.receivers import NOTHING
-from ..query.shadow_query import shadow_queries
-from ..scene.lights import FIXED, LIST, SPHERE, check_lights
+from ..query.shadow_query import ShadowQuery, shadow_queries
+from ..scene.camera import Camera
+from ..scene.lights import FIXED, LIST, SPHERE, Light, check_lights
 from ..techniques.culling.culling_grid import sample_points
 from .render_kernels import precompile_plan
 from .renderer import Renderer
 
 KEPT, DROPPED = np.array([1.0, 0.33, 0.03], np.float32), np.array([0.04, 0.16, 0.6], np.float32)
 RECEIVER, LIGHT = np.array([1.0, 1.0, 1.0], np.float32), np.array([1.0, 0.9, 0.1], np.float32)
-_POINTS = 4  # surface points per pixel of an X-ray view
+_POINTS = 4  # surface points per pixel in an X-ray view
 
 
 class CullingPicture(NamedTuple):
-    """The picture and its figures."""
+    """A culling picture with its statistics."""
 
-    image: np.ndarray  # (H, 3 W, 3) float32, linear
-    kept: int  # triangles left by culling
-    cells: int  # grid cells; 0: there are no rays
+    image: NDArray[np.float32]  # (H, 3 W, 3) float32, linear
+    kept: int  # triangles that survive culling
+    cells: int  # grid cells; 0: no rays
     marked: int  # grid cells that rays may pass through
-    sources: int  # boxes of receivers
-    targets: int  # boxes of lights
+    sources: int  # receiver boxes
+    targets: int  # light boxes
     seconds: float  # culling time
 
 
-def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0, threads=None) -> CullingPicture:
+def culling_picture(
+    scene: AnyScene,
+    camera: Camera,
+    lights: Sequence[Light] | Light,
+    culler: str = "grid32",
+    *,
+    spp: int = 16,
+    time: float = 0.0,
+    threads: int | None = None,
+) -> CullingPicture:
     """Draw the triangles that a culler keeps and drops.
 
-    ``culler`` is a name in CULLERS; the other arguments are as in `antumbra.render`.
+    `culler` is a name in `CULLERS`; the other arguments are those of `antumbra.render`.
     """
     lights, renderer = check_lights(lights, scene.up), Renderer(scene, f"{culler}+bsah+single", threads)
     precompile_plan(renderer.plan, renderer.source.gbuffer)
@@ -45,19 +59,20 @@ def culling_picture(scene, camera, lights, culler="grid32", *, spp=16, time=0.0,
     start = perf_counter()
     culled = CULLERS[culler].cull(triangles, queries, renderer.threads)
     seconds = perf_counter() - start
-    kept = np.zeros(len(triangles.vertices) + 1, np.bool_)  # one extra entry for pixels that see no triangle (face -1)
-    kept[culled.kept] = True
+    # one extra entry for background pixels (face -1)
+    kept_mask = np.zeros(len(triangles.vertices) + 1, np.bool_)
+    kept_mask[culled.kept] = True
     receivers = gbuffer.position[gbuffer.side != NOTHING]
     emitters = np.concatenate([np.empty((0, 3)), *(_emitter(query) for query in queries)])
     shape, up = gbuffer.face.shape, 2 if scene.up == "z" else 1
-    panels = [_camera_view(gbuffer, camera, kept)]
-    panels += [_xray_view(triangles.vertices, kept[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
+    panels = [_camera_view(gbuffer, camera, kept_mask)]
+    panels += [_xray_view(triangles.vertices, kept_mask[:-1], receivers, emitters, shape, axis) for axis in (up, 0)]
     cells, marked = (0, 0) if culled.marked is None else (culled.marked.size, int(culled.marked.sum()))
     image = np.concatenate(panels, axis=1)
     return CullingPicture(image, len(culled.kept), cells, marked, culled.sources, culled.targets, seconds)
 
 
-def _emitter(query) -> np.ndarray:
+def _emitter(query: ShadowQuery) -> NDArray[np.float64]:
     """(k, 3) points on a light; (0, 3) for a light without a position."""
     light = query.light
     if light.kind not in (FIXED, LIST, SPHERE):
@@ -67,42 +82,52 @@ def _emitter(query) -> np.ndarray:
     return sample_points(query)
 
 
-def _camera_view(gbuffer, camera, kept) -> np.ndarray:
-    """The camera's view, lit from the camera: (H, W, 3) float32."""
+def _camera_view(gbuffer: GBuffer, camera: Camera, kept_mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(H, W, 3) float32: the camera's view with a headlight."""
     ahead = np.asarray(camera.target, np.float64) - camera.position
     facing = np.abs(gbuffer.normal @ (ahead / np.linalg.norm(ahead)).astype(np.float32))
-    colour = np.where(kept[gbuffer.face][..., None], KEPT, DROPPED)
+    colour = np.where(kept_mask[gbuffer.face][..., None], KEPT, DROPPED)
     return np.where((gbuffer.side != NOTHING)[..., None], colour * (0.15 + 0.85 * facing[..., None]), np.float32(0.0))
 
 
-def _xray_view(vertices, kept, receivers, emitters, shape, axis) -> np.ndarray:
-    """X-ray view along an axis: points on all surfaces add up their colours; receivers and lights are drawn on top."""
+def _xray_view(
+    vertices: NDArray[np.float32],
+    kept_mask: NDArray[np.bool_],
+    receivers: NDArray[np.float32],
+    emitters: NDArray[np.float64],
+    shape: tuple[int, ...],
+    axis: int,
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: X-ray view along an axis. Points on all surfaces add their colours; receivers and lights are
+    drawn on top.
+    """
     h, w = shape
     u, v = [(2, 1), (0, 2), (0, 1)][axis]  # across and down
     corners = vertices.reshape(-1, 3)
-    low, high = (corners.min(0), corners.max(0)) if len(corners) else np.zeros((2, 3))
-    scale = 0.94 * min(w / max(high[u] - low[u], 1e-30), h / max(high[v] - low[v], 1e-30))
-    sign = 1.0 if axis == 1 else -1.0  # from above, z points down the picture; otherwise up stays up
+    lower, upper = (corners.min(0), corners.max(0)) if len(corners) else np.zeros((2, 3))
+    scale = 0.94 * min(w / max(upper[u] - lower[u], 1e-30), h / max(upper[v] - lower[v], 1e-30))
+    sign = 1.0 if axis == 1 else -1.0  # in the view from above, z points down in the picture
 
-    def pixels(points):
-        x = w / 2 + scale * (points[:, u] - (low[u] + high[u]) / 2)
-        y = h / 2 + sign * scale * (points[:, v] - (low[v] + high[v]) / 2)
+    def pixels(points: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Flat indices of the pixels of the points inside the picture, and the mask of these points."""
+        x = w / 2 + scale * (points[:, u] - (lower[u] + upper[u]) / 2)
+        y = h / 2 + sign * scale * (points[:, v] - (lower[v] + upper[v]) / 2)
         inside = (x >= 0) & (x < w) & (y >= 0) & (y < h)
         return y[inside].astype(np.int64) * w + x[inside].astype(np.int64), inside
 
     face, points = _surface_points(vertices, _POINTS * h * w)
     where, inside = pixels(points)
     image = np.zeros((h * w, 3), np.float32)
-    for which, colour in ((kept, KEPT), (~kept, DROPPED)):
-        count = np.bincount(where[which[face[inside]]], minlength=h * w)
+    for mask, colour in ((kept_mask, KEPT), (~kept_mask, DROPPED)):
+        count = np.bincount(where[mask[face[inside]]], minlength=h * w)
         image += (1.0 - np.exp(-count[:, None] / (0.5 * _POINTS))).astype(np.float32) * colour
     image[pixels(receivers[:: max(1, len(receivers) // 20000)])[0]] = RECEIVER
     image[pixels(emitters)[0]] = LIGHT
     return image.reshape(h, w, 3)
 
 
-def _surface_points(vertices, n) -> tuple[np.ndarray, np.ndarray]:
-    """n points spread evenly over all surfaces: (n,) triangle indices and (n, 3) positions."""
+def _surface_points(vertices: NDArray[np.float32], n: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Spread n points evenly over all surfaces: (n,) triangle indices and (n, 3) positions."""
     edges = vertices[:, 1:] - vertices[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0].astype(np.float64), edges[:, 1]), axis=1)
     if not area.sum() > 0.0:

@@ -1,13 +1,15 @@
 """The discontinuity filter of interleaved sampling [Benthin and Wald 2009, Sec. 4.5].
 
-Sixteen neighbouring pixels use sixteen different sample sets. So their mean is an estimate from 16 spp samples, if they
-see the same surface and about the same penumbra. For measurements see docs/design/filter.md.
+Each pixel of a 4 x 4 block uses its own sample set. Where these pixels see the same surface and about the same
+penumbra, their mean is therefore an estimate from 16 spp samples. docs/design/filter.md has the equations and
+measurements.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import F32Ptr, I64Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -16,125 +18,136 @@ from ..query.gbuffer import PictureSurfaces, at, points_of, same_surface
 from ..query.receivers import NOTHING
 
 NOISE = 2.5
-"""Twice the accepted difference of a neighbour's estimate, in units of spp**(1/4) samples (equation 4 of
+"""Twice the accepted difference of a neighbour's estimate, in units of spp**(1/4) samples (Eq. 4 of
 docs/design/filter.md). The error of spp stratified samples of an edge falls as spp**(-3/4) [Mitchell 1996]."""
-
 
 _ZERO = np.float32(0.0)
 
 
-class _Counted(NamedTuple):
-    """What the filter averages, as pointers, and how it judges neighbours."""
+class _FilterInputs(NamedTuple):
+    """The images to average, as pointers, and the threshold for accepting neighbours."""
 
     counts: I64Ptr  # (H, W) int64: occluded samples
-    shares: F32Ptr  # (H, W) float32: averaged with the counts, if `shared`
+    shares: F32Ptr  # (H, W) float32: averaged over the same pixels if `shared`
     shared: bool
-    limit: int  # accepted difference of the mean of two counts, times two
+    limit: int  # twice the accepted difference of the mean of two counts
 
 
 @inlined
-def _constant(points, asked, y, x):
-    """Whether all values in the window are the same. Then there is nothing to filter, on any surface."""
-    own, share = at(points, asked.counts, y, x), at(points, asked.shares, y, x) if asked.shared else _ZERO
+def _is_constant(points, inputs, y, x):
+    """Whether all values in the window are equal, so that filtering would change nothing on any surface."""
+    centre, share = at(points, inputs.counts, y, x), at(points, inputs.shares, y, x) if inputs.shared else _ZERO
     for v in range(max(y - 2, 0), min(y + 3, points.h)):
         for u in range(max(x - 2, 0), min(x + 3, points.w)):
-            if at(points, asked.counts, v, u) != own:
+            if at(points, inputs.counts, v, u) != centre:
                 return False
-            if asked.shared and at(points, asked.shares, v, u) != share:
+            if inputs.shared and at(points, inputs.shares, v, u) != share:
                 return False
     return True
 
 
 @inlined
-def _pair(points, asked, y, x, dy, dx):
-    """Which of the pixels (y + dy, x + dx) and (y - dy, x - dx) are accepted, two booleans."""
-    own = at(points, asked.counts, y, x)
+def _accepted_pair(points, inputs, y, x, dy, dx):
+    """Whether the pixels (y + dy, x + dx) and (y - dy, x - dx) are accepted: two booleans."""
+    centre = at(points, inputs.counts, y, x)
     after, before = same_surface(points, y, x, y + dy, x + dx), same_surface(points, y, x, y - dy, x - dx)
-    a = at(points, asked.counts, y + dy, x + dx) if after else own
-    b = at(points, asked.counts, y - dy, x - dx) if before else own
+    a = at(points, inputs.counts, y + dy, x + dx) if after else centre
+    b = at(points, inputs.counts, y - dy, x - dx) if before else centre
     if after and before:
-        near = abs(a + b - 2 * own) <= asked.limit
+        similar = abs(a + b - 2 * centre) <= inputs.limit
     else:
-        near = 2 * abs(a + b - 2 * own) <= asked.limit
-    return after and near, before and near
+        similar = 2 * abs(a + b - 2 * centre) <= inputs.limit
+    return after and similar, before and similar
 
 
 @inlined
-def _window(points, asked, y, x):
-    """(weighted sum of counts, of shares, sum of weights) over the accepted pixels of the window around (y, x).
+def _window_sums(points, inputs, y, x):
+    """(weighted sum of counts, weighted sum of shares, sum of weights) of accepted pixels in the window around (y, x).
 
-    Pixels are accepted in opposite pairs, by the pair's mean, because a steady slope of the penumbra does not change
-    this mean. A pixel is judged alone if the other pixel of its pair sees another surface. The weights are those of
-    equation 1 of docs/design/filter.md, times 4.
+    Opposite pixels are accepted together, by their mean, which a penumbra of constant slope leaves unchanged. If only
+    one of the two sees the surface of the centre, it is tested alone. The weights are those of Eq. 1 in
+    docs/design/filter.md, times 4.
     """
-    total, weight = 4 * at(points, asked.counts, y, x), 4
-    shares = 4.0 * at(points, asked.shares, y, x) if asked.shared else 0.0
-    for k in range(13, 25):  # the pixels of the 5 x 5 window that come after (y, x)
+    total, weight = 4 * at(points, inputs.counts, y, x), 4
+    shares = 4.0 * at(points, inputs.shares, y, x) if inputs.shared else 0.0
+    for k in range(13, 25):  # the second half of the 5 x 5 window, after (y, x)
         dy, dx = k // 5 - 2, k % 5 - 2
         w = (1 if dy == 2 else 2) * (1 if abs(dx) == 2 else 2)
-        after, before = _pair(points, asked, y, x, dy, dx)
+        after, before = _accepted_pair(points, inputs, y, x, dy, dx)
         for sign, accepted in ((1, after), (-1, before)):
             if accepted:
                 v, u = y + sign * dy, x + sign * dx
-                total, weight = total + w * at(points, asked.counts, v, u), weight + w
-                if asked.shared:
-                    shares += np.float64(w) * at(points, asked.shares, v, u)
+                total, weight = total + w * at(points, inputs.counts, v, u), weight + w
+                if inputs.shared:
+                    shares += np.float64(w) * at(points, inputs.shares, v, u)
     return total, shares, weight
 
 
 @kernel
-def _filter_rows(ticket, seen, counts, shares, limit, spp, out, out_shares):
-    points, asked = points_of(seen), _Counted(ptr(counts), ptr(shares), len(shares) > 0, limit)
+def _filter_rows(ticket, surfaces, counts, shares, limit, spp, out, out_shares):
+    points, inputs = points_of(surfaces), _FilterInputs(ptr(counts), ptr(shares), len(shares) > 0, limit)
     for y in items(ticket):
         for x in range(points.w):
-            total, weight = at(points, asked.counts, y, x), np.int64(1)
-            share = np.float64(at(points, asked.shares, y, x)) if asked.shared else 0.0
-            if at(points, points.side, y, x) != NOTHING and not _constant(points, asked, y, x):
-                total, share, weight = _window(points, asked, y, x)
+            total, weight = at(points, inputs.counts, y, x), np.int64(1)
+            share = np.float64(at(points, inputs.shares, y, x)) if inputs.shared else 0.0
+            if at(points, points.side, y, x) != NOTHING and not _is_constant(points, inputs, y, x):
+                total, share, weight = _window_sums(points, inputs, y, x)
             out[y, x] = np.float32(1.0 - np.float64(total) / np.float64(weight * spp))
-            if asked.shared:
+            if inputs.shared:
                 out_shares[y, x] = np.float32(share / np.float64(weight))
 
 
-def filter_fractions(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(H, W) float32: the fraction of samples that are not occluded, filtered over 4 x 4 pixels.
+def filter_fractions(
+    surfaces: PictureSurfaces, counts: NDArray[np.integer], spp: int, threads: int | None = None
+) -> NDArray[np.float32]:
+    """(H, W) float32: the unoccluded fraction of samples, filtered over 4 x 4 pixels.
 
     Parameters
     ----------
-    seen : Seen
+    surfaces : PictureSurfaces
     counts : (H, W) int
-        Number of a pixel's `spp` samples that are occluded. Pixel (x, y) used sample set (x mod 4) + 4 (y mod 4).
+        Occluded samples among the `spp` samples of each pixel. Pixel (x, y) uses sample set (x mod 4) + 4 (y mod 4).
     spp : int
     threads : int, optional
         None: all cores. The result does not depend on it.
 
     Notes
     -----
-    The window is 4 x 4 pixels around the *centre* of each pixel. It overlaps 5 x 5 pixels, and those on its border
-    count half. So each sample set counts once. If all pixels are accepted, the result is exactly the fraction of
+    The window covers 4 x 4 pixels around the *centre* of each pixel. It overlaps 5 x 5 pixels, whose border counts
+    half, so that each sample set counts once. If all pixels are accepted, the result is exactly the fraction of
     16 spp samples.
     """
-    return _filtered(seen, counts, np.empty((0, 0), np.float32), spp, threads)[0]
+    return _filter(surfaces, counts, np.empty((0, 0), np.float32), spp, threads)[0]
 
 
 def filter_shares(
-    seen: PictureSurfaces, counts: np.ndarray, shares: np.ndarray, spp: int, threads=None
-) -> tuple[np.ndarray, np.ndarray]:
-    """`filtered`, and the mean of `shares` ((H, W) float32, of `picture.light_visibility`) over the same pixels."""
-    return _filtered(seen, counts, np.ascontiguousarray(shares), spp, threads)
+    surfaces: PictureSurfaces,
+    counts: NDArray[np.integer],
+    shares: NDArray[np.float32],
+    spp: int,
+    threads: int | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """`filter_fractions`, and the mean of `shares`, (H, W) float32 from `light_visibility`, over the same pixels."""
+    return _filter(surfaces, counts, np.ascontiguousarray(shares), spp, threads)
 
 
-def _filtered(seen, counts, shares, spp, threads) -> tuple[np.ndarray, np.ndarray]:
+def _filter(
+    surfaces: PictureSurfaces,
+    counts: NDArray[np.integer],
+    shares: NDArray[np.float32],
+    spp: int,
+    threads: int | None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     counts, out, smooth = np.ascontiguousarray(counts, np.int64), np.empty(counts.shape, "f4"), np.empty_like(shares)
     limit = int(NOISE * math.sqrt(math.sqrt(spp)))
-    args = seen, counts, shares, limit, int(spp), out, smooth
+    args = surfaces, counts, shares, limit, int(spp), out, smooth
     run(_filter_rows, thread_count(threads), new_ticket(len(out), 8), *args)
     return out, smooth
 
 
 @kernel
-def _smooth_rows(ticket, seen, irradiance, out):
-    points = points_of(seen)
+def _smooth_rows(ticket, surfaces, irradiance, out):
+    points = points_of(surfaces)
     for y in items(ticket):
         for x in range(points.w):
             red = green = blue = weight = 0.0
@@ -149,12 +162,15 @@ def _smooth_rows(ticket, seen, irradiance, out):
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = red / weight, green / weight, blue / weight
 
 
-def smooth_irradiance(seen: PictureSurfaces, irradiance: np.ndarray, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filtered`.
+def smooth_irradiance(
+    surfaces: PictureSurfaces, irradiance: NDArray[np.float32], threads: int | None = None
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: irradiance from interleaved lists of lights, averaged over the window of `filter_fractions`.
 
-    The average includes every pixel of the window that sees the same surface. Neighbours ask different lights. So their
-    irradiance differs far more than it changes from place to place, and the difference says nothing about shadows.
+    The average includes every pixel of the window that sees the same surface. Unlike `filter_fractions`, it rejects no
+    pixel for its value: neighbours sample different lights, so their irradiance differs far more than it varies over
+    the surface, and the difference says nothing about shadows.
     """
     out = np.empty_like(irradiance)
-    run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), seen, irradiance, out)
+    run(_smooth_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, irradiance, out)
     return out

@@ -1,13 +1,15 @@
-"""`Frame`, the result of a `Renderer` with its timings, and the state that the passes of one frame share."""
+"""`Frame`, the result of a `Renderer`, and the state and steps that the passes of one frame share."""
 
+import os
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..engine.auto.strategies import StrategyChoice
 from ..engine.engine import Engine
-from ..query.gbuffer import GBuffer
+from ..query.gbuffer import GBuffer, PictureSurfaces
 from ..query.shadow_query import ShadowQuery, Surfaces, ray_count, surface_queries
 from ..scene.lights import Light
 from ..scene.sky import Sky
@@ -19,97 +21,99 @@ from .light_visibility import irradiance_shares
 from .pixel_appearance import albedo, eye_of, places_of, shading_normals
 from .shading import arriving_irradiance, shade
 
-# --- The result of a `Renderer`: a frame with its timings -------------------------------------------------------------
+# --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
 
 
 PHASES = ("evaluate", "gbuffer", "cull", "build", "trace", "filter", "shade")
 
 
 class Layers(NamedTuple):
-    """The parts of a frame's image. Their sum, with ambient light, is the image, but for divided edges."""
+    """The parts of a frame's image. Except at refined edges, they and the ambient light add up to the image."""
 
-    albedo: np.ndarray  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
-    lights: list[np.ndarray]  # per light (H, W, 3) float32: the image by this light alone, with its shadows
-    indirect: np.ndarray | None  # (H, W, 3) float32: the image by light that bounced once; None without `bounce`
-    object: np.ndarray  # (H, W) int32: index in `Scene.objects`; -1 in the background
+    albedo: NDArray[np.float32]  # (H, W, 3) float32, linear: the base colour of the surface; 0 in the background
+    lights: list[NDArray[np.float32]]  # per light (H, W, 3): the image lit by this light alone, with its shadows
+    indirect: NDArray[np.float32] | None  # (H, W, 3): the image lit by bounced light alone; None without `bounce`
+    object: NDArray[np.int32]  # (H, W) int32: index in `Scene.objects`; -1 in the background
 
     @property
     def images(self) -> list[np.ndarray]:
-        """The images by a part of the light."""
+        """The images of single lights, and that of bounced light."""
         return self.lights if self.indirect is None else [*self.lights, self.indirect]
 
 
 class Ground(NamedTuple):
-    """The ground that catches shadows, where the centre of a pixel sees no surface but this ground.
+    """The shadow-catcher plane, at pixels whose centre sees no surface but this plane.
 
-    Lists of lights, and their bits, are as in `Frame`, without lights that stand for bounced light.
+    Lights are in the order of `Frame`, without those that stand for bounced light.
     """
 
-    height: float  # along the scene's up axis, world
-    mask: np.ndarray  # (H, W) bool: pixels whose centre sees the ground
-    position: np.ndarray  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
-    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
-    share: np.ndarray  # (H, W, 3) float32: light with shadows over light without, of what shows no surface; 1 elsewhere
+    height: float  # along the scene's up axis, world space
+    mask: NDArray[np.bool_]  # (H, W) bool: pixels whose centre sees the ground
+    position: NDArray[np.float32]  # (H, W, 3) float32, recentred frame, as `GBuffer.position`; 0 elsewhere
+    visibility: list[NDArray[np.float32]]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 elsewhere
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 elsewhere
+    share: NDArray[np.float32]  # (H, W, 3): light with shadows over light without, behind the surfaces; 1 elsewhere
 
     @property
-    def lost(self) -> np.ndarray:
-        """(H, W) float32: the share of the light's luminance that is lost; 0 where no shadow is."""
+    def lost(self) -> NDArray[np.float32]:
+        """(H, W) float32: the share of the light's luminance that shadows take away; 0 where there is no shadow."""
         return np.float32(1.0) - self.share @ LUMINANCE
 
 
 class Frame(NamedTuple):
     """A rendered frame. H, W: the camera's height and width."""
 
-    image: np.ndarray  # (H, W, 3) float32, linear
-    visibility: list[np.ndarray]  # per light (H, W) float32 in [0, 1]: share of the light seen; 1 in the background
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64: bit s = sample s occluded; 0 in the background
-    gbuffer: GBuffer  # the surface seen by each pixel
-    rays: int  # shadow rays, including those at bounce surfaces; diffuse rays are not counted
+    image: NDArray[np.float32]  # (H, W, 3) float32, linear
+    visibility: list[NDArray[np.float32]]  # per light (H, W) in [0, 1]: share of the light seen; 1 in the background
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)): bit s = sample s occluded; 0 in the background
+    gbuffer: GBuffer  # the surface that each pixel sees
+    rays: int  # shadow rays, including those of bounced light; diffuse rays are not counted
     timings: dict[str, float]  # seconds of each phase in PHASES, and "total"; compilation is never included
     counters: dict[str, int] | None  # sums over the shadow rays (see trace.counters); None unless requested
-    refined: np.ndarray | None = None  # (H, W) bool: refined pixels in penumbrae and at edges; None unless requested
-    indirect: np.ndarray | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
-    scheduled: list[dict] | None = None  # CHC+RT only: the statistics of each query, as from `Statistics.as_dict`
+    refined: NDArray[np.bool_] | None = None  # (H, W): refined pixels in penumbrae and at edges; None unless requested
+    indirect: NDArray[np.float32] | None = None  # (H, W, 3) float32: irradiance after one bounce; None unless requested
+    scheduled: list[dict[str, Any]] | None = None  # CHC+RT only: statistics of each query, see `Statistics.as_dict`
     paging: dict[str, int] | None = None  # stores only: chunks read and evicted, see `store.chunk_residency.Paging`
-    plan: str = ""  # the methods that ran; of the plan "auto" those that it chose
-    choices: list[StrategyChoice] | None = None  # the plan "auto" only: how each query was answered, and why
-    divided: np.ndarray | None = None  # (H, W) float32: share of each pixel with surfaces; None: edges not smoothed
-    names: tuple[str, ...] = ()  # of the lights, all different: their own, or their kinds, such as "sun"
-    backdrop: np.ndarray | None = None  # (H, W, 3) float32, shares of white: what a PNG shows behind, with shadows
+    plan: str = ""  # the methods that ran; for the plan "auto", those that it chose
+    choices: list[StrategyChoice] | None = None  # the plan "auto" only: the method of each query, and why it was chosen
+    divided: NDArray[np.float32] | None = None  # (H, W): share of each pixel that shows surfaces; None: unsmoothed
+    names: tuple[str, ...] = ()  # unique names of the lights: their own, or their kinds, such as "sun"
+    backdrop: NDArray[np.float32] | None = None  # (H, W, 3) float32, shares of white: background of a PNG, with shadows
     layers: Layers | None = None  # the image light by light, base colours and objects; None unless requested
-    ambient: np.ndarray | None = None  # (3,) float32: ambient irradiance of surfaces that face up; 0 with `indirect`
+    ambient: NDArray[np.float32] | None = None  # (3,): ambient irradiance of surfaces that face up; 0 with `indirect`
     ground: Ground | None = None  # the shadows on the ground; None unless requested
 
     @property
-    def coverage(self) -> np.ndarray:
-        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, and between them at smoothed edges."""
+    def coverage(self) -> NDArray[np.float32]:
+        """(H, W) float32: the share of each pixel that shows surfaces: 0 or 1, or between them at smoothed edges."""
         return self.mask.astype(np.float32) if self.divided is None else self.divided
 
     @property
-    def mask(self) -> np.ndarray:
+    def mask(self) -> NDArray[np.bool_]:
         """(H, W) bool: whether the pixel sees a surface. Elsewhere `visibility` is 1, since nothing hides the light.
 
         ``np.where(frame.mask, frame.visibility[0], np.nan)`` leaves the background out of means and plots.
         """
         return self.gbuffer.face >= 0
 
-    def save(self, path, exposure: float | None = None, background=None) -> None:
+    def save(
+        self, path: str | os.PathLike[str], exposure: float | None = None, background: str | ArrayLike | None = None
+    ) -> None:
         """Write the frame as ``.png`` (sRGB) or ``.exr`` (linear).
 
-        An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the share of each light that is seen; depth.Z,
-        normal.X/Y/Z, position.X/Y/Z and triangle.id. With a ground also ground.R/G/B, `Ground.share`; A then has
-        `Ground.lost` where no surface is seen. With `layers` also ``light.NAME.R/G/B``, albedo.R/G/B,
-        indirect.R/G/B and object.id.
+        An ``.exr`` has the channels R, G, B and A; ``shadow.NAME``, the visible share of each light; depth.Z,
+        normal.X/Y/Z, position.X/Y/Z and triangle.id. A ground adds ground.R/G/B, which is `Ground.share`, and A is
+        then `Ground.lost` where no surface is seen. `layers` add ``light.NAME.R/G/B``, albedo.R/G/B, indirect.R/G/B
+        and object.id.
 
         Parameters
         ----------
         path : str or path-like
-            A name that ends in ``.png`` or ``.exr``.
+            Ends in ``.png`` or ``.exr``.
         exposure : float or None
-            Exposure of a PNG; None: automatic.
+            Exposure of a PNG; None: automatic. An EXR has none.
         background : None, "transparent" or (3,) float
-            Of a PNG: an alpha channel, or an sRGB colour in [0, 1], for frames rendered with ``background=False``.
+            Background of a PNG: an alpha channel, or an sRGB colour in [0, 1]. Render with ``background=False``.
 
         Raises
         ------
@@ -121,7 +125,7 @@ class Frame(NamedTuple):
         save_frame(self, path, exposure, background=background)
 
     def _repr_png_(self) -> bytes:
-        """The picture as a notebook shows it: as `save` writes it to a ``.png``."""
+        """The contents of the PNG that `save` writes, for notebooks."""
         from .image_files import frame_exposure, png_bytes, screen_picture
 
         return png_bytes(screen_picture(self, frame_exposure(self)))
@@ -136,67 +140,69 @@ class Frame(NamedTuple):
 class FrameClock:
     """Accumulates the seconds of each phase."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.seconds = dict.fromkeys(PHASES, 0.0)
         self.start = self.last = perf_counter()
 
     def lap(self, phase: str) -> None:
+        """Add the time since the last lap to a phase."""
         now = perf_counter()
         self.seconds[phase] += now - self.last
         self.last = now
 
     def timings(self) -> dict[str, float]:
+        """Seconds of each phase, and "total" up to the last lap."""
         return {**self.seconds, "total": self.last - self.start}
 
 
-# --- The state of a frame during rendering, and the steps that several passes share: trace, accelerate, shade ---------
+# --- State of a frame, and steps that several passes share ------------------------------------------------------------
 
 
 class TracedLights(NamedTuple):
     """The queries of all lights, and their bits."""
 
     queries: list[ShadowQuery]  # one per light
-    bits: list[np.ndarray]  # per light (H, W, ceil(n / 64)) uint64
+    bits: list[NDArray[np.uint64]]  # per light (H, W, ceil(n / 64)) uint64
 
 
 class TracedBits(NamedTuple):
-    """What the rays of a picture found."""
+    """The occlusion bits and bounced light of a picture."""
 
-    bits: list[np.ndarray]  # per light (H, W, words) uint64
-    finer: list[np.ndarray]  # per light (H, W, words) uint64, of refined penumbrae; empty without refinement
-    edges: list[np.ndarray]  # per light (edges, 4, 4, words) uint64, of the sub-pixels of edges, row by row
-    indirect: np.ndarray | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
+    bits: list[NDArray[np.uint64]]  # per light (H, W, words) uint64
+    finer: list[NDArray[np.uint64]]  # per light (H, W, words) uint64, in refined penumbrae; empty without refinement
+    edges: list[NDArray[np.uint64]]  # per light (edges, 4, 4, words) uint64: sub-pixels of edges, row by row
+    indirect: NDArray[np.float32] | None  # (H, W, 3) float32, irradiance after one bounce, unfiltered
 
 
 class FrameState:
     """The state of one frame during rendering.
 
     tracer : FrameTracer
-        Of the engine.
+        The engine's tracer.
     request : Request
-    clock : Clock
+    clock : FrameClock
         Each pass adds its seconds.
     tally : (n,) int64 or None
         Counters, if requested.
     rays : int
         Shadow rays traced so far.
-    kept : KeptRows or None
-        What the rays found, if all of them were traced before.
+    known : TracedBits or None
+        The results of all rays, if they were traced before.
     """
 
-    def __init__(self, engine: Engine, request: Request, kept: TracedBits | None = None):
+    def __init__(self, engine: Engine, request: Request, known: TracedBits | None = None):
         self.tracer, self.request = engine.frame_tracer(), request
         self.clock, self.threads, self.rays = FrameClock(), engine.threads, 0
         self.tally = new_counters() if request.options.counters else None
-        self.kept = kept
+        self.known = known
 
 
-def queries_of(state: FrameState, surfaces: Surfaces, samples) -> list[ShadowQuery]:
-    """One query per light at these surfaces, with the given samples of each light."""
+def queries_of(state: FrameState, surfaces: Surfaces, samples: list[np.ndarray]) -> list[ShadowQuery]:
+    """One query per light at these surfaces; `samples`: for each light, as from `light_samples`."""
     return surface_queries(surfaces, state.request.lights, samples, state.request.facing, state.threads)
 
 
-def trace_query(state: FrameState, query: ShadowQuery) -> np.ndarray:
+def trace_query(state: FrameState, query: ShadowQuery) -> NDArray[np.uint64]:
     """Trace a query: (h, w, ceil(n / 64)) uint64."""
     return trace_queries(state, [query]).bits[0]
 
@@ -207,28 +213,35 @@ def trace_queries(state: FrameState, queries: list[ShadowQuery]) -> TracedLights
 
 
 def with_known_bits(state: FrameState, queries: list[ShadowQuery], bits: list[np.ndarray]) -> TracedLights:
-    """Queries whose bits are known. Their rays are counted."""
+    """Pair queries with their bits, and count their rays."""
     state.rays += sum(ray_count(query) for query in queries)
     return TracedLights(queries, bits)
 
 
-def arriving_light(state: FrameState, surfaces: Surfaces, traced: TracedLights, seen=None) -> list[np.ndarray]:
-    """The light that each light source sends to each pixel's surface; see `picture.shading.arriving_irradiance`.
+def arriving_light(
+    state: FrameState, surfaces: Surfaces, traced: TracedLights, visible: PictureSurfaces | None = None
+) -> list[np.ndarray]:
+    """The irradiance from each light at each pixel's surface; see `picture.shading.arriving_irradiance`.
 
-    seen : the surfaces, for lights whose irradiance is smoothed; None: nothing is smoothed
+    visible : the visible surfaces, for lights whose irradiance is smoothed; None: no smoothing
     """
     request = state.request
     return [
         arriving_irradiance(
-            surfaces.gbuffer, light, query, b, seen if smooths_light(request, light) else None, surfaces.shading,
+            surfaces.gbuffer,
+            light,
+            query,
+            b,
+            visible if smooths_light(request, light) else None,
+            surfaces.shading,
             state.threads,
         )
         for light, query, b in zip(request.lights, *traced)
-    ]  # fmt: skip
+    ]
 
 
 def smooths_light(request: Request, light: Light) -> bool:
-    """Whether the irradiance from a list of lights is smoothed."""
+    """Whether to smooth the irradiance from a list of lights."""
     return request.smooth or (request.smooth_skies and isinstance(light, Sky))
 
 
@@ -237,28 +250,35 @@ def surface_facing(surfaces: Surfaces) -> Facing:
     return facing_of(surfaces.gbuffer, surfaces.shading)
 
 
-def shade_surfaces(state: FrameState, surfaces: Surfaces, arrived, shares_of, ambient, indirect=None) -> np.ndarray:
-    """The shaded image of these surfaces, (H, W, 3) float32."""
+def shade_surfaces(
+    state: FrameState,
+    surfaces: Surfaces,
+    arrived: list[np.ndarray],
+    shares: list[np.ndarray],
+    ambient: np.ndarray,
+    indirect: np.ndarray | None = None,
+) -> NDArray[np.float32]:
+    """Shade these surfaces: (H, W, 3) float32. The arguments are those of `picture.shading.shade`."""
     up, lights = state.tracer.scene.up, state.request.lights
-    return shade(*shading_inputs(surfaces), lights, arrived, shares_of, ambient, up, indirect, state.threads)
+    return shade(*shading_inputs(surfaces), lights, arrived, shares, ambient, up, indirect, state.threads)
 
 
 def shading_inputs(surfaces: Surfaces) -> tuple[GBuffer, np.ndarray]:
     """A G-buffer with shading normals, and the colours ((m, 3) float32) that its faces index, for `shade`.
 
-    With textures each pixel has a colour of its own.
+    With textures, each pixel has its own colour.
     """
     gbuffer, albedo = surfaces.gbuffer, surfaces.albedo
     if surfaces.shading is not None:
         gbuffer = gbuffer._replace(normal=surfaces.shading.normal)
     if albedo is None:
         return gbuffer, surfaces.triangles.colour
-    own = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
-    return gbuffer._replace(face=np.where(surfaces.ids >= 0, own, np.int32(-1))), albedo.reshape(-1, 3)
+    pixel_ids = np.arange(gbuffer.face.size, dtype=np.int32).reshape(gbuffer.face.shape)
+    return gbuffer._replace(face=np.where(surfaces.ids >= 0, pixel_ids, np.int32(-1))), albedo.reshape(-1, 3)
 
 
 def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Surfaces:
-    """The surfaces with the base colours and normals that pixels see, if the scene has textures or smooth normals.
+    """Add base colours and shading normals of pixels, if the scene has textures or smooth normals.
 
     parts : sub-pixels along a side of a pixel
     """
@@ -275,19 +295,25 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
     return surfaces
 
 
-def shade_unfiltered(state: FrameState, surfaces: Surfaces, traced: TracedLights, ambient, indirect=None) -> np.ndarray:
-    """The image of these surfaces, (H, W, 3) float32, shaded with unfiltered bits."""
+def shade_unfiltered(
+    state: FrameState,
+    surfaces: Surfaces,
+    traced: TracedLights,
+    ambient: np.ndarray,
+    indirect: np.ndarray | None = None,
+) -> NDArray[np.float32]:
+    """Shade these surfaces with unfiltered bits: (H, W, 3) float32."""
     facing = surface_facing(surfaces)
-    shown = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
-    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shown, ambient, indirect)
+    shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+    return shade_surfaces(state, surfaces, arriving_light(state, surfaces, traced), shares, ambient, indirect)
 
 
-def edge_colours(state: FrameState) -> np.ndarray:
-    """(n, 3) float32: colours of faces that differ at edges; the faces of a texture all have the same."""
+def edge_colours(state: FrameState) -> NDArray[np.float32]:
+    """(n, 3) float32: colours of faces for finding edges; all faces of a textured material have the same colour."""
     colour, appearance = state.tracer.triangles.colour, state.tracer.scene.appearance
     if appearance is None or not state.request.options.textures:
         return colour
     factors = np.array([material.factor[:3] for material in appearance.materials], np.float32)
-    own = appearance.material_of_face[state.tracer.triangles.face_id]
+    materials = appearance.material_of_face[state.tracer.triangles.face_id]
     varied = appearance.textured[state.tracer.triangles.face_id] | (appearance.colours is not None)
-    return np.where((varied & (own >= 0))[:, None], factors[own], colour)
+    return np.where((varied & (materials >= 0))[:, None], factors[materials], colour)

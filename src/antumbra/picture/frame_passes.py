@@ -1,10 +1,11 @@
-"""The passes of one frame: evaluate, G-buffer, trace, filter, refine, bounce, shade, smooth edges, and layers."""
+"""The passes of one frame: evaluate, G-buffer, trace, filter, refine, bounce, shade, layers, and smooth edges."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
@@ -13,7 +14,7 @@ from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, pi
 from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, stacked
-from ..scene.lights import is_bounced, light_names
+from ..scene.lights import Light, is_bounced, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.ray_hits import Nearest
@@ -43,101 +44,114 @@ from .morphological_antialiasing import mixture
 from .shading import ambient_light, backdrop, shade, skies_of, sky_behind
 from .shadow_catcher import ShadowCatcher
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The parts of a frame's image: base colours, each light alone, and objects. Compositors put them together again.
+# --- Layers for compositing: base colours, each light alone, and objects ----------------------------------------------
 
 
 def frame_layers(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    shares: list[np.ndarray],
+    indirect: np.ndarray | None,
 ) -> Layers:
-    """The `Layers` of a frame: its surfaces are shaded once more for each light."""
+    """The `Layers` of a frame: shades its surfaces once more for each light."""
     request, ids = state.request, surfaces.ids
     gbuffer, colour = shading_inputs(surfaces)
-    arrived, dark = arriving_light(state, surfaces, traced, seen if request.smooth else None), np.zeros(3, np.float32)
+    arrived, dark = (
+        arriving_light(state, surfaces, traced, visible if request.smooth else None),
+        np.zeros(3, np.float32),
+    )
     up = state.tracer.scene.up
 
-    def shaded(lights, arrived, shares, indirect=None) -> np.ndarray:
+    def shaded(
+        lights: list[Light], arrived: list[np.ndarray], shares: list[np.ndarray], indirect: np.ndarray | None = None
+    ) -> np.ndarray:
         return shade(gbuffer, colour, lights, arrived, shares, dark, up, indirect, state.threads)
 
-    alone = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
+    images = [shaded([light], [a], [s]) for light, a, s in zip(request.lights, arrived, shares)]
     bounced = None if indirect is None else shaded([], [], [], indirect)
-    met = ids >= 0
-    albedo = np.where(met[..., None], colour[np.where(met, gbuffer.face, 0)], np.float32(0.0))
-    things = state.tracer.scene.object_of_face[np.where(met, ids, 0)]
+    hit = ids >= 0
+    albedo = np.where(hit[..., None], colour[np.where(hit, gbuffer.face, 0)], np.float32(0.0))
+    objects = state.tracer.scene.object_of_face[np.where(hit, ids, 0)]
     state.clock.lap("shade")
-    return Layers(albedo, alone, bounced, np.where(met, things, np.int32(-1)))
+    return Layers(albedo, images, bounced, np.where(hit, objects, np.int32(-1)))
 
 
-# --- The anti-aliasing of a frame: the pixels at edges of its image and of what belongs to it are mixed ---------------
+# --- Anti-aliasing ----------------------------------------------------------------------------------------------------
 
 
 def smooth_edges(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, pictures: list[np.ndarray], ground: Ground | None
 ) -> np.ndarray:
-    """Mix the pixels at edges of pictures with those across. Returns (H, W) float32: the share that shows surfaces."""
+    """Mix the pixels at edges of pictures with their neighbours across the edge.
+
+    Returns (H, W) float32: the share of each pixel that shows surfaces.
+    """
     coverage = (surfaces.ids >= 0).astype(np.float32)
-    mixed, free = mixture(seen, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
-    for each in [coverage, *pictures]:
-        mixed.mix(each)
+    mixed, free = mixture(visible, edge_colours(state), state.threads), np.float32(1.0) - coverage[..., None]
+    for picture in [coverage, *pictures]:
+        mixed.mix(picture)
     if ground is not None:
-        kept, whole = mixed.of(free * ground.share), mixed.of(free)
-        share = np.divide(kept, whole, out=np.ones_like(kept), where=whole > 0.0)
+        lit, total = mixed.of(free * ground.share), mixed.of(free)
+        share = np.divide(lit, total, out=np.ones_like(lit), where=total > 0.0)
         ground.share.reshape(-1, 3)[mixed.pixels] = share
     state.clock.lap("shade")
     return coverage
 
 
-# --- Light that bounces once: the irradiance at each pixel's surface from the surfaces around it ----------------------
+# --- Bounced light ----------------------------------------------------------------------------------------------------
 
 
 _BLACK = np.zeros(3, np.float32)
+_T = TypeVar("_T")
 
 
-def indirect_light(state: FrameState, surfaces: Surfaces, origins, nearest: Nearest) -> np.ndarray:
-    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pass.
+def indirect_light(state: FrameState, surfaces: Surfaces, origins: np.ndarray, nearest: Nearest) -> NDArray[np.float32]:
+    """(H, W, 3) float32: irradiance after one bounce, estimated with one diffuse ray per pixel and pass.
 
     origins : (H, W, 3) float32, the receivers of the surfaces
-    nearest : finds the surfaces that the rays of passes meet first
+    nearest : finds the closest hits of the rays of passes
 
-    The density of the rays is proportional to the cosine to the normal. So the irradiance is pi times the mean radiance
-    of the surfaces they meet. These surfaces are diffuse; the lights alone illuminate them, with shadows. Rays that
-    leave the scene contribute zero: a sky that they would meet is a light, so its light has arrived directly.
+    Rays have cosine density, so the irradiance is pi times the mean radiance of the surfaces they meet. These surfaces
+    are diffuse and lit by the lights alone, with shadows. Rays that leave the scene contribute zero: a sky is one of
+    the lights, so its light has already arrived directly.
 
-    A store traces as many passes together as memory allows, and then their shadow rays [Mattausch et al. 2015].
+    A store traces as many passes at once as memory allows, and then their shadow rays [Mattausch et al. 2015].
     """
     passes, gbuffer, ids = state.request.passes, surfaces.gbuffer, surfaces.ids.reshape(-1)
     assert passes is not None
     radiance = np.zeros((*gbuffer.face.shape, 3))
-    together, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
-    for some in _batches(range(len(passes.directions)), together(PASS_BYTES * gbuffer.face.size)):
-        rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in some]
-        met = zip(some, nearest(rays, shape))
-        for few in _batches(met, together((SURFACE_BYTES + LIGHT_BYTES * n_lights) * gbuffer.face.size)):
-            queries = [queries_of(state, each, [of_light[k] for of_light in passes.lights]) for k, each in few]
+    at_once, shape, n_lights = state.tracer.passes_at_once, gbuffer.face.shape, len(passes.lights)
+    for batch in _batches(range(len(passes.directions)), at_once(PASS_BYTES * gbuffer.face.size)):
+        rays = [diffuse_rays(gbuffer, origins, passes.directions[k], state.threads)._replace(skip=ids) for k in batch]
+        hits = zip(batch, nearest(rays, shape))
+        for group in _batches(hits, at_once((SURFACE_BYTES + LIGHT_BYTES * n_lights) * gbuffer.face.size)):
+            queries = [queries_of(state, hit, [of_light[k] for of_light in passes.lights]) for k, hit in group]
             traced = trace_queries(state, [query for of_pass in queries for query in of_pass])
-            for i, (_, each) in enumerate(few):
-                own = slice(i * n_lights, (i + 1) * n_lights)
-                radiance += shade_unfiltered(state, each, TracedLights(traced.queries[own], traced.bits[own]), _BLACK)
+            for i, (_, hit) in enumerate(group):
+                part = slice(i * n_lights, (i + 1) * n_lights)
+                radiance += shade_unfiltered(state, hit, TracedLights(traced.queries[part], traced.bits[part]), _BLACK)
     return (np.pi / len(passes.directions) * radiance).astype(np.float32)
 
 
-def _batches(items: Iterable, n: int) -> Iterator[list]:
+def _batches(items: Iterable[_T], n: int) -> Iterator[list[_T]]:
     """Lists of up to n items, in order."""
-    rest = iter(items)
-    while some := list(islice(rest, n)):
+    iterator = iter(items)
+    while some := list(islice(iterator, n)):
         yield some
 
 
-# --- One frame, pass by pass: evaluate, G-buffer, trace, filter, refine, bounce, shade, and smooth edges --------------
+# --- The passes -------------------------------------------------------------------------------------------------------
 
 
-def render_frame(engine: Engine, request: Request, kept: TracedBits | None = None) -> Frame:
-    """Render a frame. Its kernels should be compiled already, or compilation counts in the timings.
+def render_frame(engine: Engine, request: Request, known: TracedBits | None = None) -> Frame:
+    """Render a frame. Compile its kernels first, or compilation counts in the timings.
 
-    kept : what the rays of this frame found, if they were traced before; no tree is built then
+    known : results of the rays, if they were traced before; no tree is built then
     """
     with engine.lock:
-        return _render_frame(FrameState(engine, request, kept))
+        return _render_frame(FrameState(engine, request, known))
 
 
 def _render_frame(state: FrameState) -> Frame:
@@ -145,36 +159,52 @@ def _render_frame(state: FrameState) -> Frame:
     evaluate(state)
     surfaces, traced = find_and_trace(state)
     surfaces = with_appearance(state, surfaces)
-    seen, found = visible_fractions(state, surfaces, traced)
+    visible, fractions = visible_fractions(state, surfaces, traced)
     edge = finer = indirect = coverage = None
     if request.finer is not None:
-        edge, finer = refine(state, surfaces, seen, traced, found)
-    visibility, shares = [each.fraction for each in found], [each.share for each in found]
+        edge, finer = refine(state, surfaces, visible, traced, fractions)
+    visibility, shares = [light.fraction for light in fractions], [light.share for light in fractions]
     if request.passes is not None:
-        indirect = bounce(state, surfaces, seen, traced)
-    image, ambient, fill = shade_frame(state, surfaces, seen, traced, shares, indirect)
+        indirect = bounce(state, surfaces, visible, traced)
+    image, ambient, fill = shade_frame(state, surfaces, visible, traced, shares, indirect)
     catcher = None if request.ground is None else ShadowCatcher(state, fill)
-    ground = None if catcher is None else catcher.picture(surfaces)
+    ground = None if catcher is None else catcher.ground(surfaces)
     fill_background(state, surfaces, image, ground)
-    layers = frame_layers(state, surfaces, seen, traced, shares, indirect) if request.options.layers else None
+    layers = frame_layers(state, surfaces, visible, traced, shares, indirect) if request.options.layers else None
     if edge is not None and edge.any():
         coverage = (surfaces.ids >= 0).astype(np.float32)
         shade_edges(state, edge, EdgeInputs(image, coverage, ground, catcher), ambient, indirect)
     if request.options.smooths_edges:
-        coverage = smooth_edges(state, surfaces, seen, [image, *(layers.images if layers else [])], ground)
+        coverage = smooth_edges(state, surfaces, visible, [image, *(layers.images if layers else [])], ground)
     gbuffer = surfaces.gbuffer._replace(face=surfaces.ids)
-    counted = None if state.tally is None else as_dict(state.tally)
+    counters = None if state.tally is None else as_dict(state.tally)
     tracer = state.tracer
-    methods = tracer.methods() if state.kept is None else FrameMethods(str(tracer.plan), None, None)
+    methods = tracer.methods() if state.known is None else FrameMethods(str(tracer.plan), None, None)
     return Frame(
-        image, visibility, traced.bits, gbuffer, state.rays, state.clock.timings(), counted, finer, indirect,
-        methods.statistics, tracer.paging(), methods.plan, methods.choices, coverage,
-        tuple(light_names(request.lights)), backdrop_of(state, surfaces, coverage, ground), layers, ambient, ground,
-    )  # fmt: skip
+        image=image,
+        visibility=visibility,
+        bits=traced.bits,
+        gbuffer=gbuffer,
+        rays=state.rays,
+        timings=state.clock.timings(),
+        counters=counters,
+        refined=finer,
+        indirect=indirect,
+        scheduled=methods.statistics,
+        paging=tracer.paging(),
+        plan=methods.plan,
+        choices=methods.choices,
+        divided=coverage,
+        names=tuple(light_names(request.lights)),
+        backdrop=backdrop_of(state, surfaces, coverage, ground),
+        layers=layers,
+        ambient=ambient,
+        ground=ground,
+    )
 
 
 def evaluate(state: FrameState) -> None:
-    """Evaluate the triangles at the frame's time; build their tree if primary visibility uses rays."""
+    """Evaluate the triangles at the frame's time, and build their tree if primary visibility uses rays."""
     request = state.request
     state.tracer.begin(frame_memory(request), *ray_counts(request), request.options.time)
     state.clock.lap("evaluate")
@@ -183,7 +213,7 @@ def evaluate(state: FrameState) -> None:
 
 
 def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
-    """Find the surfaces that the camera sees, and trace their shadow rays, band by band of the picture."""
+    """Find the surfaces that the camera sees and trace their shadow rays, one band of rows after another."""
     bands, bits = list[Surfaces](), list[list[np.ndarray]]()
     for rows in state.tracer.bands(state.request.camera.height):
         surfaces = find_surfaces(state, rows)
@@ -199,19 +229,19 @@ def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
 
 
 def find_surfaces(state: FrameState, rows: slice) -> Surfaces:
-    """Find the surfaces that the camera sees in some rows."""
+    """Find the surfaces that the camera sees in a range of rows."""
     surfaces = state.tracer.surfaces(state.request.camera, rows, state.request.progress)
     state.clock.lap("gbuffer")
     return surfaces
 
 
 def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
-    """Trace the shadow rays of a band's pixels. The tree also serves the later rays of refined penumbrae."""
+    """Trace the shadow rays of a band's pixels, in a tree that also serves the rays of refined penumbrae."""
     request, tracer = state.request, state.tracer
     queries = queries_of(state, surfaces, request.samples)
     state.clock.lap("trace")
-    if state.kept is not None:
-        return with_known_bits(state, queries, [bits[rows] for bits in state.kept.bits])
+    if state.known is not None:
+        return with_known_bits(state, queries, [bits[rows] for bits in state.known.bits])
     finer = [] if request.finer is None else [q._replace(samples=s) for q, s in zip(queries, request.finer.penumbra)]
     tracer.sample(surfaces.gbuffer, queries, request.lights, request.samples, request.facing)
     tracer.prepare([*queries, *finer], state.clock.lap)
@@ -223,29 +253,33 @@ def trace(state: FrameState, surfaces: Surfaces, rows: slice) -> TracedLights:
 def visible_fractions(
     state: FrameState, surfaces: Surfaces, traced: TracedLights
 ) -> tuple[PictureSurfaces, list[LightFractions]]:
-    """The seen surfaces in the filters' format; and how much of each light is visible, filtered on request."""
-    seen, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
-    found = [light_fractions(seen, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
+    """The visible surfaces as input of filters, and the visible fraction of each light, filtered on request."""
+    visible, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
+    fractions = [light_fractions(visible, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
-    return seen, found
+    return visible, fractions
 
 
 def refine(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, found: list[LightFractions]
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    fractions: list[LightFractions],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Trace more rays in penumbrae, and replace what was found there.
+    """Trace more rays in penumbrae, and replace the values of `fractions` there.
 
-    Returns two (H, W) bool masks: edge pixels, which `divide` splits into sub-pixels; and all refined pixels.
+    Returns two (H, W) bool masks: edge pixels, which `shade_edges` splits into sub-pixels; and all refined pixels.
     """
-    more, kept = state.request.finer, state.kept
+    more, known = state.request.finer, state.known
     assert more is not None
-    edge = edges(seen, edge_colours(state), state.threads)
+    edge = edges(visible, edge_colours(state), state.threads)
     chosen = edge.copy()
     for i, (query, bits, samples) in enumerate(zip(*traced, more.penumbra)):
-        finer = finer_query(seen, query, bits, samples, state.threads)
-        better = trace_query(state, finer) if kept is None else _known(state, kept.finer[i], finer)
-        found[i] = refine_fractions(
-            found[i], seen, surface_facing(surfaces), finer, better, state.request.smooth, state.threads
+        finer = finer_query(visible, query, bits, samples, state.threads)
+        better = trace_query(state, finer) if known is None else _known(state, known.finer[i], finer)
+        fractions[i] = refine_fractions(
+            fractions[i], visible, surface_facing(surfaces), finer, better, state.request.smooth, state.threads
         )
         chosen |= finer.sides != NOTHING
     state.clock.lap("trace")
@@ -256,29 +290,37 @@ def _known(state: FrameState, bits: np.ndarray, query: ShadowQuery) -> np.ndarra
     return with_known_bits(state, [query], [bits]).bits[0]
 
 
-def bounce(state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights) -> np.ndarray:
+def bounce(
+    state: FrameState, surfaces: Surfaces, visible: PictureSurfaces, traced: TracedLights
+) -> NDArray[np.float32]:
     """(H, W, 3) float32: irradiance after one bounce, filtered on request."""
-    if state.kept is None:
+    if state.known is None:
         nearest = state.tracer.closest_hits(state.clock.lap)
         indirect = indirect_light(state, surfaces, traced.queries[0].origins, nearest)
         state.clock.lap("trace")
     else:
-        assert state.kept.indirect is not None
-        indirect = state.kept.indirect
+        assert state.known.indirect is not None
+        indirect = state.known.indirect
     if state.request.smooth:
-        indirect = smooth_irradiance(seen, indirect, state.threads)
+        indirect = smooth_irradiance(visible, indirect, state.threads)
         state.clock.lap("filter")
     return indirect
 
 
 def shade_frame(
-    state: FrameState, surfaces: Surfaces, seen: PictureSurfaces, traced: TracedLights, shares, indirect
+    state: FrameState,
+    surfaces: Surfaces,
+    visible: PictureSurfaces,
+    traced: TracedLights,
+    shares: list[np.ndarray],
+    indirect: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The image, (H, W, 3) float32; its ambient light, (3,) float32; and the ambient light of the ground.
 
-    The ambient light is zero if the frame has bounced light. That of the ground still stands for it then.
+    If the frame has bounced light, its ambient light is zero, but the ground's ambient light still stands for bounced
+    light.
     """
-    arrived, lights = arriving_light(state, surfaces, traced, seen), state.request.lights
+    arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
     direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
     fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
@@ -288,23 +330,23 @@ def shade_frame(
 
 
 def fill_background(state: FrameState, surfaces: Surfaces, image: np.ndarray, ground: Ground | None) -> None:
-    """Write the light of skies, dimmed by shadows on the ground, to the pixels that see no surface."""
+    """Fill pixels that see no surface with the light of skies, dimmed by shadows on the ground."""
     if skies := _seen_skies(state):
         rows, columns = np.nonzero(surfaces.ids < 0)
-        shown = sky_behind(skies, state.tracer.view, rows, columns)
-        image[rows, columns] = shown if ground is None else shown * ground.share[rows, columns]
+        radiance = sky_behind(skies, state.tracer.view, rows, columns)
+        image[rows, columns] = radiance if ground is None else radiance * ground.share[rows, columns]
         state.clock.lap("shade")
 
 
 def backdrop_of(
     state: FrameState, surfaces: Surfaces, coverage: np.ndarray | None, ground: Ground | None
 ) -> np.ndarray | None:
-    """The backdrop of a picture whose lights have no sky; None if nothing of it would be seen, or none is wanted."""
+    """The backdrop of a picture without a sky; None if it would be invisible, or if ``background=False``."""
     coverage = (surfaces.ids >= 0).astype(np.float32) if coverage is None else coverage
     if not state.request.options.background or _seen_skies(state) or (coverage == 1.0).all():
         return None
-    shown = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
-    return shown if ground is None else shown * ground.share
+    daylight = backdrop(state.tracer.view, coverage, state.tracer.scene.up)
+    return daylight if ground is None else daylight * ground.share
 
 
 def _seen_skies(state: FrameState) -> list[Sky]:
@@ -312,40 +354,47 @@ def _seen_skies(state: FrameState) -> list[Sky]:
 
 
 class EdgeInputs(NamedTuple):
-    """What `divide` improves at edges."""
+    """The images that `shade_edges` improves."""
 
     image: np.ndarray  # (H, W, 3) float32
     coverage: np.ndarray  # (H, W) float32: share of each pixel that shows surfaces
-    ground: Ground | None  # its `share`
-    catcher: ShadowCatcher | None  # of the ground
+    ground: Ground | None  # whose `share` is updated
+    catcher: ShadowCatcher | None
 
 
-def shade_edges(state: FrameState, edge: np.ndarray, shown: EdgeInputs, ambient: np.ndarray, indirect) -> None:
-    """Shade sixteen sub-pixels of each edge pixel, and write their mean to the image."""
+def shade_edges(
+    state: FrameState, edge: np.ndarray, inputs: EdgeInputs, ambient: np.ndarray, indirect: np.ndarray | None
+) -> None:
+    """Shade sixteen sub-pixels of each pixel in the mask `edge`, and write their mean to the image."""
     rows, columns = np.nonzero(edge)
-    most = state.tracer.at_once(edge_bytes(len(state.request.lights)))
-    for first in range(0, len(rows), most):
-        some = np.zeros_like(edge)
-        some[rows[first : first + most], columns[first : first + most]] = True
-        _shade_edges(state, some, first, shown, ambient, indirect)
+    batch_size = state.tracer.at_once(edge_bytes(len(state.request.lights)))
+    for first in range(0, len(rows), batch_size):
+        batch = np.zeros_like(edge)
+        batch[rows[first : first + batch_size], columns[first : first + batch_size]] = True
+        _shade_edges(state, batch, first, inputs, ambient, indirect)
 
 
 def _shade_edges(
-    state: FrameState, edge: np.ndarray, first: int, shown: EdgeInputs, ambient: np.ndarray, indirect
+    state: FrameState,
+    edge: np.ndarray,
+    first: int,
+    inputs: EdgeInputs,
+    ambient: np.ndarray,
+    indirect: np.ndarray | None,
 ) -> None:
-    """Divide the pixels of `edge`, of which `first` is the number of the first one among all edges."""
+    """`shade_edges` for a batch of pixels; `first`: index of the batch's first pixel among all edge pixels."""
     finer = state.request.finer
     assert finer is not None
     pixels = state.tracer.subpixels(edge)
     state.clock.lap("gbuffer")
     queries = [without_equal_samples(query) for query in queries_of(state, pixels, finer.edges)]
     state.clock.lap("trace")
-    if state.kept is None:
+    if state.known is None:
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
     else:
-        some = slice(first, first + int(np.count_nonzero(edge)))
-        bits = [picture_of(blocks[some], pixels.ids.shape) for blocks in state.kept.edges]
+        batch = slice(first, first + int(np.count_nonzero(edge)))
+        bits = [picture_of(blocks[batch], pixels.ids.shape) for blocks in state.known.edges]
         traced = with_known_bits(state, queries, bits)
     state.clock.lap("trace")
     around = None if indirect is None else block_copies(indirect[edge], pixels.ids.shape)
@@ -353,10 +402,10 @@ def _shade_edges(
     covered = (pixels.ids >= 0).astype(np.float32)
     count = int(np.count_nonzero(edge))
     share = block_means(covered, count)
-    backdrop_of = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
-    if shown.catcher is not None and shown.ground is not None:
-        shown.ground.share[edge] = dimmed = shown.catcher.between(edge, pixels)
-        backdrop_of = backdrop_of * dimmed
-    shown.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * backdrop_of
-    shown.coverage[edge] = share
+    background = sky_behind(_seen_skies(state), state.tracer.view, *np.nonzero(edge))
+    if inputs.catcher is not None and inputs.ground is not None:
+        inputs.ground.share[edge] = dimmed = inputs.catcher.edge_shares(edge, pixels)
+        background = background * dimmed
+    inputs.image[edge] = block_means(blocks, count) + (np.float32(1.0) - share)[:, None] * background
+    inputs.coverage[edge] = share
     state.clock.lap("shade")

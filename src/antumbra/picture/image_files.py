@@ -1,15 +1,17 @@
-"""Image files: tone mapping for the screen, PNG files for viewing, EXR files for measurements, and films."""
+"""Image files: tone mapping for screens, PNG files for viewing, EXR files for measurements, and films."""
 
 import json
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, number, quoted, vector
 from ..errors import InputError
@@ -17,40 +19,46 @@ from ..extras import import_extra
 from ..files import atomic_output, checked_output
 from ..scene.materials import BYTE_TO_LINEAR, srgb_to_linear
 
-# --- Tone mapping of linear light for a screen: exposure, highlight roll-off, sRGB ------------------------------------
+if TYPE_CHECKING:
+    from .frame import Frame
+
+# --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
 
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 """Rec. 709 weights of linear red, green and blue."""
 
-PERCENTILE = 97.0  # automatic exposure maps this percentile of the luminance of pixels that see a surface ...
-BRIGHT = 0.75  # ... to this share of white: bright, with room above it for highlights
-MIDDLE = 0.4  # ... if the median then has at least this share; a darker picture becomes brighter ...
-MOST_BRIGHTER = 1.7  # ... by at most this factor, and its highlights roll off, ...
-WIDE = 85.0  # ... but this percentile is at most ...
-WIDE_AT_MOST = 0.75  # ... this share of white: a wide bright floor keeps its shades
-SHOULDER = 0.6  # light below this stays linear; light above it rolls off softly towards white
+# Automatic exposure maps the percentile PERCENTILE of the luminance of visible surfaces to the share BRIGHT of white.
+# If the median is then below MIDDLE, it brightens the picture by up to MOST_BRIGHTER, so that highlights roll off, but
+# only until the percentile WIDE reaches WIDE_AT_MOST: a wide bright floor keeps its shades.
+PERCENTILE = 97.0
+BRIGHT = 0.75  # leaves room for highlights
+MIDDLE = 0.4
+MOST_BRIGHTER = 1.7
+WIDE = 85.0
+WIDE_AT_MOST = 0.75
+SHOULDER = 0.6  # light below this stays linear; light above it rolls off towards white
 
 _TOP = 4.0  # end of the table; the roll-off reaches 8-bit white long before it
 _ENTRIES = 1 << 16
-_ENOUGH = 1 << 18  # pixels that automatic exposure looks at
-_ROWS = 64  # rows that are converted at a time, so that temporaries stay in the cache
+_EXPOSURE_PIXELS = 1 << 18  # pixels that automatic exposure samples, about
+_ROWS = 64  # rows converted at a time, so that temporaries stay in the cache
 
 
-def automatic_exposure(image: np.ndarray, seen: np.ndarray) -> float:
+def automatic_exposure(image: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
     """The exposure that makes a picture bright but not clipped; 1.0 if there is no light.
 
     Parameters
     ----------
     image : (H, W, 3) float32, linear
-    seen : (H, W) bool
+    mask : (H, W) bool
         Pixels that count.
     """
-    step = math.isqrt(seen.size // _ENOUGH)
-    if step > 1 and seen[::step, ::step].any():
-        image, seen = image[::step, ::step], seen[::step, ::step]
-    with np.errstate(invalid="ignore"):  # pixels that are not finite do not count
-        luminance = image[seen] @ LUMINANCE
+    step = math.isqrt(mask.size // _EXPOSURE_PIXELS)
+    if step > 1 and mask[::step, ::step].any():
+        image, mask = image[::step, ::step], mask[::step, ::step]
+    with np.errstate(invalid="ignore"):  # non-finite pixels do not count
+        luminance = image[mask] @ LUMINANCE
     luminance = luminance[np.isfinite(luminance) & (luminance > 0.0)]
     if not len(luminance):
         return 1.0
@@ -70,11 +78,11 @@ def linear_to_srgb(x: np.ndarray) -> np.ndarray:
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * np.maximum(x, 0.0031308) ** (1.0 / 2.4) - 0.055)
 
 
-def to_srgb8(image: np.ndarray, exposure: float) -> np.ndarray:
-    """(H, W, 3) uint8 sRGB of linear light times `exposure`, highlights rolled off.
+def to_srgb8(image: NDArray[np.floating], exposure: float) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 sRGB of linear light times `exposure`, with rolled-off highlights.
 
-    NaN and negative light are black. A table of 65536 entries approximates the curve. Where the curve is steepest, in
-    black, an entry is a fifth of an 8-bit step.
+    NaN and negative light are black. The curve is a table of 65536 entries; at black, where it is steepest, an entry
+    spans a fifth of an 8-bit step.
     """
     out = np.empty(image.shape, np.uint8)
     scale = np.float32(min(exposure * (_ENTRIES / _TOP), 3e38))
@@ -88,40 +96,43 @@ def to_srgb8(image: np.ndarray, exposure: float) -> np.ndarray:
 
 
 @cache
-def _curve() -> np.ndarray:
+def _curve() -> NDArray[np.uint8]:
+    """The table of `to_srgb8`."""
     x = (np.arange(_ENTRIES) + 0.5) * (_TOP / _ENTRIES)
     return np.round(255.0 * linear_to_srgb(roll_off(x))).astype(np.uint8)
 
 
-# --- Writes pictures: PNG files for viewing, EXR files for measurements -----------------------------------------------
-
+# --- PNG and EXR files ------------------------------------------------------------------------------------------------
 
 IMAGE_SUFFIXES = (".png", ".exr")
-MAX_EXPOSURE = 1e30  # as lights are limited
+MAX_EXPOSURE = 1e30  # the limit of intensities
 _EXR_MAGIC = b"v/1\x01"
-_NOTE = "antumbra"  # the keyword of a PNG's text chunk, and the name of an EXR's attribute
+_NOTE = "antumbra"  # keyword of the text chunk in a PNG, name of the attribute in an EXR
 
 
-def check_output(path) -> Path:
-    """`path`, if a picture can be written there; otherwise an InputError that names the cure.
-
-    It is called before a long render.
-    """
+def check_output(path: str | os.PathLike[str]) -> Path:
+    """Check, before a long render, that a picture can be written to `path`; InputError with the remedy if not."""
     return checked_output(path, IMAGE_SUFFIXES)
 
 
-def checked_exposure(exposure) -> float:
+def checked_exposure(exposure: float) -> float:
     """`exposure` as a float; InputError unless it lies between 0 and `MAX_EXPOSURE`."""
     return number(exposure, "exposure", 0.0, MAX_EXPOSURE)
 
 
-def frame_exposure(frame) -> float:
-    """The exposure that ``save_frame(frame, "x.png")`` chooses automatically."""
+def frame_exposure(frame: "Frame") -> float:
+    """The automatic exposure of ``save_frame(frame, "x.png")``."""
     return automatic_exposure(frame.image, frame.mask)
 
 
-def save_frame(frame, path, exposure: float | None = None, note: str | None = None, background=None) -> None:
-    """Write a `Frame` as a picture; see `Frame.save`.
+def save_frame(
+    frame: "Frame",
+    path: str | os.PathLike[str],
+    exposure: float | None = None,
+    note: str | None = None,
+    background: str | ArrayLike | None = None,
+) -> None:
+    """Write a `Frame` to an image file; see `Frame.save`.
 
     Parameters
     ----------
@@ -129,46 +140,49 @@ def save_frame(frame, path, exposure: float | None = None, note: str | None = No
     path : str or path-like
         ``.png``: 8-bit sRGB with soft highlights. ``.exr``: the channels of `exr_channels`.
     exposure : float or None
-        Factor on the light of a PNG; None: automatic. An EXR has no exposure.
+        Factor on the light of a PNG; None: automatic. An EXR ignores it.
     note : str or None
         Text to store in the file; `note_of` reads it.
     background : None, "transparent" or (3,) float
-        Of a PNG: as in `Frame.save`. An EXR ignores it.
+        Background of a PNG, as in `Frame.save`. An EXR ignores it.
 
     Raises
     ------
     InputError
-        On another suffix, an exposure that is no positive number, or a path that cannot be written.
+        If the suffix is unknown, the exposure is not positive, or the path cannot be written.
 
     Notes
     -----
-    The file is written under another name and then renamed. So it is complete, or as it was before.
+    The file is written under a temporary name and then renamed, so `path` has the complete file or its old contents.
     """
-    path = check_output(path)
+    file = check_output(path)
     if exposure is not None:
         exposure = checked_exposure(exposure)
-    background = _checked_background(background)
-    if path.suffix.lower() == ".png":
-        save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), path, note)
+    background = _check_background(background)
+    if file.suffix.lower() == ".png":
+        save_png(screen_picture(frame, frame_exposure(frame) if exposure is None else exposure, background), file, note)
     else:
-        save_exr(exr_channels(frame), path, note, exr_header(frame))
+        save_exr(exr_channels(frame), file, note, exr_header(frame))
 
 
-def _checked_background(background):
-    if background is None or isinstance(background, str):
-        return None if background is None else choice(background, "background", ("transparent",))
+def _check_background(background: str | ArrayLike | None) -> str | NDArray[np.float64] | None:
+    if background is None:
+        return None
+    if isinstance(background, str):
+        name: str = choice(background, "background", ("transparent",))
+        return name
     colour = vector(background, "background")
     if not ((colour >= 0.0) & (colour <= 1.0)).all():
         raise InputError(f"background is {quoted(background)}; an sRGB colour has three numbers from 0 to 1")
     return colour
 
 
-def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
+def screen_picture(frame: "Frame", exposure: float, background: str | ArrayLike | None = None) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB of a frame, or (H, W, 4) with alpha if `background` is "transparent".
 
-    Without `background`, it shows the frame's backdrop, if it has one. With either, the colour of pixels that surfaces
-    cover in part is that of the surfaces alone, and is mixed with the background in linear light. Shadows on the ground
-    dim the background; a transparent one becomes black, as `_transparent` says.
+    Without `background`, the frame's backdrop is shown, if it has one. With a background or backdrop, a pixel that
+    surfaces cover in part mixes the colour of the surfaces with the background, in linear light. Shadows on the ground
+    dim the background; where it is transparent they are black, see `_transparent`.
     """
     if background is None and frame.backdrop is None:
         return to_srgb8(frame.image, exposure)
@@ -180,22 +194,26 @@ def screen_picture(frame, exposure: float, background=None) -> np.ndarray:
     if background is not None:
         colour = srgb_to_linear(vector(background, "background")).astype(np.float32)
         colour = colour if frame.ground is None else colour * frame.ground.share
-    shown = share[..., 0] < 1.0
-    share, colour = share[shown], np.broadcast_to(colour, surfaces.shape)[shown]
-    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[shown]] + (1.0 - share) * colour
-    surfaces[shown] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
+    assert colour is not None
+    uncovered = share[..., 0] < 1.0
+    share, colour = share[uncovered], np.broadcast_to(colour, surfaces.shape)[uncovered]
+    mixed = share * BYTE_TO_LINEAR.astype(np.float32)[surfaces[uncovered]] + (1.0 - share) * colour
+    surfaces[uncovered] = np.round(255.0 * linear_to_srgb(mixed)).astype(np.uint8)
     return surfaces
 
 
-def _transparent(surfaces: np.ndarray, share: np.ndarray, lost: np.ndarray | None) -> np.ndarray:
+def _transparent(
+    surfaces: NDArray[np.uint8], share: NDArray[np.float32], lost: NDArray[np.float32] | None
+) -> NDArray[np.uint8]:
     """(H, W, 4) uint8 sRGB with alpha: surfaces that cover a share of each pixel, and black shadows behind them.
 
-    lost : (H, W) float32, `Ground.lost`; None: there are no shadows
+    share : (H, W, 1) float32, covered share of each pixel
+    lost : (H, W) float32, `Ground.lost`; None: no shadows
 
-    Viewers mix the sRGB values of a PNG. So the alpha of a shadow is the loss in sRGB: a background that loses a share
-    of its linear light then looks as in a picture that shows it.
+    Viewers blend the sRGB values of a PNG. The alpha of a shadow is therefore its loss in sRGB, so that a background
+    behind the PNG looks like one rendered with the shadow.
     """
-    alpha = share
+    alpha: np.ndarray = share
     if lost is not None:
         dark = (1.0 - linear_to_srgb(1.0 - lost))[..., None]
         alpha = share + (1.0 - share) * dark
@@ -203,34 +221,36 @@ def _transparent(surfaces: np.ndarray, share: np.ndarray, lost: np.ndarray | Non
     return np.concatenate([surfaces, np.round(255.0 * alpha).astype(np.uint8)], -1)
 
 
-def save_exr(channels: dict[str, np.ndarray], path: Path, note: str | None = None, more: dict | None = None) -> None:
-    """Write channels, (H, W) float32 or uint32 (names in RGB: (H, W, 3)): the complete file, or nothing.
+def save_exr(
+    channels: dict[str, np.ndarray], path: Path, note: str | None = None, attributes: dict[str, str] | None = None
+) -> None:
+    """Write channels, (H, W) float32 or uint32 ("RGB": (H, W, 3)), to a complete file or to none.
 
-    more : further attributes of the header
+    attributes : further attributes of the header
     """
     with atomic_output(path) as temporary:
-        write_exr(channels, temporary, note, more)
+        write_exr(channels, temporary, note, attributes)
 
 
-def save_png(rgb: np.ndarray, path: Path, note: str | None = None) -> None:
-    """Write (H, W, 3) or (H, W, 4) uint8 sRGB, or (H, W) uint8 grey: the complete file, or nothing."""
+def save_png(rgb: NDArray[np.uint8], path: Path, note: str | None = None) -> None:
+    """Write (H, W, 3) or (H, W, 4) uint8 sRGB, or (H, W) uint8 grey, to a complete file or to none."""
     with atomic_output(path) as temporary:
         _write_png(rgb, temporary, note)
 
 
-def png_bytes(rgb: np.ndarray) -> bytes:
+def png_bytes(rgb: NDArray[np.uint8]) -> bytes:
     """The contents of a PNG file of (H, W, 3) uint8 sRGB."""
     with BytesIO() as stream:
         _write_png(rgb, stream, None)
         return stream.getvalue()
 
 
-def exr_channels(frame) -> dict[str, np.ndarray]:
+def exr_channels(frame: "Frame") -> dict[str, np.ndarray]:
     """The channels of an EXR file: name -> (H, W) float32, or uint32 for ids. LAYER.C is channel C of a layer.
 
-    R, G, B, A (1 where a surface is seen); shadow.NAME, the share of each light that is seen; depth.Z, normal.X/Y/Z,
-    position.X/Y/Z, triangle.id. With a ground, A is `Ground.lost` elsewhere, and ground.R/G/B is `Ground.share`. With
-    `Frame.layers` light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
+    R, G, B, A (1 where a surface is seen); shadow.NAME, the visible share of each light; depth.Z, normal.X/Y/Z,
+    position.X/Y/Z, triangle.id. With a ground, A is `Ground.lost` where no surface is seen, and ground.R/G/B is
+    `Ground.share`. `Frame.layers` add light.NAME.R/G/B, albedo.R/G/B, indirect.R/G/B and object.id.
     """
     g, layers = frame.gbuffer, frame.layers
     names = frame.names or tuple(map(str, range(len(frame.visibility))))
@@ -249,18 +269,18 @@ def exr_channels(frame) -> dict[str, np.ndarray]:
     return {name: stored(values) for name, values in channels.items()}
 
 
-def exr_header(frame) -> dict:
-    """Attributes of an EXR file that say what its channels cannot."""
-    caught = "" if frame.ground is None else " (the share of light lost where the ground is in shadow, see ground.*)"
+def exr_header(frame: "Frame") -> dict[str, str]:
+    """Attributes of an EXR file: the values in the background, and the origin of positions."""
+    loss = "" if frame.ground is None else " (the share of light lost where the ground is in shadow, see ground.*)"
     return {
         "software": "Antumbra",
-        "background": f"A is 0{caught}, depth.Z is infinity, shadow.* is 1, ids are 4294967295 (-1), all else is 0",
+        "background": f"A is 0{loss}, depth.Z is infinity, shadow.* is 1, ids are 4294967295 (-1), all else is 0",
         "positionOrigin": json.dumps(frame.gbuffer.origin.tolist()),  # world position = position + this
     }
 
 
 def stored(values: np.ndarray) -> np.ndarray:
-    """OpenEXR has no signed integers: ids are stored as UINT with the same bits, so -1 becomes 2^32 - 1."""
+    """Convert to a type that OpenEXR has. It has no signed integers: int32 ids become UINT with the same bits."""
     values = np.ascontiguousarray(values)
     return values.view(np.uint32) if values.dtype == np.int32 else values.astype(np.float32, copy=False)
 
@@ -270,7 +290,7 @@ def _split(layer: str, values: np.ndarray, names: str = "RGB") -> dict[str, np.n
 
 
 def note_of(path: Path) -> str | None:
-    """The note in a picture, read from its header alone; None if there is none, or if the file is no picture."""
+    """The note in an image file, read from its header alone; None without a note, or if it is not an image file."""
     try:
         if path.suffix.lower() == ".exr":
             import OpenEXR
@@ -279,16 +299,18 @@ def note_of(path: Path) -> str | None:
                 if stream.read(4) != _EXR_MAGIC:  # the library would report it on standard error
                     return None
             with OpenEXR.File(str(path), header_only=True) as file:
-                return file.header().get(_NOTE)
+                note: str | None = file.header().get(_NOTE)
+                return note
         from PIL import Image
 
         with Image.open(path, formats=("PNG",)) as image:
-            return image.info.get(_NOTE)
+            note = image.info.get(_NOTE)
+            return note
     except Exception:  # the libraries raise various exceptions for bad files
         return None
 
 
-def _write_png(rgb: np.ndarray, file: Path | BytesIO, note: str | None) -> None:
+def _write_png(rgb: NDArray[np.uint8], file: Path | BytesIO, note: str | None) -> None:
     from PIL import Image
     from PIL.PngImagePlugin import PngInfo
 
@@ -296,15 +318,17 @@ def _write_png(rgb: np.ndarray, file: Path | BytesIO, note: str | None) -> None:
     chunks.add(b"sRGB", b"\0")
     if note is not None:
         chunks.add_text(_NOTE, note)
-    # Level 1 takes a third of the default's time, and its files are 15 % larger.
+    # Level 1 takes a third of the default's time; files are 15 % larger.
     Image.fromarray(rgb).save(file, format="PNG", compress_level=1, pnginfo=chunks)
 
 
-def write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None, more: dict | None = None) -> None:
+def write_exr(
+    channels: dict[str, np.ndarray], path: Path, note: str | None, attributes: dict[str, str] | None = None
+) -> None:
     """Write channels, (H, W) or RGB (H, W, 3) float32, to an EXR file. Raises OSError."""
     import OpenEXR
 
-    header = {**(more or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {**(attributes or {}), "compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     if note is not None:
         header[_NOTE] = note
     try:
@@ -314,43 +338,42 @@ def write_exr(channels: dict[str, np.ndarray], path: Path, note: str | None, mor
         raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
 
 
-# --- Writes films from pictures: .mp4 and .webm by ffmpeg, .gif by Pillow ---------------------------------------------
-
+# --- Films: .mp4 and .webm by ffmpeg, .gif by Pillow ------------------------------------------------------------------
 
 FILM_SUFFIXES = (".mp4", ".webm", ".gif")
 _CODECS = {
     ".mp4": ("libx264", ["-f", "mp4", "-crf", "18", "-movflags", "+faststart"]),
     ".webm": ("libvpx-vp9", ["-f", "webm", "-crf", "28", "-b:v", "0", "-row-mt", "1"]),
 }
-# Players take films without these words for BT.601 if they are small, and show other colours.
+# Without these options, players take small films for BT.601 and show wrong colours.
 _COLOURS = ["-vf", "scale=out_color_matrix=bt709:out_range=tv"]
 _COLOURS += [word for name in ("colorspace", "color_primaries", "color_trc") for word in (f"-{name}", "bt709")]
 _TICK = 0.01  # seconds: GIF files count hundredths
-_SHOWN = 8  # pictures that decide the colours of a GIF
+_PALETTE_PICTURES = 8  # pictures from which the palette of a GIF is computed, at most
 
 
-def check_film(path) -> Path:
-    """`path`, if a film can be written there; otherwise an InputError that names the cure. It is called early."""
-    path = checked_output(path, FILM_SUFFIXES)
-    if path.suffix.lower() in _CODECS:
-        import_extra("imageio_ffmpeg", f"a {path.suffix.lower()} file", "video")
-    return path
+def check_film(path: str | os.PathLike[str]) -> Path:
+    """Check, before a long render, that a film can be written to `path`; InputError with the remedy if not."""
+    file = checked_output(path, FILM_SUFFIXES)
+    if file.suffix.lower() in _CODECS:
+        import_extra("imageio_ffmpeg", f"a {file.suffix.lower()} file", "video")
+    return file
 
 
 def write_film(
     pictures: Sequence[Path], path: Path, fps: float, progress: Callable[[int, int], Any] | None = None
 ) -> None:
-    """Write pictures of one size as a film: the complete file, or nothing.
+    """Write pictures of one size as a film, to a complete file or to none.
 
     Parameters
     ----------
     pictures : list of paths
-        8-bit pictures, in order. If a side has an odd number of pixels, .mp4 and .webm repeat its last row or column,
-        since their colours are stored for 2 x 2 pixels.
+        8-bit pictures, in order. .mp4 and .webm store colours for 2 x 2 pixels, so an odd width or height is padded by
+        repeating the last column or row.
     path : Path
         From `check_film`.
     fps : float
-        Pictures a second. A .gif rounds the end of each picture to hundredths of a second.
+        Pictures per second. A .gif rounds the end of each picture to hundredths of a second.
     progress : function of (done, total), optional
 
     Raises
@@ -365,56 +388,69 @@ def write_film(
             _encode(pictures, temporary, fps, *_CODECS[path.suffix.lower()], progress)
 
 
-def _encode(pictures, path: Path, fps: float, codec: str, options: list[str], progress) -> None:
+def _encode(
+    pictures: Sequence[Path],
+    path: Path,
+    fps: float,
+    codec: str,
+    options: list[str],
+    progress: Callable[[int, int], Any] | None,
+) -> None:
     import imageio_ffmpeg
 
     size = _even(_pixels(pictures[0])).shape[1::-1]
     writer: Any = imageio_ffmpeg.write_frames(
-        str(path), size, fps=fps, codec=codec, macro_block_size=1, quality=None, output_params=[*_COLOURS, *options],
+        str(path),
+        size,
+        fps=fps,
+        codec=codec,
+        macro_block_size=1,
+        quality=None,
+        output_params=[*_COLOURS, *options],
         ffmpeg_log_level="error",
-    )  # fmt: skip
+    )
     with closing(writer):
         writer.send(None)
         for k, picture in enumerate(pictures):
             writer.send(np.ascontiguousarray(_even(_pixels(picture))))
             if progress is not None:
                 progress(k + 1, len(pictures))
-    _check_whole(path, len(pictures))
+    _check_frame_count(path, len(pictures))
 
 
-def _check_whole(path: Path, count: int) -> None:
-    """Raise an OSError unless a film has `count` pictures: nobody reports that ffmpeg failed, as on a full disk."""
+def _check_frame_count(path: Path, count: int) -> None:
+    """Raise an OSError unless a film has `count` pictures: failures of ffmpeg, as on a full disk, go unreported."""
     import imageio_ffmpeg
 
     try:
-        found, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
-    except RuntimeError:  # it cannot be read at all
-        found = 0
-    if found != count:
-        raise OSError(f"ffmpeg wrote {found} of {count} pictures; is the disk full?")
+        n_frames, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:  # unreadable
+        n_frames = 0
+    if n_frames != count:
+        raise OSError(f"ffmpeg wrote {n_frames} of {count} pictures; is the disk full?")
 
 
-def _write_gif(pictures, path: Path, fps: float, progress) -> None:
+def _write_gif(pictures: Sequence[Path], path: Path, fps: float, progress: Callable[[int, int], Any] | None) -> None:
     from PIL import Image
 
-    some = pictures[:: -(-len(pictures) // _SHOWN)]
-    colours = Image.fromarray(np.concatenate([_pixels(each) for each in some])).quantize(256)
+    samples = pictures[:: -(-len(pictures) // _PALETTE_PICTURES)]
+    palette = Image.fromarray(np.concatenate([_pixels(picture) for picture in samples])).quantize(256)
     ends = np.round(np.arange(len(pictures) + 1) / fps / _TICK) * _TICK
 
-    def shown() -> Iterator[Image.Image]:
+    def quantized() -> Iterator[Image.Image]:
         for k, picture in enumerate(pictures):
-            yield Image.fromarray(_pixels(picture)).quantize(palette=colours, dither=Image.Dither.FLOYDSTEINBERG)
+            yield Image.fromarray(_pixels(picture)).quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG)
             if progress is not None:
                 progress(k + 1, len(pictures))
 
-    frames = shown()
+    frames = quantized()
     milliseconds = np.maximum(np.round(1000.0 * np.diff(ends)), 1000.0 * _TICK).astype(int).tolist()
     next(frames).save(
         path, format="GIF", save_all=True, append_images=frames, duration=milliseconds, loop=0, optimize=False
     )
 
 
-def _pixels(path: Path) -> np.ndarray:
+def _pixels(path: Path) -> NDArray[np.uint8]:
     """(H, W, 3) uint8."""
     from PIL import Image
 
@@ -422,7 +458,7 @@ def _pixels(path: Path) -> np.ndarray:
         return np.asarray(image.convert("RGB"))
 
 
-def _even(pixels: np.ndarray) -> np.ndarray:
-    """The picture with its last row and column repeated where their number is odd."""
+def _even(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Pad odd widths and heights by repeating the last column or row."""
     h, w = pixels.shape[:2]
     return np.pad(pixels, ((0, h % 2), (0, w % 2), (0, 0)), mode="edge")

@@ -1,34 +1,38 @@
-"""Unshadowed irradiance at each pixel, in closed form: points, spheres, parallelograms, disks and light lists."""
+"""Irradiance at the surfaces of pixels: closed forms for points, spheres, parallelograms and disks; sums over lists.
+
+The closed forms leave shadows out; sums over lists include them. docs/design/radiometry.md derives the formulas.
+"""
 
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, ptr, put
+from ..query.gbuffer import GBuffer
 from ..query.light_samples import tangent_disk
 from ..query.receivers import NOTHING
-from ..query.shadow_query import three_at
-from ..scene.light_lists import PointLights
+from ..query.shadow_query import ShadingNormals, three_at
+from ..scene.light_lists import LightList, PointLights
 from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Where the light of interpolated normals ends: before the next faces turn away from it. See docs/design/shading.md.
+# --- Terminator of interpolated normals, see docs/design/shading.md ---------------------------------------------------
 
 
 class Facing(NamedTuple):
-    """The normals at the pixels of a picture, for kernels."""
+    """Shading and geometric normals of the pixels, for kernels."""
 
-    normal: np.ndarray  # (H, W, 3) float32: the normals that shade
+    normal: np.ndarray  # (H, W, 3) float32: shading normals
     geometric: np.ndarray  # (H, W, 3) float32
-    bend: np.ndarray  # (H, W) float32: `ShadingNormals.bend`; not read if not `soft`
-    soft: bool  # whether the two normals differ
+    bend: np.ndarray  # (H, W) float32: `ShadingNormals.bend`; read only if `soft`
+    soft: bool  # whether shading and geometric normals differ
 
 
-def facing_of(gbuffer, shading) -> Facing:
-    """The normals of a G-buffer; `shading`: its ShadingNormals, or None."""
+def facing_of(gbuffer: GBuffer, shading: ShadingNormals | None) -> Facing:
+    """The normals of a G-buffer; `shading`: its interpolated normals, or None."""
     if shading is None:
         return Facing(gbuffer.normal, gbuffer.normal, gbuffer.depth, False)
     return Facing(shading.normal, gbuffer.normal, shading.bend, True)
@@ -36,10 +40,10 @@ def facing_of(gbuffer, shading) -> Facing:
 
 @inlined
 def terminator_factor(g, n, bend, w):
-    """The factor for light along w, with geometric normal g, shading normal n, and `ShadingNormals.bend`.
+    """Factor of light along w, with geometric normal g, shading normal n, and `ShadingNormals.bend`.
 
-    Light below the geometric surface gives nothing. Towards the height `bend` above the horizon of n it fades, by the
-    polynomial of Chiang et al. [2019]. So it has ended where the next faces turn away from the light.
+    Light from below the geometric surface does not count. Towards the height `bend` above the horizon of n, light
+    fades by the polynomial of Chiang et al. [2019], so that it ends before adjacent faces turn away from it.
     """
     height = dot(n, w) / np.sqrt(dot(w, w))
     if not (dot(g, w) > 0.0 and height > bend):
@@ -48,10 +52,10 @@ def terminator_factor(g, n, bend, w):
     return share * (1.0 + share * (1.0 - share))
 
 
-# --- Irradiance from uniform parallelograms and disks in closed form, clipped at the receiver's horizon ---------------
+# --- Uniform parallelograms and disks, clipped at the receiver's horizon ----------------------------------------------
 #
-# An emitter has the same radiance everywhere, in all directions and on both sides, and unit intensity: radiance times
-# area is 1. Vectors are tuples of three float64, relative to the receiver; n is its unit normal. Formulas are those of
+# An emitter has uniform radiance on both sides and unit intensity: radiance times area is 1. Vectors are tuples of
+# three float64, relative to the receiver; n is its unit normal. Equation numbers are those of
 # docs/design/radiometry.md.
 
 
@@ -60,19 +64,19 @@ def terminator_factor(g, n, bend, w):
 
 
 @inlined
-def _plus(a, b):
+def _sum(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inlined
-def _moved(a, s, u, t, v):
+def _offset(a, s, u, t, v):
     """a + s u + t v."""
     return a[0] + s * u[0] + t * v[0], a[1] + s * u[1] + t * v[1], a[2] + s * u[2] + t * v[2]
 
 
 @inlined
 def _edge(a, b, n):
-    """The integral (2) along the segment from a to b."""
+    """Eq. (2): the integral along the segment from a to b."""
     c = cross(a, b)
     sine = np.sqrt(dot(c, c))
     return np.arctan2(sine, dot(a, b)) * dot(n, c) / sine if sine > 0.0 else 0.0
@@ -80,32 +84,32 @@ def _edge(a, b, n):
 
 @inlined
 def quad_irradiance(corner, u, v, area, n):
-    """Irradiance from the parallelogram with a corner and two edges [Lambert 1760]."""
-    a, b, d = corner, _plus(corner, u), _plus(corner, v)
-    c = _plus(b, v)
+    """Irradiance from the parallelogram with the given corner and edges u and v [Lambert 1760]."""
+    a, b, d = corner, _sum(corner, u), _sum(corner, v)
+    c = _sum(b, v)
     heights = dot(n, a), dot(n, b), dot(n, c), dot(n, d)
     if max(max(heights[0], heights[1]), max(heights[2], heights[3])) <= 0.0:
         return 0.0
     if min(min(heights[0], heights[1]), min(heights[2], heights[3])) >= 0.0:
         total = _edge(a, b, n) + _edge(b, c, n) + _edge(c, d, n) + _edge(d, a, n)
     else:
-        total = _clipped((a, b, c, d), heights, n)
+        total = _clipped_quad((a, b, c, d), heights, n)
     return 0.5 * abs(total) / area
 
 
 @kernel
-def _clipped(corners, heights, n):
-    """The integral around the part of a convex quadrilateral above the horizon, which cuts two of its edges."""
-    total, out, back = 0.0, corners[0], corners[0]  # where the boundary goes below the horizon, and comes back
+def _clipped_quad(corners, heights, n):
+    """The integral around the part of a convex quadrilateral above the horizon, which crosses two of its edges."""
+    total, out, back = 0.0, corners[0], corners[0]  # where the boundary leaves and re-enters the upper side
     for k in range(4):
         a, b = corners[k], corners[(k + 1) & 3]
-        high, low = heights[k], heights[(k + 1) & 3]
-        if high >= 0.0 and low >= 0.0:
+        ha, hb = heights[k], heights[(k + 1) & 3]
+        if ha >= 0.0 and hb >= 0.0:
             total += _edge(a, b, n)
-        elif high >= 0.0 or low >= 0.0:
-            share = high / (high - low)
-            cut = _moved(a, share, b, -share, a)
-            if high >= 0.0:
+        elif ha >= 0.0 or hb >= 0.0:
+            share = ha / (ha - hb)
+            cut = _offset(a, share, b, -share, a)
+            if ha >= 0.0:
                 total, out = total + _edge(a, cut, n), cut
             else:
                 total, back = total + _edge(cut, b, n), cut
@@ -118,26 +122,26 @@ def disk_irradiance(c, axis, r, n):
     level, h, facing = dot(n, c), dot(axis, c), dot(n, axis)
     if h < 0.0:
         h, facing = -h, -facing
-    extent = r * np.sqrt(max(1.0 - facing * facing, 0.0))  # of its heights above the horizon, to both sides of `level`
+    extent = r * np.sqrt(max(1.0 - facing * facing, 0.0))  # heights: level +- extent
     if level <= -extent:
         return 0.0
     if level < extent:
         return _clipped_disk(c, axis, r, n)
     d2, r2 = dot(c, c), r * r
-    near, far = d2 + r2, d2 - r2
-    s = np.sqrt(far * far + 4.0 * r2 * h * h)
+    sum2, diff2 = d2 + r2, d2 - r2
+    s = np.sqrt(diff2 * diff2 + 4.0 * r2 * h * h)
     if not s > 0.0:
         return 0.0
-    along = 2.0 * h * h / (s + far) if far > 0.0 else 0.5 * (s - far) / r2  # Eq. (3)
-    across = 2.0 * h / (s + near)
+    along = 2.0 * h * h / (s + diff2) if diff2 > 0.0 else 0.5 * (s - diff2) / r2  # Eq. (3)
+    across = 2.0 * h / (s + sum2)
     return max((along * facing + across * (level - h * facing)) / s, 0.0)
 
 
 @kernel
 def _clipped_disk(c, axis, r, n):
-    """`disk_irradiance` of the part above the horizon, whose boundary is an arc and a chord.
+    """`disk_irradiance` of the part above the horizon, bounded by an arc and a chord.
 
-    Points of the arc are c + r (u cos t + v sin t), -t0 <= t <= t0; u points upwards.
+    The arc is c + r (u cos t + v sin t), -t0 <= t <= t0; u points upwards.
     """
     facing = dot(n, axis)
     tilt = np.sqrt(1.0 - facing * facing)
@@ -146,32 +150,32 @@ def _clipped_disk(c, axis, r, n):
     t0 = np.arccos(min(max(-dot(n, c) / (r * tilt), -1.0), 1.0))
     x, y = r * np.cos(t0), r * np.sin(t0)
     arc = _arc(dot(c, u), dot(c, v), dot(c, axis), r, facing, tilt, t0)
-    return abs(arc + _edge(_moved(c, x, u, y, v), _moved(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
+    return abs(arc + _edge(_offset(c, x, u, y, v), _offset(c, x, u, -y, v), n)) / (2.0 * np.pi * r * r)
 
 
 @inlined
 def _arc(cu, cv, h, r, facing, tilt, t0):
-    """The integral (4) along the arc; with t' = t - phase it is that of (i sin t' + j cos t' + k) / (a + b cos t')."""
+    """Eq. (4): the integral along the arc, of (i sin t' + j cos t' + k) / (a + b cos t') with t' = t - phase."""
     p, phase = np.sqrt(cu * cu + cv * cv), np.arctan2(cv, cu)
     sine, cosine = np.sin(phase), np.cos(phase)
     at_sine, at_cosine = r * facing * cv, r * (facing * cu - tilt * h)
     i, j = at_sine * cosine - at_cosine * sine, at_sine * sine + at_cosine * cosine
     k = r * r * facing
     a, b = p * p + h * h + r * r, 2.0 * r * p
-    q = np.sqrt((h * h + (p - r) * (p - r)) * (h * h + (p + r) * (p + r)))  # of a^2 - b^2
+    q = np.sqrt((h * h + (p - r) * (p - r)) * (h * h + (p + r) * (p + r)))  # sqrt(a^2 - b^2)
     if not q > 0.0:
         return 0.0
-    low, high = -t0 - phase, t0 - phase
-    turned = _turned(a + q, b, high) - _turned(a + q, b, low)
-    of_one = 2.0 * (t0 - b * turned) / q
-    of_cosine = 2.0 * (a * turned - t0 * b / (a + q)) / q
-    step = (np.cos(high) - np.cos(low)) / (a + b * np.cos(low))
+    start, end = -t0 - phase, t0 - phase
+    atan_difference = _atan_over(a + q, b, end) - _atan_over(a + q, b, start)
+    of_one = 2.0 * (t0 - b * atan_difference) / q
+    of_cosine = 2.0 * (a * atan_difference - t0 * b / (a + q)) / q
+    step = (np.cos(end) - np.cos(start)) / (a + b * np.cos(start))
     of_sine = -step * _log1p_over(b * step)
     return i * of_sine + j * of_cosine + k * of_one
 
 
 @inlined
-def _turned(m, b, t):
+def _atan_over(m, b, t):
     """atan(b sin t / (m + b cos t)) / b, also for b = 0."""
     x = np.sin(t) / (m + b * np.cos(t))
     return np.arctan(b * x) / b if b * abs(x) > 1e-9 else x
@@ -183,12 +187,7 @@ def _log1p_over(x):
     return np.log1p(x) / x if abs(x) > 1e-9 else 1.0
 
 
-# --- Unshadowed irradiance from a light at the surfaces that pixels see, in closed form -------------------------------
-
-
-# mypy: disable-error-code="call-arg, var-annotated"
-# (mypy counts the typing context among the arguments of intrinsics)
-
+# --- Emitters ---------------------------------------------------------------------------------------------------------
 
 Vector3: TypeAlias = tuple[float, float, float]
 
@@ -197,20 +196,20 @@ _FORMS = {"point": POINT, "square": QUAD, "disk": DISK}
 
 
 class Emitter(NamedTuple):
-    """A light of intensity 1, recentred frame, for kernels; vectors are tuples of three float64."""
+    """A light of intensity 1 in the recentred frame, for kernels; vectors are tuples of three float64."""
 
     kind: int  # FIXED, DIRECTIONAL or SPHERE
     form: int  # POINT, QUAD or DISK
     base: Vector3  # as in `LightPatch`
     u: Vector3
     v: Vector3
-    axis: Vector3  # unit normal of a flat light; 0 of points and spheres
-    size: float  # area of a QUAD, radius of a DISK, 0 of a POINT
-    scale: float  # of a distant disk: its radiance over that of a disk of intensity 1
+    axis: Vector3  # unit normal of a flat light; 0 for points and spheres
+    size: float  # area of a QUAD, radius of a DISK, 0 for a POINT
+    scale: float  # distant disks: radiance over that of a disk of intensity 1; else 1
 
 
 def emitter_of(patch: LightPatch, domain: str) -> Emitter:
-    """The emitter of a light's patch, which is neither a list nor ambient light; `domain`: the light's."""
+    """The emitter of a patch that is neither a list nor ambient light; `domain`: the domain of its light."""
     across = np.cross(patch.u, patch.v)
     area, form = float(np.linalg.norm(across)), _FORMS[domain]
     if patch.kind == SPHERE:
@@ -231,7 +230,7 @@ def _three(vector: np.ndarray) -> Vector3:
 
 @inlined
 def _from_point(c, n, distant):
-    """Irradiance from a point at c; of a distant one, c is any point on the way to it."""
+    """Irradiance from a point at c; if `distant`, c is any point in its direction."""
     r2, height = dot(c, c), dot(n, c)
     if not (height > 0.0 and r2 > 0.0):
         return 0.0
@@ -240,7 +239,7 @@ def _from_point(c, n, distant):
 
 @inlined
 def _from_sphere(centre, radius, n):
-    """Irradiance from a sphere: that of the disk where the tangent cone touches it, with the sphere's radiance."""
+    """Irradiance from a sphere: that of the disk in which the tangent cone touches it, with the sphere's radiance."""
     disk = tangent_disk(centre[0], centre[1], centre[2], radius, 0.0, 0.0, 0.0)
     r = np.sqrt(disk.ux * disk.ux + disk.uy * disk.uy + disk.uz * disk.uz)
     if not r > 0.0:
@@ -270,41 +269,54 @@ def emitted_irradiance(light, p, n):
 
 @kernel
 def _irradiance_kernel(ticket, position, normal, side, light, out):
-    positions, normals, sides, found = ptr(position), ptr(normal), ptr(side), ptr(out)
+    positions, normals, sides, irradiances = ptr(position), ptr(normal), ptr(side), ptr(out)
     for i in items(ticket):
         e = 0.0
         if get(sides, i) != NOTHING:
             e = emitted_irradiance(light, three_at(positions, i), three_at(normals, i))
-        put(found, i, np.float32(e))
+        put(irradiances, i, np.float32(e))
 
 
-def irradiance(gbuffer, patch: LightPatch, domain: str, shading=None, threads=None) -> np.ndarray:
-    """(H, W) float32: irradiance of each pixel's surface from a light of intensity 1 without shadows; else 0.
+def irradiance(
+    gbuffer: GBuffer,
+    patch: LightPatch,
+    domain: str,
+    shading: ShadingNormals | None = None,
+    threads: int | None = None,
+) -> NDArray[np.float32]:
+    """(H, W) float32: unshadowed irradiance of each pixel's surface from a light of intensity 1; 0 in the background.
 
     The light is clipped at the horizon of the normal. A receiver inside a sphere gets the light of the disk that it
     samples.
 
-    patch : LightPatch, neither a list nor ambient light; domain : domain of the light
-    shading : ShadingNormals; None: the geometric normals
+    patch : LightPatch, neither a list nor ambient light
+    domain : domain of the light
+    shading : None: geometric normals
     """
     out = np.empty(gbuffer.face.shape, np.float32)
     normal = gbuffer.normal if shading is None else shading.normal
     ticket = new_ticket(out.size, 4096)
     run(
-        _irradiance_kernel, thread_count(threads), ticket, gbuffer.position, normal, gbuffer.side,
-        emitter_of(patch, domain), out,
-    )  # fmt: skip
+        _irradiance_kernel,
+        thread_count(threads),
+        ticket,
+        gbuffer.position,
+        normal,
+        gbuffer.side,
+        emitter_of(patch, domain),
+        out,
+    )
     return out
 
 
-# --- Shading by lists of lights. Each sample is a light of its own, so shading needs every single bit -----------------
+# --- Lists of lights: each sample is one light, so its bit is needed --------------------------------------------------
 
 
 @kernel
 def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
     """Irradiance per candela at a surface with normal n from a light at offset w.
 
-    If `facing`, the light shines by the cosine around m. The distance squared is clamped to at least `least`.
+    If `facing`, the light has a cosine falloff around m. The squared distance is clamped to at least `least`.
     """
     r2 = wx * wx + wy * wy + wz * wz
     cosine = nx * wx + ny * wy + nz * wz  # times the distance
@@ -318,7 +330,7 @@ def _falloff(wx, wy, wz, nx, ny, nz, mx, my, mz, facing, least):
 
 
 @kernel
-def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
+def _list_rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bits, out):
     facing, (normal, geometric, bend, soft) = len(normals) > 0, surface
     mx = my = mz = 0.0
     for y in items(ticket):
@@ -346,19 +358,27 @@ def _rows(ticket, gbuffer, surface, points, distant, normals, candela, least, bi
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = np.float32(red), np.float32(green), np.float32(blue)
 
 
-def list_irradiance(gbuffer, lights, samples, bits, shading=None, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, shadows included; else 0.
+def list_irradiance(
+    gbuffer: GBuffer,
+    lights: LightList,
+    samples: np.ndarray,
+    bits: np.ndarray,
+    shading: ShadingNormals | None = None,
+    threads: int | None = None,
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: irradiance of each pixel's surface from a list of lights, with shadows; 0 in the background.
 
-    Distant lights are unit vectors: `_falloff` at the origin gives their cosine.
+    Distant lights are unit vectors, for which `_falloff` at the origin is the cosine.
 
-    shading : ShadingNormals; None: the geometric normals
-    samples : (16, n, 3) float64 from `light_samples`; bits : (H, W, ceil(n / 64)) uint64, the answer of their query
+    samples : (16, n, 3) float64, from `light_samples`
+    bits : (H, W, ceil(n / 64)) uint64, the answer to the query of these samples
+    shading : None: geometric normals
     """
     out = np.empty((*gbuffer.face.shape, 3), np.float32)
-    near = isinstance(lights, PointLights)
-    normals, least = (lights.normals, lights.nearest**2) if near else (None, 0.0)
+    distant, points, normals, least = True, samples, None, 0.0
+    if isinstance(lights, PointLights):
+        distant, points, normals, least = False, samples - gbuffer.origin, lights.normals, lights.nearest**2
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
-    points = samples - gbuffer.origin if near else samples
-    args = gbuffer, facing_of(gbuffer, shading), points, not near, normals, lights.weights(), least, bits, out
-    run(_rows, thread_count(threads), new_ticket(len(out), 4), *args)
+    args = gbuffer, facing_of(gbuffer, shading), points, distant, normals, lights.weights(), least, bits, out
+    run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

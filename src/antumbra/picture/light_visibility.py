@@ -1,11 +1,13 @@
-"""The visible fraction of a light at each pixel, from occlusion bits: unfiltered, filtered, or refined in penumbrae.
+"""Visibility of lights from occlusion bits: visible fractions, shares of irradiance, and unoccluded directions.
 
-Also the share of its irradiance that arrives, and the open directions of bent normals.
+The visible fraction of a light counts samples; its share of irradiance weights them. Both can be filtered, or refined
+in penumbrae.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.filters import cross, dot
 from ..kernels.jit import inlined, kernel
@@ -19,13 +21,12 @@ from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from .discontinuity_filter import filter_fractions, filter_shares
 from .irradiance import Facing, terminator_factor
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The share of a light's unshadowed irradiance that reaches each receiver: visible over all samples, both weighted.
+# --- Shares of irradiance ---------------------------------------------------------------------------------------------
 #
-# A sample's weight is what its piece of the light adds to the irradiance: the cosine at the receiver times the cosine
-# at the light over the squared distance. So irradiance in closed form times this share is a consistent estimate, and
-# has no noise where nothing hides the light [Heitz et al. 2018].
-
+# The share of a light's unshadowed irradiance that reaches a receiver is the weight of visible samples over the weight
+# of all samples. A sample's weight is the contribution of its piece of the light: the cosine at the receiver times the
+# cosine at the light over the squared distance. The closed-form irradiance times this share is a consistent estimate
+# without noise where nothing hides the light [Heitz et al. 2018].
 
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
@@ -39,166 +40,183 @@ def _edges_of(patch, p):
 
 
 @inlined
-def _fades(c, u, v, n, bend):
-    """Whether `softened` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
+def _may_soften(c, u, v, n, bend):
+    """Whether `terminator_factor` may be less than 1 for a point c + a u + b v of a light, -1 <= a, b <= 1."""
     extent = np.sqrt(dot(u, u)) + np.sqrt(dot(v, v))
     return not dot(n, c) - extent >= 2.0 * bend * (np.sqrt(dot(c, c)) + extent)
 
 
 @kernel
-def _weighed(asked, words, patch, i, n, g, bend, soft):
-    """The share of receiver i: weights of its visible samples, softened, over those of all samples."""
-    c, u, v = _edges_of(patch, three_at(asked.origins, i))
+def _weighted_share(pointers, words, patch, i, n, g, bend, soft):
+    """The share of receiver i: weight of its visible samples, times `terminator_factor`, over that of all samples."""
+    c, u, v = _edges_of(patch, three_at(pointers.origins, i))
     axis = cross(u, v)
     flat = dot(axis, axis) > 0.0
-    at, total, seen = 3 * set_of(asked, i) * asked.spp, 0.0, 0.0
-    for s in range(asked.spp):
-        a, b = get(asked.samples, at + 3 * s), get(asked.samples, at + 3 * s + 1)
+    at, total, surfaces = 3 * set_of(pointers, i) * pointers.spp, 0.0, 0.0
+    for s in range(pointers.spp):
+        a, b = get(pointers.samples, at + 3 * s), get(pointers.samples, at + 3 * s + 1)
         w = c[0] + a * u[0] + b * v[0], c[1] + a * u[1] + b * v[1], c[2] + a * u[2] + b * v[2]
         r2 = dot(w, w)
         weight = max(dot(n, w), 0.0) * (abs(dot(axis, w)) / (r2 * r2) if flat else 1.0)
         weight = weight if r2 > 0.0 else 0.0
         total += weight
-        if get(words, i * asked.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-            seen += weight * terminator_factor(g, n, bend, w) if soft else weight
-    return seen / total if total > 0.0 else 0.0
+        if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
+            surfaces += weight * terminator_factor(g, n, bend, w) if soft else weight
+    return surfaces / total if total > 0.0 else 0.0
 
 
 @kernel
 def _share_kernel(ticket, query, bits, facing, out):
-    asked, words, found = query_pointers(query), ptr(bits), ptr(out)
+    pointers, words, shares = query_pointers(query), ptr(bits), ptr(out)
     normals, geometric, bends = ptr(facing.normal), ptr(facing.geometric), ptr(facing.bend)
     for i in items(ticket):
         share, hidden = 1.0, 0
-        for k in range(asked.words):
-            hidden += popcount(get(words, i * asked.words + k))
-        if hidden == asked.spp:
+        for k in range(pointers.words):
+            hidden += popcount(get(words, i * pointers.words + k))
+        if hidden == pointers.spp:
             share = 0.0
-        elif get(asked.sides, i) != NOTHING and (hidden > 0 or facing.soft):
-            patch, n, bend = patch_of(asked, i), three_at(normals, i), np.float64(0.0)
-            weighs = hidden > 0
+        elif get(pointers.sides, i) != NOTHING and (hidden > 0 or facing.soft):
+            patch, n, bend = patch_of(pointers, i), three_at(normals, i), np.float64(0.0)
+            partial = hidden > 0
             if facing.soft:
                 bend = np.float64(get(bends, i))
-                c, u, v = _edges_of(patch, three_at(asked.origins, i))
-                weighs = weighs or _fades(c, u, v, n, bend)
-            if weighs:
-                share = _weighed(asked, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
-        put(found, i, np.float32(share))
+                c, u, v = _edges_of(patch, three_at(pointers.origins, i))
+                partial = partial or _may_soften(c, u, v, n, bend)
+            if partial:
+                share = _weighted_share(pointers, words, patch, i, n, three_at(geometric, i), bend, facing.soft)
+        put(shares, i, np.float32(share))
 
 
-def weighs(patch: LightPatch) -> bool:
-    """Whether the samples of a light have weights: those of ambient light and of lists count alike."""
+def is_weighted(patch: LightPatch) -> bool:
+    """Whether the samples of a light are weighted: those of ambient light and of lists count equally."""
     return patch.kind != AMBIENT and not is_list(patch)
 
 
-def irradiance_shares(facing: Facing, query: ShadowQuery, bits: np.ndarray, threads=None) -> np.ndarray:
+def irradiance_shares(
+    facing: Facing, query: ShadowQuery, bits: np.ndarray, threads: int | None = None
+) -> NDArray[np.float32]:
     """(H, W) float32: the share of each receiver's unshadowed irradiance that arrives; 1 where there is no receiver.
 
-    It is 0 where all samples are hidden or below the horizon, and exactly 1 where none is.
+    It is 0 where all samples are occluded or below the horizon, and exactly 1 where none is.
 
     facing : normals of the receivers
-    query, bits : ShadowQuery and its answer
+    query, bits : a query and its answer
     """
     spp = query.samples.shape[1]
-    if not weighs(query.light):
+    if not is_weighted(query.light):
         return fraction_lit(bits, spp, threads)
     out = np.empty(query.sides.shape, np.float32)
     run(_share_kernel, thread_count(threads), new_ticket(out.size, 1024), query, bits, facing, out)
     return out
 
 
-# --- How much of a light each pixel sees, from occlusion bits: unfiltered, filtered, or refined in penumbrae ----------
+# --- Visible fractions ------------------------------------------------------------------------------------------------
 
 
 class LightFractions(NamedTuple):
-    """How much of a light the pixels of a picture see, both (H, W) float32 in [0, 1]."""
+    """The visibility of a light at the pixels: two (H, W) float32 in [0, 1]."""
 
-    fraction: np.ndarray  # of its samples
-    share: np.ndarray  # of its unshadowed irradiance; see `picture.light_visibility`
+    fraction: np.ndarray  # visible fraction of its samples
+    share: np.ndarray  # share of its unshadowed irradiance, see `irradiance_shares`
 
     def replaced(self, where: np.ndarray, other: "LightFractions") -> "LightFractions":
-        """The values of another one where `where`, (H, W) bool."""
+        """Take the values of `other` where the mask `where`, (H, W) bool, is set."""
         return LightFractions(*(np.where(where, new, old) for new, old in zip(other, self)))
 
 
 def is_soft(query: ShadowQuery) -> bool:
-    """Whether the query's samples estimate the visible fraction of one light that has an extent.
+    """Whether the query's samples estimate the visible fraction of one light with an extent.
 
-    All samples of a light without extent are one point, so there are no penumbrae and no noise. Each sample of a list
-    is a light of its own, so other samples would not be finer.
+    All samples of a light without extent are the same point, so it has neither penumbrae nor noise. Each sample of a
+    list is a separate light, so more samples would not be finer.
     """
     light = query.light
     return light.kind in (SPHERE, AMBIENT) or (not is_list(light) and bool(light.u.any() or light.v.any()))
 
 
 def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
-    """The query, with a single sample if the light has no extent: all its samples would ask the same."""
+    """The query, with a single sample if the light has no extent, since all its samples are equal."""
     if is_soft(query) or is_list(query.light):
         return query
     return query._replace(samples=np.ascontiguousarray(query.samples[:, :1]))
 
 
 def light_fractions(
-    seen: PictureSurfaces, facing: Facing, query: ShadowQuery, bits: np.ndarray, smooth: bool, threads=None
+    surfaces: PictureSurfaces,
+    facing: Facing,
+    query: ShadowQuery,
+    bits: np.ndarray,
+    smooth: bool,
+    threads: int | None = None,
 ) -> LightFractions:
-    """How much of a light is visible, by the bits of its query; filtered if `smooth` and if the light is soft."""
+    """The visibility of a light, from the bits of its query; filtered if `smooth` and if the light is soft."""
     spp, smooth = query.samples.shape[1], smooth and is_soft(query)
-    if not weighs(query.light):
+    if not is_weighted(query.light):
         fraction = (
-            filter_fractions(seen, occluded_samples(bits), spp, threads) if smooth else fraction_lit(bits, spp, threads)
+            filter_fractions(surfaces, occluded_samples(bits), spp, threads)
+            if smooth
+            else fraction_lit(bits, spp, threads)
         )
         return LightFractions(fraction, fraction)
     share = irradiance_shares(facing, query, bits, threads)
     if smooth:
-        return LightFractions(*filter_shares(seen, occluded_samples(bits), share, spp, threads))
+        return LightFractions(*filter_shares(surfaces, occluded_samples(bits), share, spp, threads))
     return LightFractions(fraction_lit(bits, spp, threads), share)
 
 
-def occluded_samples(bits: np.ndarray) -> np.ndarray:
+def occluded_samples(bits: np.ndarray) -> NDArray[np.int32]:
     """(H, W) int32: the number of occluded samples of each pixel."""
-    return np.bitwise_count(bits).sum(-1, dtype=np.int32)
+    counts: NDArray[np.int32] = np.bitwise_count(bits).sum(-1, dtype=np.int32)
+    return counts
 
 
-def finer_query(seen: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples, threads=None) -> ShadowQuery:
-    """The query of other samples at the pixels in the penumbra of one light, by the bits of its query.
+def finer_query(
+    surfaces: PictureSurfaces, query: ShadowQuery, bits: np.ndarray, samples: np.ndarray, threads: int | None = None
+) -> ShadowQuery:
+    """A query with finer samples at the pixels in the penumbra of a light, which the bits of its query show.
 
-    It has no receiver (side NOTHING) where nothing is refined: everywhere if the samples are those of the query.
+    Elsewhere it has no receiver (side NOTHING): everywhere if `samples` are those of the query.
 
     samples : (16, n, 3) float64, in the light's domain
     """
     sides = np.zeros_like(query.sides)
     if is_soft(query) and not np.array_equal(samples, query.samples):
-        where = penumbra(seen, occluded_samples(bits), query.samples.shape[1], threads)
+        where = penumbra(surfaces, occluded_samples(bits), query.samples.shape[1], threads)
         sides = np.where(where, query.sides, np.int8(NOTHING))
     return query._replace(sides=sides, samples=samples)
 
 
 def refine_fractions(
-    before: LightFractions, seen: PictureSurfaces, facing: Facing, finer: ShadowQuery, bits: np.ndarray, smooth: bool,
-    threads=None,
-) -> LightFractions:  # fmt: skip
-    """How much of a light is visible, with the values of a `finer_query` where it has receivers.
+    before: LightFractions,
+    surfaces: PictureSurfaces,
+    facing: Facing,
+    finer: ShadowQuery,
+    bits: np.ndarray,
+    smooth: bool,
+    threads: int | None = None,
+) -> LightFractions:
+    """The visibility of a light, with the values of a `finer_query` where it has receivers.
 
-    Without `smooth` they equal those of a frame that uses its samples everywhere. Else they are filtered among
-    themselves.
+    Without `smooth`, these equal the values of a frame that uses the finer samples everywhere. With it, refined pixels
+    are filtered among themselves.
     """
-    better = light_fractions(seen._replace(side=finer.sides), facing, finer, bits, smooth, threads)
+    better = light_fractions(surfaces._replace(side=finer.sides), facing, finer, bits, smooth, threads)
     return before.replaced(finer.sides != NOTHING, better)
 
 
-# --- The directions in which receivers see a light's samples, for bent normals ----------------------------------------
+# --- Unoccluded directions, for bent normals --------------------------------------------------------------------------
 
 
 @kernel
 def _directions_kernel(ticket, query, bits, out):
-    asked, words, sums = query_pointers(query), ptr(bits), ptr(out)
+    pointers, words, sums = query_pointers(query), ptr(bits), ptr(out)
     for i in items(ticket):
         x = y = z = 0.0
-        if get(asked.sides, i) != NOTHING:
-            patch, p = patch_of(asked, i), three_at(asked.origins, i)
-            for s in range(asked.spp):
-                if get(words, i * asked.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
-                    q = sample_of(asked, patch, i, s)
+        if get(pointers.sides, i) != NOTHING:
+            patch, p = patch_of(pointers, i), three_at(pointers.origins, i)
+            for s in range(pointers.spp):
+                if get(words, i * pointers.words + (s >> 6)) >> np.uint64(s & 63) & np.uint64(1) == np.uint64(0):
+                    q = sample_of(pointers, patch, i, s)
                     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
                     r = np.sqrt(dx * dx + dy * dy + dz * dz)
                     if r > 0.0:
@@ -208,7 +226,7 @@ def _directions_kernel(ticket, query, bits, out):
         put(sums, 3 * i + 2, np.float32(z))
 
 
-def open_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> np.ndarray:
+def open_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> NDArray[np.float32]:
     """(h, w, 3) float32: the sum of unit vectors to the samples that each receiver sees; `bits`: the query's answer."""
     out = np.empty((*query.sides.shape, 3), np.float32)
     ticket = new_ticket(query.sides.size, 1024)

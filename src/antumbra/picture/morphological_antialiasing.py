@@ -1,15 +1,17 @@
-"""Morphological anti-aliasing [Reshetov 2009]: smooth edges from the pixels' surfaces alone, without another ray.
+"""Morphological anti-aliasing [Reshetov 2009]: smooth edges from the pixels' surfaces alone, without tracing rays.
 
 The boundary between two surfaces is a staircase of straight runs of pixel sides. Where it steps to one side at the end
-of a run, the edge itself crosses the middle of the step, and reaches the run at its middle. So it cuts off a known
-share of each pixel beside the run, which gets the colour of the pixel across. The paper finds boundaries by
-differences of colour; here the surfaces are known. A run ends where an outline against the background becomes a
-boundary between two surfaces, and outlines are steps where creases end too, as in fine meshes at silhouettes.
+of a run, the true edge is taken to cross the middle of the step and to meet the run at the run's middle. It then cuts
+off a known share of each pixel beside the run, and this share gets the colour of the pixel across. The paper finds
+boundaries by differences in colour; here the surfaces are known. A run ends where an outline against the background
+becomes a boundary between two surfaces. Outlines also count as steps at the ends of creases, as in fine meshes at
+silhouettes.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -21,10 +23,10 @@ _UP, _DOWN, _NOWHERE = 1, -1, 0
 
 @inlined
 def _step(right, y, x, highest):
-    """Where a run between rows y and y + 1 steps at its end, the sides to the right of column x; at most so high.
+    """Direction in which a run between rows y and y + 1 steps at its end, the sides to the right of column x.
 
-    A step higher than the run is long is no step of a staircase along it, but the end of something, or part of an edge
-    that is steeper than this run.
+    Steps higher than `highest` do not count. A step higher than the run is long is not part of a staircase along the
+    run, but ends an object or belongs to a steeper edge.
     """
     up, down = right[y, x], right[y + 1, x]
     if up == down:
@@ -39,7 +41,7 @@ def _step(right, y, x, highest):
 
 @inlined
 def _cut(k, length):
-    """The share that is cut off pixel k from the end of a run, by a line from half a pixel at the end to its middle."""
+    """The share cut off pixel k from the end of a run, by a line from half a pixel at the end to the middle."""
     middle = np.float32(0.5) * np.float32(length)
     a, b = np.float32(k), min(np.float32(k + 1), middle)
     return np.float32(0.5) * (b - a) * (np.float32(1.0) - (a + b) / (np.float32(2.0) * middle))
@@ -49,12 +51,12 @@ def _cut(k, length):
 def _cut_run(right, y, start, stop, less, above, under):
     """Write the shares of the pixels on both sides of the run from column `start` to `stop`, between rows y and y + 1.
 
-    Steps are lower than the run is long by `less`, at least. A run that steps to the same side at both ends is left
-    alone. Smoothing would wear down what is small.
+    Steps are at most `length - less` high. A run that steps to the same side at both ends is not smoothed, since
+    smoothing would erode small details.
     """
     length = stop - start
     before = _step(right, y, start - 1, length - less) if start > 0 else _NOWHERE
-    after = _step(right, y, stop - 1, length - less)  # no side is right of the last column
+    after = _step(right, y, stop - 1, length - less)  # the last column has no side to its right
     if before == after:
         return
     for k in range((length + 1) // 2):
@@ -68,7 +70,7 @@ def _cut_run(right, y, start, stop, less, above, under):
 
 @kernel
 def _cut_rows(ticket, below, right, less, above, under):
-    """Worker: write the share that each pixel gets of the pixel below it (`above`) and of that above it (`under`)."""
+    """Worker: write the share that each pixel takes of the pixel below (`above`) and of the one above it (`under`)."""
     w = below.shape[1]
     for y in items(ticket):
         x = 0
@@ -81,35 +83,35 @@ def _cut_rows(ticket, below, right, less, above, under):
 
 
 class Mixture(NamedTuple):
-    """The pixels at edges, and what they are mixed of."""
+    """The pixels at edges, and the weights of their neighbours."""
 
-    pixels: np.ndarray  # (E,) int64: indices in the flat picture
-    others: np.ndarray  # (4, E) int64: the pixels below, above, to the right and to the left
-    shares: np.ndarray  # (4, E) float32: of these neighbours; the pixel itself has the rest
+    pixels: NDArray[np.int64]  # (E,) int64: indices in the flat picture
+    others: NDArray[np.int64]  # (4, E) int64: the pixels below, above, to the right and to the left
+    shares: NDArray[np.float32]  # (4, E): weights of these neighbours; the pixel itself has the remaining weight
 
-    def of(self, picture: np.ndarray) -> np.ndarray:
+    def of(self, picture: np.ndarray) -> NDArray[np.float32]:
         """(E, ...) float32: the mixed values of a picture (H, W, ...)."""
         flat = picture.reshape(-1, *picture.shape[2:])
         shape = self.pixels.shape + (1,) * (flat.ndim - 1)
-        mixed = (np.float32(1.0) - self.shares.sum(0)).reshape(shape) * flat[self.pixels]
+        mixed: NDArray[np.float32] = (np.float32(1.0) - self.shares.sum(0)).reshape(shape) * flat[self.pixels]
         for other, share in zip(self.others, self.shares):
             mixed += share.reshape(shape) * flat[other]
         return mixed
 
     def mix(self, picture: np.ndarray) -> None:
-        """Write the mixed values to a contiguous picture (H, W, ...)."""
+        """Write the mixed values to a C-contiguous picture (H, W, ...)."""
         picture.reshape(-1, *picture.shape[2:])[self.pixels] = self.of(picture)
 
 
-def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
-    """How pixels at edges are mixed of themselves and their neighbours.
+def mixture(surfaces: PictureSurfaces, colour: np.ndarray, threads: int | None = None) -> Mixture:
+    """Find the pixels at edges, and the weights with which to mix them with their neighbours.
 
-    colour : (n, 3) float32, linear colours of the faces that `seen` indexes
+    colour : (n, 3) float32, linear colours of the faces that `surfaces` indexes
     """
-    below, right = boundaries(seen, colour, threads)
+    below, right = boundaries(surfaces, colour, threads)
     h, w = below.shape
     flat = _cuts(below, right, 0, threads)
-    upright = _cuts(right.T, below.T, 1, threads)  # where both directions have runs of the same length, only one counts
+    upright = _cuts(right.T, below.T, 1, threads)  # of equal runs in both directions, only one counts
     cut = np.stack([*flat, *(shares.T for shares in upright)]).reshape(4, -1)
     pixels = np.flatnonzero(cut.any(0))
     shares = cut[:, pixels]
@@ -118,8 +120,10 @@ def mixture(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> Mixture:
     return Mixture(pixels, np.clip(others, 0, h * w - 1), shares)
 
 
-def _cuts(below: np.ndarray, right: np.ndarray, less: int, threads) -> tuple[np.ndarray, np.ndarray]:
-    """Two (H, W) float32: the shares that pixels get of the pixels below and above them; `less`: see `_cut_run`."""
+def _cuts(
+    below: np.ndarray, right: np.ndarray, less: int, threads: int | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Two (H, W) float32: the shares that pixels take of the pixels below and above them; `less`: see `_cut_run`."""
     above, under = (np.zeros(below.shape, np.float32) for _ in range(2))
     below, right = np.ascontiguousarray(below), np.ascontiguousarray(right)
     run(_cut_rows, thread_count(threads), new_ticket(len(below) - 1, 8), below, right, less, above, under)

@@ -1,7 +1,7 @@
 """Options as annotated dataclass fields, from which signatures, docstrings and CLI options are derived.
 
-Each field carries an `Option`: its check, its description, and how commands spell it. Records and digests are derived
-from the same fields.
+Each field carries an `Option`: its check, its description, and its CLI options. Records and digests are derived from
+the same fields.
 """
 
 import inspect
@@ -14,34 +14,34 @@ from typing import Any, ForwardRef, NamedTuple, TypeVar
 from ..checks import flag, number, whole_number
 
 Check = Callable[[Any, str], Any]
-"""Function of (value, name): the value in one form. InputError, naming the option, unless the value is valid."""
+"""Function of (value, name) that returns the normalised value, or raises an InputError with the option's name."""
 
 _K = TypeVar("_K", bound=type)
-_WIDTH = 116  # of the text of a parameter, as in other docstrings
+_WIDTH = 116  # of parameter descriptions, as in other docstrings
 
 
 class CommandOption(NamedTuple):
-    """How commands write an option."""
+    """A CLI option of commands that sets an option field."""
 
     help: str
-    panel: str = "Quality"  # title of the group in the help
-    kind: Any = None  # type of the text, such as a StrEnum, whose "none" is None; None: the type of the option
-    start: Any = MISSING  # value if nothing is written; MISSING: the default of the option
-    note: str = ""  # what a start value of None stands for
+    panel: str = "Quality"  # title of its group in the help
+    kind: Any = None  # type of the CLI value, such as a StrEnum, whose "none" is None; None: the type of the field
+    start: Any = MISSING  # default on the command line; MISSING: the default of the field
+    note: str = ""  # meaning of a default of None
     metavar: str | None = None
     commands: tuple[str, ...] = ("render", "compare")
-    name: str = ""  # of another way to set the option; "": the option's own name
-    literal: bool = True  # whether the text is the value; else the command finds the value
+    name: str = ""  # its own name if several CLI options set the field; "": the name of the field
+    literal: bool = True  # whether the CLI value is the value of the field; otherwise the command computes that
 
 
 class Option(NamedTuple):
-    """What is known of an option besides its type and its default."""
+    """The metadata of an option field, besides its type and its default."""
 
     check: Check
-    kind: str  # the type, as docstrings write it
+    kind: str  # the type in docstrings
     text: str  # the description in docstrings
-    words: tuple[CommandOption, ...] = ()
-    decides: bool = True  # whether pictures depend on it
+    words: tuple[CommandOption, ...] = ()  # CLI options
+    decides: bool = True  # whether the picture depends on it
 
 
 class WholeNumber(NamedTuple):
@@ -51,7 +51,7 @@ class WholeNumber(NamedTuple):
     high: int
     optional: bool = False  # whether None is valid
 
-    def __call__(self, value, what: str) -> int | None:
+    def __call__(self, value: Any, what: str) -> int | None:
         return None if value is None and self.optional else whole_number(value, what, self.low, self.high)
 
 
@@ -63,106 +63,107 @@ class RealNumber(NamedTuple):
     ends: str = "()"  # as in `checks.number`
     unit: str = ""
 
-    def __call__(self, value, what: str) -> float:
+    def __call__(self, value: Any, what: str) -> float:
         return number(value, f"{what} ({self.unit})" if self.unit else what, self.low, self.high, self.ends)
 
 
-def optional_flag(value, what: str) -> bool | None:
+def optional_flag(value: Any, what: str) -> bool | None:
     """Check of True, False or None."""
     return None if value is None else flag(value, what)
 
 
-def unchecked(value, what: str) -> Any:
-    """No check: the function that gets the value has one."""
+def unchecked(value: Any, what: str) -> Any:
+    """No check: the function that receives the value checks it."""
     return value
 
 
-def option_of(field: Field) -> Option:
+def option_of(field: Field[Any]) -> Option:
     """The `Option` of a field."""
     annotation: Any = field.type
-    return annotation.__metadata__[0]
+    option: Option = annotation.__metadata__[0]
+    return option
 
 
-def type_of(field: Field) -> Any:
-    """The type of a field, as text if it was written so."""
+def type_of(field: Field[Any]) -> Any:
+    """The type of a field; a string if the annotation is one."""
     annotation: Any = field.type
     kind = annotation.__origin__
     return kind.__forward_arg__ if isinstance(kind, ForwardRef) else kind
 
 
 def check_fields(options: Any) -> None:
-    """Check all fields of frozen options, and replace the values by those that the checks return."""
+    """Check all fields of frozen options, and replace their values by the normalised ones."""
     for field in fields(options):
         value = option_of(field).check(getattr(options, field.name), field.name)
         object.__setattr__(options, field.name, value)
 
 
 def field_values(options: Any) -> dict[str, Any]:
-    """Name -> value, in the order of the fields."""
+    """Name -> value of all options, in the order of the fields."""
     return {field.name: getattr(options, field.name) for field in fields(options)}
 
 
 def deciding_fields(options: Any) -> dict[str, Any]:
-    """Name -> value of the options on which pictures depend, for digests."""
+    """Name -> value of the options on which the picture depends, for digests."""
     return {field.name: getattr(options, field.name) for field in fields(options) if option_of(field).decides}
 
 
 def split_keywords(keywords: dict[str, Any], kind: type) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The keywords that are fields of a class, and all others."""
+    """Split keywords into those that are fields of a class, and all others."""
     names = {field.name for field in fields(kind)}
-    own = {name: value for name, value in keywords.items() if name in names}
-    return own, {name: value for name, value in keywords.items() if name not in names}
+    of_kind = {name: value for name, value in keywords.items() if name in names}
+    return of_kind, {name: value for name, value in keywords.items() if name not in names}
 
 
 def describe_fields(kind: _K) -> _K:
-    """Decorator of a class of options: its docstring describes the fields."""
-    kind.__doc__ = _with_fields(kind.__doc__, kind)
+    """Class decorator: append the fields to the docstring's parameters."""
+    kind.__doc__ = _doc_with_fields(kind.__doc__, kind)
     return kind
 
 
 def with_keywords(kind: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorator of a function with ``**keywords``: its signature and its docstring show the fields of `kind` instead.
+    """Decorator: replace ``**keywords`` by the fields of `kind`, in a function's signature and docstring.
 
-    Unknown keywords are a TypeError, as of any function.
+    Unknown keywords raise a TypeError, as for any function.
     """
     names = {field.name for field in fields(kind)}
 
     def wrap(function: Callable[..., Any]) -> Any:
-        own = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
-        known = names | {parameter.name for parameter in own}
+        parameters = [p for p in inspect.signature(function).parameters.values() if p.kind is not p.VAR_KEYWORD]
+        known = names | {parameter.name for parameter in parameters}
 
         @wraps(function)
-        def run(*given, **keywords):
+        def run(*args: Any, **keywords: Any) -> Any:
             if not keywords.keys() <= known:
                 unknown = min(keywords.keys() - known)
                 raise TypeError(f"{function.__name__}() got an unexpected keyword argument {unknown!r}")
-            return function(*given, **keywords)
+            return function(*args, **keywords)
 
-        made: Any = run
-        made.__doc__ = _with_fields(function.__doc__, kind)
-        made.__signature__ = inspect.signature(function).replace(parameters=[*own, *_parameters(kind)])
-        return made
+        wrapper: Any = run
+        wrapper.__doc__ = _doc_with_fields(function.__doc__, kind)
+        wrapper.__signature__ = inspect.signature(function).replace(parameters=[*parameters, *_parameters(kind)])
+        return wrapper
 
     return wrap
 
 
 def _parameters(kind: type) -> list[inspect.Parameter]:
-    """The fields of a class as keywords of a signature."""
+    """The fields of a class as keyword-only parameters."""
     keyword = inspect.Parameter.KEYWORD_ONLY
     return [inspect.Parameter(f.name, keyword, default=f.default, annotation=type_of(f)) for f in fields(kind)]
 
 
-def _with_fields(doc: str | None, kind: type) -> str | None:
-    """A docstring whose section Parameters ends with the fields of a class. Without docstrings (-OO) it is None."""
+def _doc_with_fields(doc: str | None, kind: type) -> str | None:
+    """Append the fields of a class to a docstring's section Parameters. None without docstrings (-OO)."""
     if doc is None:
         return None
     lines = inspect.cleandoc(doc).splitlines()
     start = lines.index("Parameters") + 2
     end = next((i for i in range(start, len(lines)) if not lines[i]), len(lines))
-    return "\n".join([*lines[:end], *map(_described, fields(kind)), *lines[end:]])
+    return "\n".join([*lines[:end], *map(_field_doc, fields(kind)), *lines[end:]])
 
 
-def _described(field: Field) -> str:
+def _field_doc(field: Field[Any]) -> str:
     """A field as a parameter in a NumPy docstring."""
     option = option_of(field)
     text = textwrap.fill(" ".join(option.text.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)

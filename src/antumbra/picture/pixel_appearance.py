@@ -1,12 +1,13 @@
 """The base colour and shading normal of each pixel, from face colours, textures and vertex attributes.
 
-Texture look-ups are trilinear and anisotropic.
+Texture lookups are trilinear and anisotropic. Shadows stay on the geometric surface.
 """
 
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import cross, dot
@@ -18,7 +19,7 @@ from ..scene.appearance import Appearance
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.materials import CLAMP, LINEAR, MIRROR, REPEAT, Texture
 
-# --- Where a point lies on its triangle: weights of the corners, for whatever changes from corner to corner -----------
+# --- Barycentric weights ----------------------------------------------------------------------------------------------
 
 
 class Places(NamedTuple):
@@ -28,77 +29,77 @@ class Places(NamedTuple):
     normal: np.ndarray  # (H, W, 3) float32, geometric
     depth: np.ndarray  # (H, W) float32
     face: np.ndarray  # (H, W) int32, index in `corners`
-    ids: np.ndarray  # (H, W) int32, face of the scene; -1: nothing is seen
+    ids: np.ndarray  # (H, W) int32, face of the scene; -1: background
     corners: np.ndarray  # (n, 9) float32
 
 
 def places_of(surfaces: Surfaces) -> Places:
+    """The points of surfaces, as input of kernels."""
     g = surfaces.gbuffer
     return Places(g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9))
 
 
-class Frame3(NamedTuple):
-    """A triangle's edges from its first corner, their cross product, and its squared length; float64 vectors."""
+class TriangleFrame(NamedTuple):
+    """A triangle's edges from its first corner, their cross product g, and its squared length; float64 vectors."""
 
-    e1: tuple
-    e2: tuple
-    g: tuple
+    e1: tuple[float, float, float]
+    e2: tuple[float, float, float]
+    g: tuple[float, float, float]
     g2: float
 
 
 @inlined
-def minus(a, b):
+def _minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inlined
-def frame_of(corners, i):
-    """The `Frame3` of triangle i; `corners` is a pointer."""
+def _triangle_frame(corners, i):
+    """The `TriangleFrame` of triangle i; `corners` is a pointer."""
     c0 = three_at(corners, 3 * i)
-    e1, e2 = minus(three_at(corners, 3 * i + 1), c0), minus(three_at(corners, 3 * i + 2), c0)
+    e1, e2 = _minus(three_at(corners, 3 * i + 1), c0), _minus(three_at(corners, 3 * i + 2), c0)
     g = cross(e1, e2)
-    return Frame3(e1, e2, g, dot(g, g))
+    return TriangleFrame(e1, e2, g, dot(g, g))
 
 
 @inlined
-def along(frame, d):
-    """How the weights of the second and third corner change along the vector d."""
+def _weight_changes(frame, d):
+    """Changes of the weights of the second and third corner along the vector d."""
     return dot(cross(d, frame.e2), frame.g) / frame.g2, dot(cross(frame.e1, d), frame.g) / frame.g2
 
 
 @inlined
-def weights(frame, corners, i, p):
-    """(b0, b1, b2): the weights of the corners of triangle i at its point p, in [0, 1]; a third each without area."""
+def _barycentric_weights(frame, corners, i, p):
+    """(b0, b1, b2): barycentric weights of point p of triangle i, clamped to [0, 1]; 1/3 each for zero area."""
     if not frame.g2 > 0.0:
         return 1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0
-    b1, b2 = along(frame, minus(p, three_at(corners, 3 * i)))
+    b1, b2 = _weight_changes(frame, _minus(p, three_at(corners, 3 * i)))
     b1 = min(max(b1, 0.0), 1.0)
     b2 = min(max(b2, 0.0), 1.0 - b1)
     return 1.0 - b1 - b2, b1, b2
 
 
-# --- Texture look-ups: bilinear within a mip level, linear between two, and several along a stretched footprint -------
-
+# --- Texture lookups: bilinear in a mip level, linear between two levels, several along a stretched footprint ---------
 
 MOST_TAPS = 8
-"""Look-ups along the longer side of a pixel's footprint, at most. A footprint that is longer still is blurred."""
+"""Maximum number of lookups along the longer side of a pixel's footprint. Even longer footprints are blurred."""
 
 
 class MippedTextures(NamedTuple):
-    """Textures for kernels. Their arrays must outlive this."""
+    """Textures for kernels, by address: the textures must outlive this object."""
 
-    pixels: np.ndarray  # (t,) int64: addresses of the texels, four bytes each, row by row
-    mips: np.ndarray  # (t,) int64: addresses of those of smaller levels, one after the other
+    pixels: np.ndarray  # (t,) int64: addresses of level 0: texels of four bytes, row by row
+    mips: np.ndarray  # (t,) int64: addresses of the smaller levels, one after the other
     sizes: np.ndarray  # (t, 2) int32: width and height
     wraps: np.ndarray  # (t, 2) int32: wrap_s and wrap_t
     nearest: np.ndarray  # (t,) bool
-    linear: np.ndarray  # (256,) float32: the linear light of bytes
+    linear: np.ndarray  # (256,) float32: linear light of sRGB bytes
 
 
 def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
-    """The textures; those that are None may not be looked up."""
+    """Textures as input of kernels; entries that are None must not be looked up."""
     n = len(textures)
-    found = MippedTextures(
+    out = MippedTextures(
         np.zeros(n, np.int64),
         np.zeros(n, np.int64),
         np.zeros((n, 2), np.int32),
@@ -108,16 +109,16 @@ def mipped_textures(textures: list[Texture | None]) -> MippedTextures:
     )
     for i, texture in enumerate(textures):
         if texture is not None:
-            found.pixels[i], found.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
-            found.sizes[i] = texture.pixels.shape[1::-1]
-            found.wraps[i] = texture.wrap_s, texture.wrap_t
-            found.nearest[i] = texture.nearest
-    return found
+            out.pixels[i], out.mips[i] = texture.pixels.ctypes.data, texture.mips.ctypes.data
+            out.sizes[i] = texture.pixels.shape[1::-1]
+            out.wraps[i] = texture.wrap_s, texture.wrap_t
+            out.nearest[i] = texture.nearest
+    return out
 
 
 @inlined
-def _wrapped(i, n, wrap):
-    """The texel at place i beside a coordinate from `_near`, on a line of n texels."""
+def _wrap_texel(i, n, wrap):
+    """Index in a row of n texels of texel i next to a coordinate from `_wrap_coordinate`."""
     if wrap == REPEAT:
         return n - 1 if i < 0 else i if i < n else 0
     if wrap == MIRROR and i >= n:
@@ -126,8 +127,8 @@ def _wrapped(i, n, wrap):
 
 
 @inlined
-def _near(u, wrap):
-    """A texture coordinate that shows the same: from 0 to 1, and to 2 if the texture is mirrored."""
+def _wrap_coordinate(u, wrap):
+    """The equivalent texture coordinate from 0 to 1, or to 2 if the texture is mirrored."""
     if wrap == REPEAT:
         return u - np.floor(u)
     return min(max(u, 0.0), 1.0) if wrap == CLAMP else u - 2.0 * np.floor(0.5 * u)
@@ -145,15 +146,15 @@ def _light(linear, texel):
 
 @inlined
 def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
-    """The picture at (u, v); `texels` and `linear` are pointers."""
+    """The bilinear lookup at (u, v); `texels` and `linear` are pointers."""
     half = 0.0 if nearest else 0.5
-    x, y = _near(u, wrap_s) * w - half, _near(v, wrap_t) * h - half
+    x, y = _wrap_coordinate(u, wrap_s) * w - half, _wrap_coordinate(v, wrap_t) * h - half
     x0, y0 = np.floor(x), np.floor(y)
     i, j = np.int64(x0), np.int64(y0)
-    left, top = _wrapped(i, w, wrap_s), _wrapped(j, h, wrap_t) * w
+    left, top = _wrap_texel(i, w, wrap_s), _wrap_texel(j, h, wrap_t) * w
     if nearest:
         return _light(linear, np.int64(get(texels, top + left)))
-    right, low = _wrapped(i + 1, w, wrap_s), _wrapped(j + 1, h, wrap_t) * w
+    right, low = _wrap_texel(i + 1, w, wrap_s), _wrap_texel(j + 1, h, wrap_t) * w
     fx, fy = x - x0, y - y0
     a, b = _light(linear, np.int64(get(texels, top + left))), _light(linear, np.int64(get(texels, top + right)))
     c, d = _light(linear, np.int64(get(texels, low + left))), _light(linear, np.int64(get(texels, low + right)))
@@ -166,8 +167,8 @@ def _bilinear(texels, linear, w, h, wrap_s, wrap_t, u, v, nearest):
 
 
 @inlined
-def _at_level(pictures, k, level, u, v, nearest):
-    """Texture k at (u, v), in a mip level."""
+def _sample_level(pictures, k, level, u, v, nearest):
+    """Texture k at (u, v) in a mip level."""
     one = np.int64(1)
     w, h = np.int64(pictures.sizes[k, 0]), np.int64(pictures.sizes[k, 1])
     texels, start = i32_at(pictures.pixels[k]), np.int64(0)
@@ -181,82 +182,81 @@ def _at_level(pictures, k, level, u, v, nearest):
 
 
 @inlined
-def _between(pictures, k, level, u, v):
-    """Texture k at (u, v), linear between two mip levels; `level` is a float64 that is not negative."""
+def _trilinear(pictures, k, level, u, v):
+    """Texture k at (u, v), interpolated between two mip levels; `level` is a float64 >= 0."""
     largest = max(pictures.sizes[k, 0], pictures.sizes[k, 1])
     last = np.int64(np.floor(np.log2(np.float64(largest))))
     below = min(np.int64(level), last)
-    a = _at_level(pictures, k, below, u, v, False)
+    a = _sample_level(pictures, k, below, u, v, False)
     part = level - below
     if part <= 0.0 or below == last:
         return a
-    b = _at_level(pictures, k, below + 1, u, v, False)
+    b = _sample_level(pictures, k, below + 1, u, v, False)
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
 
 
 @inlined
 def sample_texture(pictures, k, uv, across, along):
-    """(red, green, blue), linear: the mean of texture k around `uv`, over a pixel's footprint.
+    """(red, green, blue), linear: the mean of texture k over a pixel's footprint around `uv`.
 
     across, along : the two sides of the footprint, in texture coordinates
 
-    The longer side is covered by several look-ups, each in the mip level that suits the shorter one. So a floor seen at
-    a grazing angle stays sharp, as with the anisotropic filters of graphics cards.
+    Several lookups cover the longer side, each in the mip level of the shorter side, as in the anisotropic filters of
+    GPUs: a floor seen at a grazing angle stays sharp.
     """
     w, h = np.float64(pictures.sizes[k, 0]), np.float64(pictures.sizes[k, 1])
     one, two = np.hypot(across[0] * w, across[1] * h), np.hypot(along[0] * w, along[1] * h)
     side = along if two > one else across
     longer, shorter = max(one, two), min(one, two)
     if not longer > 1.0:
-        return _at_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
+        return _sample_level(pictures, k, 0, uv[0], uv[1], pictures.nearest[k])
     shorter = max(shorter, 1.0)
     taps = np.int64(min(np.ceil(longer / shorter), MOST_TAPS))
     level = min(np.log2(max(longer / taps, shorter)), 64.0)
     red = green = blue = 0.0
     for i in range(taps):
         at = (i + 0.5) / taps - 0.5
-        light = _between(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
+        light = _trilinear(pictures, k, level, uv[0] + at * side[0], uv[1] + at * side[1])
         red, green, blue = red + light[0], green + light[1], blue + light[2]
     return red / taps, green / taps, blue / taps
 
 
-# --- The base colour that each pixel sees: of its face, or of its material, texture and colours of vertices -----------
+# --- Base colours: from faces, or from materials, textures and vertex colours -----------------------------------------
+
+_FAR = 1e4  # distance of the eye of an orthographic camera, in heights of its picture
+_GRAZING = 0.02  # smallest cosine of a footprint, which limits its length
 
 
-_FAR = 1e4  # heights of an orthographic picture
-_GRAZING = 0.02  # a footprint is at most as stretched as at this cosine
+class FaceColours(NamedTuple):
+    """The colours, materials and textures of faces, for kernels."""
 
-
-class Paints(NamedTuple):
-    """What faces of the scene show, for kernels."""
-
-    colour: np.ndarray  # (m, 3) float32: of the triangles that `Places.face` indexes
-    material: np.ndarray  # (n,) int32: of faces of the scene; -1: the face has its colour
-    factors: np.ndarray  # (k, 3) float32: of materials
-    texture: np.ndarray  # (k,) bool: whether the material's texture can be looked up
-    textured: np.ndarray  # (n,) bool: whether the face shows it
+    colour: np.ndarray  # (m, 3) float32: colours of the triangles that `Places.face` indexes
+    material: np.ndarray  # (n,) int32: materials of the scene's faces; -1: the face has a plain colour
+    factors: np.ndarray  # (k, 3) float32: colour factors of materials
+    texture: np.ndarray  # (k,) bool: whether the material has a decoded texture
+    textured: np.ndarray  # (n,) bool: whether the face shows the texture of its material
     uv: np.ndarray  # (n, 3, 2) float32, or (0, 3, 2)
     colours: np.ndarray  # (n, 3, 4) float32, or (0, 3, 4)
-    pictures: MippedTextures  # the texture of material i is picture i
+    pictures: MippedTextures  # entry i is the texture of material i
 
 
 class Eye(NamedTuple):
-    """Where a picture is seen from."""
+    """The viewpoint of a picture, and the widths of its pixels."""
 
     x: float
     y: float
     z: float
     pixel: float  # width of a pixel at depth 1
-    least: float  # and at depth 0
+    least: float  # width of a pixel at depth 0
 
 
 def eye_of(rays: CameraRays | ExplicitRays, parts: int) -> Eye:
-    """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels along a side of a pixel."""
+    """The eye of a camera, in the frame of the triangles; `parts`: sub-pixels per side of a pixel."""
     if isinstance(rays, CameraRays):
         return _eye(rays.origin, float(np.linalg.norm(rays.dy)) / parts, 0.0)
     if rays.extent is None:
         return _eye(rays.origin, np.pi / rays.height / parts, 0.0)
-    far = rays.origin - _FAR * rays.extent * rays.axes[2]  # where parallel rays come from, about
+    far = rays.origin - _FAR * rays.extent * rays.axes[2]  # about where parallel rays come from
     return _eye(far, 0.0, rays.extent / rays.height / parts)
 
 
@@ -267,14 +267,14 @@ def _eye(place: np.ndarray, pixel: float, least: float) -> Eye:
 
 @inlined
 def _footprint(frame, n, p, eye, depth):
-    """Two vectors in the plane of a triangle (unit normal n): the sides of what a pixel covers around its point p."""
+    """The sides of a pixel's footprint around point p, two vectors in the plane of a triangle with unit normal n."""
     size = eye.pixel * depth + eye.least
-    d = minus(p, (eye.x, eye.y, eye.z))
+    d = _minus(p, (eye.x, eye.y, eye.z))
     distance = np.sqrt(dot(d, d))
     towards = dot(d, n)
     a = d[0] - towards * n[0], d[1] - towards * n[1], d[2] - towards * n[2]
     length = np.sqrt(dot(a, a))
-    if length <= 1e-6 * distance:  # seen from straight above: any direction in the plane
+    if length <= 1e-6 * distance:  # seen perpendicularly: any direction in the plane
         a = frame.e1
         length = np.sqrt(dot(a, a))
     unit = a[0] / length, a[1] / length, a[2] / length
@@ -288,8 +288,8 @@ def _footprint(frame, n, p, eye, depth):
 
 @inlined
 def _in_texture(frame, uv, face, d):
-    """How texture coordinates change along the vector d; `uv` is a pointer."""
-    b1, b2 = along(frame, d)
+    """Changes of the texture coordinates along the vector d; `uv` is a pointer."""
+    b1, b2 = _weight_changes(frame, d)
     s0, t0 = get(uv, 6 * face), get(uv, 6 * face + 1)
     s1, t1 = get(uv, 6 * face + 2) - s0, get(uv, 6 * face + 3) - t0
     s2, t2 = get(uv, 6 * face + 4) - s0, get(uv, 6 * face + 5) - t0
@@ -297,44 +297,49 @@ def _in_texture(frame, uv, face, d):
 
 
 @inlined
-def _mixed(values, at, step, b, c):
-    """Component c of what the three corners have, `step` numbers each from `at` on."""
+def _interpolate(values, at, step, b, c):
+    """Interpolate component c of the three corners, which have `step` values each from `at` on."""
     return b[0] * get(values, at + c) + b[1] * get(values, at + step + c) + b[2] * get(values, at + 2 * step + c)
 
 
 @inlined
-def _painted(places, paints, eye, at, i, k, material):
-    """(red, green, blue) of pixel `at`, which sees triangle i and face k of the scene."""
+def _material_colour(places, face_colours, eye, at, i, k, material):
+    """(red, green, blue) of pixel `at`, which sees triangle i, face k of the scene."""
     corners = ptr(places.corners)
-    p, frame = three_at(ptr(places.position), at), frame_of(corners, i)
-    b = weights(frame, corners, i, p)
-    factors = ptr(paints.factors)
+    p, frame = three_at(ptr(places.position), at), _triangle_frame(corners, i)
+    b = _barycentric_weights(frame, corners, i, p)
+    factors = ptr(face_colours.factors)
     r, g, blue = get(factors, 3 * material), get(factors, 3 * material + 1), get(factors, 3 * material + 2)
     red, green, blue = np.float64(r), np.float64(g), np.float64(blue)
-    if paints.textured[k] and paints.texture[material] and frame.g2 > 0.0:
-        uv, depth = ptr(paints.uv), np.float64(get(ptr(places.depth), at))
+    if face_colours.textured[k] and face_colours.texture[material] and frame.g2 > 0.0:
+        uv, depth = ptr(face_colours.uv), np.float64(get(ptr(places.depth), at))
         across, stretched = _footprint(frame, three_at(ptr(places.normal), at), p, eye, depth)
         light = sample_texture(
-            paints.pictures,
+            face_colours.pictures,
             np.int64(material),
-            (_mixed(uv, 6 * k, 2, b, 0), _mixed(uv, 6 * k, 2, b, 1)),
+            (_interpolate(uv, 6 * k, 2, b, 0), _interpolate(uv, 6 * k, 2, b, 1)),
             _in_texture(frame, uv, k, across),
             _in_texture(frame, uv, k, stretched),
         )
         red, green, blue = red * light[0], green * light[1], blue * light[2]
-    if len(paints.colours) > 0:
-        colours = ptr(paints.colours)
-        red *= _mixed(colours, 12 * k, 4, b, 0)
-        green *= _mixed(colours, 12 * k, 4, b, 1)
-        blue *= _mixed(colours, 12 * k, 4, b, 2)
+    if len(face_colours.colours) > 0:
+        colours = ptr(face_colours.colours)
+        red *= _interpolate(colours, 12 * k, 4, b, 0)
+        green *= _interpolate(colours, 12 * k, 4, b, 1)
+        blue *= _interpolate(colours, 12 * k, 4, b, 2)
     return red, green, blue
 
 
 @kernel
-def _albedo_rows(ticket, places, paints, eye, out):
+def _albedo_rows(ticket, places, face_colours, eye, out):
     w = places.ids.shape[1]
-    ids, faces, materials, own = ptr(places.ids), ptr(places.face), ptr(paints.material), ptr(paints.colour)
-    shown = ptr(out)
+    ids, faces, materials, colours = (
+        ptr(places.ids),
+        ptr(places.face),
+        ptr(face_colours.material),
+        ptr(face_colours.colour),
+    )
+    albedos = ptr(out)
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
             red = green = blue = 0.0
@@ -342,50 +347,51 @@ def _albedo_rows(ticket, places, paints, eye, out):
             if k >= 0:
                 i, material = np.int64(get(faces, at)), get(materials, k)
                 if material >= 0:
-                    red, green, blue = _painted(places, paints, eye, at, i, k, material)
+                    red, green, blue = _material_colour(places, face_colours, eye, at, i, k, material)
                 else:
-                    red = np.float64(get(own, 3 * i))
-                    green = np.float64(get(own, 3 * i + 1))
-                    blue = np.float64(get(own, 3 * i + 2))
-            put(shown, 3 * at, np.float32(red))
-            put(shown, 3 * at + 1, np.float32(green))
-            put(shown, 3 * at + 2, np.float32(blue))
+                    red = np.float64(get(colours, 3 * i))
+                    green = np.float64(get(colours, 3 * i + 1))
+                    blue = np.float64(get(colours, 3 * i + 2))
+            put(albedos, 3 * at, np.float32(red))
+            put(albedos, 3 * at + 1, np.float32(green))
+            put(albedos, 3 * at + 2, np.float32(blue))
 
 
-def albedo(places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads=None) -> np.ndarray:
-    """(H, W, 3) float32: linear base colours; 0 where nothing is seen.
+def albedo(
+    places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads: int | None = None
+) -> NDArray[np.float32]:
+    """(H, W, 3) float32: linear base colours; 0 in the background.
 
     colour : (m, 3) float32, the colour of each triangle that `places.face` indexes
 
-    Textures are decoded when they are seen for the first time. Raises InputError if one cannot be.
+    Textures are decoded when they are first seen. Raises InputError if decoding fails.
     """
     threads = thread_count(threads)
     out = np.empty(places.position.shape, np.float32)
-    paints = _paints(places, colour, appearance, threads)
-    run(_albedo_rows, threads, new_ticket(len(out), 8), places, paints, eye, out)
+    face_colours = _face_colours(places, colour, appearance, threads)
+    run(_albedo_rows, threads, new_ticket(len(out), 8), places, face_colours, eye, out)
     return out
 
 
-def _paints(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> Paints:
+def _face_colours(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> FaceColours:
     materials = appearance.materials
-    seen = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
-    shown = [material.texture if count else None for material, count in zip(materials, seen[1:])]
-    _decode(list(dict.fromkeys(t for t in shown if t is not None)), threads)
-    none = lambda values, width: np.empty((0, 3, width), np.float32) if values is None else values
-    return Paints(
+    counts = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
+    textures = [material.texture if count else None for material, count in zip(materials, counts[1:])]
+    _decode(list(dict.fromkeys(t for t in textures if t is not None)), threads)
+    return FaceColours(
         colour,
         appearance.material_of_face,
         np.array([m.factor[:3] for m in materials], np.float32),
-        np.array([t is not None for t in shown]),
+        np.array([t is not None for t in textures]),
         appearance.textured,
-        none(appearance.uv, 2),
-        none(appearance.colours, 4),
-        mipped_textures(shown),
+        np.empty((0, 3, 2), np.float32) if appearance.uv is None else appearance.uv,
+        np.empty((0, 3, 4), np.float32) if appearance.colours is None else appearance.colours,
+        mipped_textures(textures),
     )
 
 
 def _decode(textures: list[Texture], threads: int) -> None:
-    """Decode textures and their mip levels; they keep both."""
+    """Decode textures and their mip levels, in parallel; the textures cache both."""
 
     def decode(texture: Texture) -> None:
         try:
@@ -397,37 +403,38 @@ def _decode(textures: list[Texture], threads: int) -> None:
         list(pool.map(decode, textures))
 
 
-# --- Shading normals: those of the corners of triangles, interpolated. Shadows stay on the geometric surface ----------
+# --- Shading normals: interpolated normals of corners -----------------------------------------------------------------
 
 
 @inlined
-def _evaluated(frame, kept):
-    """The normal that `scene.appearance.in_frames` keeps as `kept`, of any length, in the triangle as it is now.
+def _evaluate_normal(frame, products):
+    """The normal, of any length, that `scene.appearance.in_frames` stores as `products`, in the triangle as it is now.
 
-    In its plane it is the vector x e1 + y e2 with the two kept products; this is a system of two equations.
+    Its component in the triangle's plane is x e1 + y e2; the two stored products give a linear system for x and y.
     """
     e1, e2, g, g2 = frame
     a, b, c = dot(e1, e1), dot(e1, e2), dot(e2, e2)
-    x, y = (c * kept[0] - b * kept[1]) / g2, (a * kept[1] - b * kept[0]) / g2
-    z = kept[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))  # g is |g| long, and kept[2] is |g|^(1/2) times the product
+    x, y = (c * products[0] - b * products[1]) / g2, (a * products[1] - b * products[0]) / g2
+    # g is |g| long, and products[2] is |g|^(1/2) times the product
+    z = products[2] / (np.sqrt(g2) * np.sqrt(np.sqrt(g2)))
     return x * e1[0] + y * e2[0] + z * g[0], x * e1[1] + y * e2[1] + z * g[1], x * e1[2] + y * e2[2] + z * g[2]
 
 
 @kernel
-def _normal_rows(ticket, places, kept, bends, out):
+def _normal_rows(ticket, places, corner_normals, bends, out):
     w = places.ids.shape[1]
-    ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(kept)
-    positions, geometric, shown = ptr(places.position), ptr(places.normal), ptr(out.normal)
+    ids, faces, corners, normals = ptr(places.ids), ptr(places.face), ptr(places.corners), ptr(corner_normals)
+    positions, geometric, shading = ptr(places.position), ptr(places.normal), ptr(out.normal)
     sines, ends = ptr(bends), ptr(out.bend)
     for y0, last in shares(ticket):
         for at in range(y0 * w, last * w):
             n, k, bend = three_at(geometric, at), np.int64(get(ids, at)), 0.0
             if k >= 0:
                 i = np.int64(get(faces, at))
-                frame = frame_of(corners, i)
-                b0, b1, b2 = weights(frame, corners, i, three_at(positions, at))
+                frame = _triangle_frame(corners, i)
+                b0, b1, b2 = _barycentric_weights(frame, corners, i, three_at(positions, at))
                 p, q, r = three_at(normals, 3 * k), three_at(normals, 3 * k + 1), three_at(normals, 3 * k + 2)
-                m = _evaluated(
+                m = _evaluate_normal(
                     frame,
                     (
                         b0 * p[0] + b1 * q[0] + b2 * r[0],
@@ -437,18 +444,18 @@ def _normal_rows(ticket, places, kept, bends, out):
                 )
                 length = np.sqrt(dot(m, m))
                 if length > 0.0 and length < np.inf:
-                    scale = (1.0 if dot(m, n) >= 0.0 else -1.0) / length  # towards the seen side
+                    scale = (1.0 if dot(m, n) >= 0.0 else -1.0) / length  # towards the visible side
                     n = m[0] * scale, m[1] * scale, m[2] * scale
                     bend = b0 * get(sines, 3 * k) + b1 * get(sines, 3 * k + 1) + b2 * get(sines, 3 * k + 2)
-                    bend /= max(length, 0.5)  # the mean of unit vectors is shorter: docs/design/shading.md
+                    bend /= max(length, 0.5)  # a mean of unit vectors is shorter, see docs/design/shading.md
             put(ends, at, np.float32(bend))
-            put(shown, 3 * at, np.float32(n[0]))
-            put(shown, 3 * at + 1, np.float32(n[1]))
-            put(shown, 3 * at + 2, np.float32(n[2]))
+            put(shading, 3 * at, np.float32(n[0]))
+            put(shading, 3 * at + 1, np.float32(n[1]))
+            put(shading, 3 * at + 2, np.float32(n[2]))
 
 
-def shading_normals(places: Places, appearance: Appearance, threads=None) -> ShadingNormals:
-    """The interpolated normals of a scene that has some; geometric ones where a face has none."""
+def shading_normals(places: Places, appearance: Appearance, threads: int | None = None) -> ShadingNormals:
+    """Interpolated normals; geometric normals where a face has none. The scene must have normals."""
     out = ShadingNormals(np.empty(places.normal.shape, np.float32), np.empty(places.ids.shape, np.float32))
     ticket = new_ticket(len(places.ids), 8)
     run(_normal_rows, thread_count(threads), ticket, places, appearance.normals, appearance.bends, out)

@@ -1,4 +1,7 @@
-"""Compile jobs of rendering: frames of a plan, and the kernels of filter, refinement, appearance and bounced light."""
+"""Compile jobs of rendering: kernels of a plan's frames, filters, refinement, appearance and bounced light.
+
+The `*_job` functions describe the jobs, and the `precompile_*` functions run them.
+"""
 
 from dataclasses import replace
 
@@ -6,20 +9,21 @@ from ..engine.engine import Engine, record_of, recorded, trace_all_ways, wide_li
 from ..engine.plan import Plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..scene.camera import Camera
+from ..scene.lights import Light
 from ..techniques.srdh.representative_rays import SrdhRays
 from .frame_passes import render_frame
 from .frame_request import request_of
 from .render_options import RenderOptions
 
 PLAIN = RenderOptions(spp=1, sampler="hammersley", filter=False, antialias=False)
-"""Options of pictures that call no kernel without need."""
+"""Options of a frame that calls as few kernels as possible."""
 
 QUALITY = replace(PLAIN, filter=True, adaptive=2)
-"""... of the kernels of the filter and of refinement too."""
+"""The same, with the kernels of the filter and of refinement."""
 
 
 def precompile_plan(plan: Plan, gbuffer: str, counters: bool = False) -> None:
-    """Compile the kernels of rendering by a plan. `counters`: include a tracer's separate counting kernels."""
+    """Compile the kernels with which a plan renders. `counters`: include a tracer's separate counting kernels."""
     precompile(rendering_job, plan, gbuffer, counters and plan.tracer.counts_apart)
     if plan.trace == "cones":
         precompile(wide_lights_job)
@@ -51,19 +55,19 @@ def precompile_indirect(gbuffer: str) -> None:
 
 
 def precompile_explicit_rays() -> None:
-    """Compile the kernels of cameras that are not perspective; they are the same for every plan."""
+    """Compile the kernels of non-perspective cameras; they are the same for every plan."""
     precompile(explicit_rays_job)
 
 
 def precompile_ground() -> None:
-    """Compile the kernels of a ground that catches shadows; they are the same for every plan."""
+    """Compile the kernels of the shadow catcher; they are the same for every plan."""
     precompile(ground_job)
 
 
 def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -> Job:
-    """The job of rendering by a plan. A plan without a record gets the kernels of recorded plans with its methods."""
+    """The job of rendering by a plan. Plans without a record use the kernels of recorded plans with their methods."""
 
-    def work():
+    def work() -> None:
         if plan.tracer.chooses:
             trace_all_ways(counters)
         _render_small(plan, gbuffer, replace(PLAIN, counters=counters))
@@ -82,14 +86,14 @@ def antialias_job() -> Job:
 
 
 def bounce_job() -> Job:
-    """The job of the diffuse rays that a builder is shown."""
+    """The job of the diffuse rays that a builder takes as sample rays."""
     plan = Plan(build="srdh", trace="single", sample=SrdhRays(bounce=True))
     return fixed_job("a diffuse bounce", lambda: _render_small(plan))
 
 
 def appearance_job() -> Job:
     """The job of textures and smooth normals."""
-    return fixed_job("textures and normals", lambda: _render_small(Plan(), dressed=True))
+    return fixed_job("textures and normals", lambda: _render_small(Plan(), textured=True))
 
 
 def indirect_job(gbuffer: str = "raster") -> Job:
@@ -100,9 +104,9 @@ def indirect_job(gbuffer: str = "raster") -> Job:
 
 
 def explicit_rays_job() -> Job:
-    """The job of cameras whose rays are listed."""
+    """The job of cameras with explicit rays."""
 
-    def work():
+    def work() -> None:
         camera, lights = small_view(True)
         above = Camera(camera.position, camera.target, width=8, height=8, projection="orthographic", extent=3.0)
         _render_small(Plan(), view=(above, lights))
@@ -111,19 +115,25 @@ def explicit_rays_job() -> Job:
 
 
 def ground_job() -> Job:
-    """The job of a ground that catches shadows, with lights that are partly below it."""
+    """The job of the shadow catcher, with lights that are partly below it."""
     return fixed_job("a ground", lambda: _render_small(Plan(), options=replace(QUALITY, ground=1.95)))
 
 
 def _render_small(
-    plan: Plan, gbuffer: str = "raster", options: RenderOptions = PLAIN, *,
-    view: tuple[Camera, list] | None = None, dressed: bool = False,
-) -> None:  # fmt: skip
-    """Render a frame of the small scene; `view`: camera and lights, `dressed`: with textures and smooth normals."""
-    scene = small_scene(dressed)
+    plan: Plan,
+    gbuffer: str = "raster",
+    options: RenderOptions = PLAIN,
+    *,
+    view: tuple[Camera, list[Light]] | None = None,
+    textured: bool = False,
+) -> None:
+    """Render a frame of the small scene; `view`: camera and lights, `textured`: with textures and smooth normals."""
+    scene = small_scene(textured)
     engine = Engine(scene, plan, 2, gbuffer=gbuffer)
     camera, lights = view or small_view(bool(options.filter), sky=options.bounce is None)
     request = request_of(camera, lights, options, None if options.ground is False else options.ground)
-    if engine.accelerator.showing is None:  # all triangles: culling leaves too few to reach all of a builder
+    if (
+        engine.accelerator.showing is None
+    ):  # build over all triangles: culling leaves too few to run every builder kernel
         engine.accelerator.build(scene.triangles(0.0, 2))
     render_frame(engine, request)

@@ -1,4 +1,4 @@
-"""`RenderOptions` and `EngineOptions`: the only definition of a picture's options.
+"""`RenderOptions` and `EngineOptions`: the single definition of all rendering options.
 
 `antumbra.render` and `Renderer.render` take the fields as keywords. CLI options, the records of ``--json``, docstrings,
 and the digests of finished frames, bands and data sets are derived from the same fields.
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..engine.plan import Plan
 
 MAX_HEIGHT = 1e30
-"""Of a ground, up or down: float32 holds it, as it does positions of cameras."""
+"""Limit of a ground's height, up or down. As for camera positions, float32 can represent it."""
 
 
 class CullFaces(StrEnum):
@@ -52,15 +52,17 @@ class GBufferBy(StrEnum):
     rays = "rays"
 
 
-def _sampler(value, what: str) -> str:
-    return choice(value, what, SAMPLERS)
+def _sampler(value: Any, what: str) -> str:
+    name: str = choice(value, what, SAMPLERS)
+    return name
 
 
-def _side(value, what: str) -> str | None:
-    return choice(value, what, (None, "front", "back"))
+def _side(value: Any, what: str) -> str | None:
+    side: str | None = choice(value, what, (None, "front", "back"))
+    return side
 
 
-def _ground(value, what: str) -> bool | float:
+def _ground(value: Any, what: str) -> bool | float:
     if value is None or isinstance(value, (bool, np.bool_)):
         return bool(value)
     return number(value, f"{what} (height)", -MAX_HEIGHT, MAX_HEIGHT)
@@ -71,8 +73,8 @@ def _ground(value, what: str) -> bool | float:
 class RenderOptions:
     """The options of a picture, checked and immutable.
 
-    `render` and `Renderer.render` take them as keywords, or together as ``options``. Then keywords beside them replace
-    single ones.
+    `render` and `Renderer.render` take them as keywords, or together as ``options``; further keywords then replace
+    single fields.
 
     Parameters
     ----------
@@ -88,9 +90,9 @@ class RenderOptions:
         Option(
             WholeNumber(1, MAX_SPP),
             "int",
-            """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and `AmbientOcclusion` with its own spp,
+            """Shadow rays per pixel and light, 1 to 1024. `PointLights`, and an `AmbientOcclusion` with its own spp,
             ignore it.""",
-            (CommandOption("Shadow rays for each pixel and light.", start=None, note="16"),),
+            (CommandOption("Shadow rays per pixel and light.", start=None, note="16"),),
         ),
     ] = 16
     time: Annotated[
@@ -107,7 +109,7 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            "Count tests and nodes exactly (costs a little time).",
+            "Count rays, nodes and tests exactly (slightly slower).",
             (CommandOption("Count rays, nodes and tests exactly.", "Output", commands=("render",)),),
             decides=False,
         ),
@@ -120,7 +122,7 @@ class RenderOptions:
             "A name in `antumbra.query.light_samples.SAMPLERS`.",
             (
                 CommandOption(
-                    "Points on the light: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+                    "Sample points on lights: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
                     metavar="NAME",
                 ),
             ),
@@ -131,10 +133,10 @@ class RenderOptions:
         Option(
             _side,
             'None, "front" or "back"',
-            "Triangles whose given side faces the receiver do not block its rays.",
+            "Triangles that face the receiver with this side do not block its rays.",
             (
                 CommandOption(
-                    "The side of triangles that, seen from a receiver, blocks no shadow ray.",
+                    "Ignore triangles that face the receiver with this side.",
                     kind=CullFaces,
                     start=CullFaces.none,
                 ),
@@ -146,9 +148,9 @@ class RenderOptions:
         Option(
             optional_flag,
             "bool or None",
-            """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface. In wide penumbrae each
-            pixel then uses 16 times as many samples of the light. For interleaved lists of lights the irradiance is
-            smoothed. None: only the irradiance of a `Sky` is smoothed.""",
+            """Smooth the visibility, but not the bits, over 4 x 4 pixels of the same surface, so that pixels in wide
+            penumbrae use 16 times as many samples of the light. For interleaved lists of lights, smooth the irradiance.
+            None: smooth only the irradiance of a `Sky`.""",
             (CommandOption("Smooth noise in penumbrae over 4x4 pixels.", note="filter"),),
         ),
     ] = None
@@ -157,13 +159,13 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            """Smooth the edges of surfaces in the image, its coverage and the light of its layers, at next to no cost:
-            pixels at an edge are mixed with their neighbours across it, by the shape of the edge. No ray is traced, and
-            neither bits, visibility nor G-buffer change. `adaptive` smooths edges better, and replaces it. If False,
+            """Smooth the edges of surfaces in the image, its coverage and the light of its layers at almost no cost:
+            mix pixels at an edge with their neighbours across it, according to the shape of the edge. No ray is traced,
+            and bits, visibility and G-buffer do not change. `adaptive` smooths edges better, and replaces it. If False,
             each pixel shows what its centre sees.""",
             (
                 CommandOption(
-                    "Smooth edges of surfaces by their shape; --adaptive looks at them more closely.",
+                    "Smooth edges of surfaces by their shape; --adaptive smooths them better, with more rays.",
                     commands=("render",),
                 ),
             ),
@@ -175,8 +177,8 @@ class RenderOptions:
             WholeNumber(1, MAX_SPP, optional=True),
             "int or None",
             """Refine with this many shadow rays per pixel and light, 1 to 1024; None: no refinement. In penumbrae the
-            new visibility replaces the old one. At edges the rays are divided among 16 sub-pixels, and the image pixel
-            is their mean. Lights with their own numbers of rays keep them, in each sub-pixel too.""",
+            refined visibility replaces the original. At edges, the rays are divided among 16 sub-pixels, whose mean is
+            the pixel of the image. Lights with their own number of rays keep it, in each sub-pixel too.""",
             (
                 CommandOption(
                     "Refine penumbrae with more rays, and edges by sub-pixels.",
@@ -185,7 +187,7 @@ class RenderOptions:
                     literal=False,
                 ),
                 CommandOption(
-                    "Shadow rays for each refined pixel and light; implies --adaptive.",
+                    "Shadow rays per refined pixel and light; implies --adaptive.",
                     note="4 times --spp",
                     name="adaptive_spp",
                     literal=False,
@@ -198,11 +200,11 @@ class RenderOptions:
         Option(
             WholeNumber(1, MAX_SPP, optional=True),
             "int or None",
-            """Replace ambient light by light that bounces once: this many diffuse rays per pixel, 1 to 1024. Each
-            diffuse ray has a shadow ray to each light from its end. `sampler` distributes the diffuse rays too.""",
+            """Replace ambient light by light that bounces once: number of diffuse rays per pixel, 1 to 1024. From the
+            hit of each diffuse ray, one shadow ray goes to each light. `sampler` also distributes the diffuse rays.""",
             (
                 CommandOption(
-                    "Instead of ambient light, light that bounces once: so many diffuse rays from each pixel.",
+                    "Replace ambient light by light that bounces once, with this number of diffuse rays per pixel.",
                     "Light",
                     metavar="RAYS",
                 ),
@@ -214,11 +216,11 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            """Whether pixels that see no surface show the skies among the lights. Without a sky, they are black in the
-            image, and a PNG shows a soft daylight there, which sheds no light. If False, they are black.""",
+            """Whether pixels that see no surface show the skies among the lights. Without a sky they are black in the
+            image, but a PNG shows soft daylight there, which lights nothing. If False, they are always black.""",
             (
                 CommandOption(
-                    "What a .png shows where there is no surface: a colour, or transparent.",
+                    "Background of a .png: a colour, or transparent.",
                     "Scene",
                     kind=str | None,
                     start=None,
@@ -235,8 +237,7 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            """Keep base colours, the image of each light alone, and objects in `Frame.layers`; EXR files then have
-            them.""",
+            """Keep base colours, the image of each light alone, and objects in `Frame.layers` and in EXR files.""",
             decides=False,
         ),
     ] = False
@@ -245,10 +246,10 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            """Show textures and colours of vertices. If not, each face has its mean colour, `Scene.colours`.""",
+            """Show textures and vertex colours. If False, each face has its mean colour, see `Scene.colours`.""",
             (
                 CommandOption(
-                    "Show textures and colours of vertices, not the mean colour of each face.", commands=("render",)
+                    "Show textures and vertex colours instead of the mean colour of each face.", commands=("render",)
                 ),
             ),
         ),
@@ -258,9 +259,9 @@ class RenderOptions:
         Option(
             flag,
             "bool",
-            """Shade with the normals of vertices, if the scene has them. If not, each face has its own. Neither changes
-            the bits or the visibility: shadows stay on the geometric surface.""",
-            (CommandOption("Shade with the normals of vertices, not with those of faces.", commands=("render",)),),
+            """Shade with vertex normals, if the scene has them. If False, shade with face normals. Bits and visibility
+            stay the same: shadows are those of the geometric surface.""",
+            (CommandOption("Shade with vertex normals instead of face normals.", commands=("render",)),),
         ),
     ] = True
     ground: Annotated[
@@ -268,15 +269,16 @@ class RenderOptions:
         Option(
             _ground,
             "bool or float",
-            """A level ground below the scene, of which only the shadows are seen. True: just under the lowest point of
-            this moment; a number: at this height along the scene's up axis, in world units (see `Scene.ground_height`).
-            Pixels that see it show what is behind, times the light that arrives over the light that would without
-            shadows. `Frame.ground` has its visibility. It blocks no ray, changes no other pixel and is not in
-            `Frame.mask`. It is not seen from below, and a store has none.""",
+            """Add a shadow-catcher plane: a horizontal plane below the scene that shows only shadows. True: just below
+            the lowest point at this time (see `Scene.ground_height`); a number: at this height along the scene's up
+            axis, in world units. Pixels that see the plane show the background times the ratio of the light that
+            arrives to the light that would arrive without shadows. `Frame.ground` has its visibility. The plane blocks
+            no ray, changes no other pixel and is not in `Frame.mask`. It is invisible from below. Not available for a
+            store.""",
             (
                 CommandOption(
-                    "A ground below the scene, of which only the shadows are seen: on, off, a height, or auto: under "
-                    "scenes seen from outside that have none.",
+                    "Shadow-catcher plane below the scene: on, off, a height, or auto, which adds it to scenes without "
+                    "a ground that are seen from outside.",
                     "Scene",
                     kind=str,
                     start="auto",
@@ -288,17 +290,17 @@ class RenderOptions:
         ),
     ] = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_fields(self)
 
     @property
     def smooths_edges(self) -> bool:
-        """Whether edges are smoothed without another ray. Finer samples divide them instead."""
+        """Whether to smooth edges without tracing rays; `adaptive` refines them instead."""
         return self.antialias and self.adaptive is None
 
 
 def options_of(options: RenderOptions | None, keywords: dict[str, Any]) -> RenderOptions:
-    """The options of a call: its argument ``options``, and its keywords, which replace single ones."""
+    """The options of a call: its argument ``options``, with single fields replaced by its keywords."""
     if options is None:
         return RenderOptions(**keywords)
     return replace(instance(options, RenderOptions, "options"), **keywords)
@@ -306,7 +308,7 @@ def options_of(options: RenderOptions | None, keywords: dict[str, Any]) -> Rende
 
 @dataclass(frozen=True, kw_only=True)
 class EngineOptions:
-    """How questions are answered: the keywords of `Renderer`, which checks them. Exact plans change no bit."""
+    """The keywords of `Renderer`, which checks them: methods and resources. Exact plans change no bit."""
 
     plan: Annotated[
         "str | Plan | None",
@@ -314,14 +316,14 @@ class EngineOptions:
             unchecked,
             "str, Plan or None",
             """The methods, such as ``"bsah+single"`` (see ``antumbra plans``). A plan never changes the bits, unless it
-            neglects geometry that few rays see (``"bsah+chcrt:20"``). None: ``"auto"``, which chooses the methods; for
-            a store ``"bsah+chcrt"``.""",
+            neglects geometry that few rays see, such as ``"bsah+chcrt:20"``. None: ``"auto"``, which chooses the
+            methods; ``"bsah+chcrt"`` for a store.""",
             (
                 CommandOption(
-                    "The methods that answer; see antumbra plans.",
+                    "The methods of building and tracing; see antumbra plans.",
                     "Speed",
                     kind=str | None,
-                    note="auto; of a store bsah+chcrt",
+                    note="auto; bsah+chcrt for a store",
                     commands=("render",),
                 ),
             ),
@@ -341,10 +343,10 @@ class EngineOptions:
         Option(
             unchecked,
             '"raster", "rays" or "auto"',
-            "The method of primary visibility, as for `Renderer`. It never changes the bits.",
+            "The method of primary visibility, see `Renderer`. It never changes the bits.",
             (
                 CommandOption(
-                    "The method that finds visible surfaces.",
+                    "The method of primary visibility.",
                     "Speed",
                     kind=GBufferBy,
                     start=GBufferBy.auto,
@@ -357,10 +359,10 @@ class EngineOptions:
         Option(
             unchecked,
             "int or None",
-            "Limit in bytes on the memory of the process, for a scene in a store; None: 4 GiB.",
+            "Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB.",
             (
                 CommandOption(
-                    "Memory for a scene in a store, in bytes, or with M or G: 512M.",
+                    "Memory limit for scenes in a store: in bytes, or with M or G, such as 512M.",
                     "Speed",
                     kind=str | None,
                     note="4G",
@@ -374,4 +376,4 @@ class EngineOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RenderKeywords(EngineOptions, RenderOptions):
-    """All keywords of `antumbra.render`: signatures are made of them."""
+    """All keywords of `antumbra.render`, for its signature."""

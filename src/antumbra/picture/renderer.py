@@ -1,4 +1,4 @@
-"""`render` and `Renderer`: one frame, or a sequence of frames with cached state, of one scene under one plan."""
+"""`render` and `Renderer`: render one frame, or a sequence of frames with cached state, of one scene by one plan."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,6 +10,7 @@ from ..engine.engine import Engine
 from ..engine.frame_tracer import Progress, RenderSource
 from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..progress import show_progress, with_quiet_progress
@@ -38,42 +39,54 @@ _P = ParamSpec("_P")
 
 
 class RenderFunction(Protocol[_P]):
-    """`render` as type checkers see it: its keywords are those of a class."""
+    """The type of `render`, whose keywords are the fields of a class."""
 
     def __call__(
-        self, scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None,
-        options: RenderOptions | None = None, progress: Progress | bool | None = None, *own: _P.args,
+        self,
+        scene: SceneLike,
+        camera: Camera | None = None,
+        lights: Sequence[Light] | Light | None = None,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        *args: _P.args,
         **keywords: _P.kwargs,
-    ) -> Frame: ...  # fmt: skip
+    ) -> Frame: ...
 
 
 class FrameFunction(Protocol[_P]):
-    """`Renderer.render` of one renderer as type checkers see it."""
+    """The type of the bound method `Renderer.render`."""
 
     def __call__(
-        self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None,
-        progress: Progress | bool | None = None, *own: _P.args, **keywords: _P.kwargs,
-    ) -> Frame: ...  # fmt: skip
+        self,
+        camera: Camera,
+        lights: Sequence[Light] | Light,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        *args: _P.args,
+        **keywords: _P.kwargs,
+    ) -> Frame: ...
 
 
 class RenderMethod(Protocol[_P]):
-    """`Renderer.render` as type checkers see it."""
+    """The type of `Renderer.render`."""
 
     def __get__(self, renderer: Any, kind: type | None = None) -> FrameFunction[_P]: ...
 
 
-def _function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
-    """Decorator: `with_keywords` with types."""
-    return with_keywords(kind)
+def _render_function(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderFunction[_P]]:
+    """`with_keywords` for a function, with types."""
+    decorator: Callable[[Callable[..., Frame]], RenderFunction[_P]] = with_keywords(kind)
+    return decorator
 
 
-def _method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
-    """Decorator: `with_keywords` of a method with types."""
-    return with_keywords(kind)
+def _render_method(kind: Callable[_P, Any]) -> Callable[[Callable[..., Frame]], RenderMethod[_P]]:
+    """`with_keywords` for a method, with types."""
+    decorator: Callable[[Callable[..., Frame]], RenderMethod[_P]] = with_keywords(kind)
+    return decorator
 
 
 class Renderer:
-    """Renders frames of one scene by one plan, and keeps state from frame to frame.
+    """Renders frames of one scene by one plan, and caches state between frames.
 
     Parameters
     ----------
@@ -84,10 +97,10 @@ class Renderer:
     threads : int or None
         None: all cores.
     gbuffer : "raster", "rays" or "auto"
-        The method of primary visibility; both give the same bits. "auto" is raster, or rays through a tree that an
-        earlier frame has kept, whichever was faster. A store, and a camera that is not perspective, always use rays.
+        The method of primary visibility; both give the same bits. "auto" rasterizes; once a tree is cached, it uses
+        whichever method was faster. Stores and non-perspective cameras always use rays.
     max_memory : int or None
-        Limit in bytes on the memory of the process at any time, for a scene in a store; None: 4 GiB.
+        Limit in bytes on the memory of the process, for scenes in a store; None: 4 GiB.
 
     Raises
     ------
@@ -102,7 +115,7 @@ class Renderer:
         threads: int | None = None,
         gbuffer: str = AUTO,
         max_memory: int | None = None,
-    ):
+    ) -> None:
         scene = scene_of(scene)
         choice(gbuffer, "gbuffer", METHODS)
         self.scene, self.engine = scene, Engine(scene, plan, threads, max_memory, gbuffer=gbuffer)
@@ -110,20 +123,25 @@ class Renderer:
 
     @property
     def accelerator(self) -> Accelerator:
-        """That of the engine."""
+        """The accelerator of the engine."""
         return self.engine.accelerator
 
     @property
     def source(self) -> RenderSource:
-        """That of the engine."""
+        """The render source of the engine."""
         return self.engine.source
 
-    @_method(RenderOptions)
+    @_render_method(RenderOptions)
     @with_quiet_progress
     def render(
-        self, camera: Camera, lights: Sequence[Light] | Light, *, options: RenderOptions | None = None,
-        progress: Progress | bool | None = None, **keywords: Any,
-    ) -> Frame:  # fmt: skip
+        self,
+        camera: Camera,
+        lights: Sequence[Light] | Light,
+        *,
+        options: RenderOptions | None = None,
+        progress: Progress | bool | None = None,
+        **keywords: Any,
+    ) -> Frame:
         """Render one frame.
 
         Parameters
@@ -131,7 +149,7 @@ class Renderer:
         camera : Camera
         lights : list of lights, or one light
         options : RenderOptions or None
-            All options together; keywords beside it replace single ones.
+            All options together; further keywords replace single fields.
         progress : function of (done, total), or bool, optional
             As in `antumbra.render`.
 
@@ -145,36 +163,38 @@ class Renderer:
             If a value is out of range, or an argument is not a camera or a light.
         """
         request = self.request(camera, lights, options_of(options, keywords))
-        with show_progress("tracing", progress) as heard:
-            return render_frame(self.engine, request._replace(progress=heard))
+        with show_progress("tracing", progress) as report:
+            return render_frame(self.engine, request._replace(progress=report))
 
     def rows(self, request: Request) -> RowBands:
-        """The picture of a request in bands of rows, to be traced one by one, in any order and in any process."""
+        """Render a request in bands of rows, which can be traced in any order and in any process."""
         return RowBands(self.engine, request)
 
-    def from_rows(self, request: Request, kept: TracedBits) -> Frame:
-        """The frame of a request whose rays were traced before: that of `render`, without the time of tracing."""
-        frame = render_frame(self.engine, request, kept)
+    def from_rows(self, request: Request, traced: TracedBits) -> Frame:
+        """The frame of a request whose rays were traced before, as from `render`, but without the time of tracing."""
+        frame = render_frame(self.engine, request, traced)
         return frame._replace(timings={**frame.timings, "trace": 0.0})
 
     def request(self, camera: Camera, lights: Sequence[Light] | Light, options: RenderOptions | None = None) -> Request:
-        """The checked arguments of `render`. The kernels that they need are compiled."""
-        camera, lights = _checked_view(self.scene, camera, lights)
+        """Check the arguments of `render`, and compile the kernels that they need."""
+        camera, lights = _check_view(self.scene, camera, lights)
         options = options_of(options, {})
         options = replace(options, time=self.scene.clamped(options.time))
-        request = request_of(camera, lights, options, self._ground(options))
-        self._warm_up(request)
+        request = request_of(camera, lights, options, self._ground_height(options))
+        self._precompile(request)
         return request
 
-    def _ground(self, options: RenderOptions) -> float | None:
-        """The height of the ground that the options ask for."""
+    def _ground_height(self, options: RenderOptions) -> float | None:
+        """The height of the shadow-catcher plane; None: no plane."""
         if options.ground is False:
             return None
         if self.source.in_store:
-            raise InputError(f"{self.scene.name}: no ground catches the shadows of a scene in a store; leave it out")
+            raise InputError(
+                f"{self.scene.name} is in a store, and ground works only for scenes in memory; leave it out"
+            )
         return self.scene.ground_height(options.time) if options.ground is True else options.ground
 
-    def _warm_up(self, request: Request) -> None:
+    def _precompile(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
         gbuffer, showing, options = compiled_for(self.source.gbuffer), self.accelerator.showing, request.options
         precompile_plan(self.plan, gbuffer, options.counters)
@@ -194,31 +214,36 @@ class Renderer:
         if request.ground is not None:
             precompile_ground()
 
-    def accelerate(self, time=0.0) -> Accelerated:
-        """The scene's triangles at a time in seconds, with their BVH if the plan has one."""
+    def accelerate(self, time: float = 0.0) -> Accelerated:
+        """The scene's triangles at a time in seconds, with their BVH if the plan builds one."""
         return self.accelerator.build(self.scene.triangles(time, self.threads))
 
-    def see(self, triangles: Triangles, camera, accelerated: Accelerated | None = None) -> GBuffer:
+    def see(self, triangles: Triangles, camera: Camera, accelerated: Accelerated | None = None) -> GBuffer:
         """The G-buffer of a camera: by rays through `accelerated`; by rasterisation if it is None."""
         return primary_visibility(triangles, camera, accelerated, self.threads)
 
 
-def _checked_view(scene, camera, lights) -> tuple[Camera, list[Light]]:
-    """The camera and the list of lights of a picture; the order of `render` is scene, camera, lights."""
+def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list[Light]]:
+    """Check the camera and the lights, and their order."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
-        raise InputError("camera and lights stand in the wrong order; write render(scene, camera, lights)")
+        raise InputError("camera and lights are in the wrong order; write render(scene, camera, lights)")
     return instance(camera, Camera, "camera"), check_lights(lights, scene.up)
 
 
-@_function(RenderKeywords)
+@_render_function(RenderKeywords)
 @with_quiet_progress
 def render(
-    scene: SceneLike, camera: Camera | None = None, lights: Sequence[Light] | Light | None = None, *,
-    options: RenderOptions | None = None, progress: Progress | bool | None = None, **keywords: Any,
-) -> Frame:  # fmt: skip
+    scene: SceneLike,
+    camera: Camera | None = None,
+    lights: Sequence[Light] | Light | None = None,
+    *,
+    options: RenderOptions | None = None,
+    progress: Progress | bool | None = None,
+    **keywords: Any,
+) -> Frame:
     """Render one frame with exact shadows.
 
-    A shadow ray is occluded if a triangle meets its segment strictly between receiver and light sample.
+    A shadow ray is occluded if a triangle intersects its segment strictly between receiver and light sample.
 
     Parameters
     ----------
@@ -229,15 +254,15 @@ def render(
     lights : list of lights, one light, or None
         None: ``scene.default_lights(time)``, the scene's own lights or daylight.
     options : RenderOptions or None
-        The options of the picture together; keywords beside it replace single ones.
+        All options of the picture together; further keywords replace single fields.
     progress : function of (done, total), or bool, optional
-        Called about ten times a second while rays are traced. False: nothing is shown. None: terminals and notebooks
-        show a bar after a second.
+        Called about ten times per second while rays are traced. False: no display. None: terminals and notebooks show
+        a progress bar after one second.
 
     Returns
     -------
     Frame
-        The image (H, W, 3) float32, and the visibility, bits and timings.
+        With the image, (H, W, 3) float32, the visibility, the bits and the timings.
 
     Raises
     ------
@@ -245,9 +270,9 @@ def render(
         If a value is out of range, the plan is unknown, or an argument is not a camera or a light.
     """
     of_renderer, of_picture = split_keywords(keywords, EngineOptions)
-    asked, scene = options_of(options, of_picture), scene_of(scene)
+    picture_options, scene = options_of(options, of_picture), scene_of(scene)
     if camera is None:
-        camera = scene.default_camera(time=asked.time)
+        camera = scene.default_camera(time=picture_options.time)
     if lights is None:
-        lights = scene.default_lights(asked.time)
-    return Renderer(scene, **of_renderer).render(camera, lights, options=asked, progress=progress)
+        lights = scene.default_lights(picture_options.time)
+    return Renderer(scene, **of_renderer).render(camera, lights, options=picture_options, progress=progress)

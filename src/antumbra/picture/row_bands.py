@@ -1,6 +1,6 @@
-"""Render a picture in bands of rows: trace the occlusion bits of each band, and assemble the picture from all bands.
+"""Render a picture in bands of rows: trace the occlusion bits of each band, and shade the picture from all bits.
 
-A band holds bits, not colours, so the filter, ambient light and exposure see the whole picture, as if there were no
+Bands hold bits rather than colours, so the filter, ambient light and exposure work on the whole picture, as without
 bands. docs/design/shards.md compares this with bands of finished pixels.
 """
 
@@ -17,88 +17,96 @@ from .frame_request import Request
 from .light_visibility import finer_query, without_equal_samples
 
 BAND = 32
-"""Rows of a band: a multiple of 4, so that each pixel has the sample set that it has in the picture."""
+"""Rows of a band: a multiple of 4, so that each pixel keeps the sample set that it has in the picture."""
 
-_ABOVE, _BELOW = 4, 1  # more rows that a band looks at; the penumbra's test sees one row on each side
+_ABOVE, _BELOW = 4, 1  # additional rows; the penumbra test reads one row on each side
 
 
 def band_array_names(request: Request) -> list[str]:
-    """The names of a band's arrays."""
+    """The names of the arrays in `RowBands.band`."""
     lights = range(len(request.lights))
     kinds = ["bits"] if request.finer is None else ["bits", "finer", "edges"]
     return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
 
 
-def joined_bits(found: dict[str, np.ndarray]) -> TracedBits:
-    """The arrays of all bands, each joined, as a picture takes them."""
-    named = lambda kind: [values for name, values in found.items() if name.startswith(f"{kind} ")]
-    return TracedBits(named("bits"), named("finer"), named("edges"), found.get("indirect"))
+def joined_bits(arrays: dict[str, np.ndarray]) -> TracedBits:
+    """The bits of a picture; `arrays`: those of its bands, each concatenated."""
+
+    def named(kind: str) -> list[np.ndarray]:
+        return [values for name, values in arrays.items() if name.startswith(f"{kind} ")]
+
+    return TracedBits(named("bits"), named("finer"), named("edges"), arrays.get("indirect"))
 
 
 class RowBands:
-    """Traces bands of one picture. They share the surfaces that the camera sees, and the tree if the plan allows it.
+    """Traces bands of one picture, which share the visible surfaces, and the tree if the plan allows it.
 
-    A store has no such picture of surfaces: it reads only what a band's rays meet.
+    Bands of a store do not share surfaces: a store reads only the chunks that a band's rays enter.
     """
 
-    def __init__(self, engine: Engine, request: Request):
+    def __init__(self, engine: Engine, request: Request) -> None:
         self._state = FrameState(engine, request)
         evaluate(self._state)
-        self._seen: Surfaces | None = None  # by the whole picture
-        self._edges: tuple[np.ndarray, Surfaces] | None = None  # all of them, (H, W) bool, and their sub-pixels
+        self._surfaces: Surfaces | None = None  # of the whole picture
+        self._edges: tuple[np.ndarray, Surfaces] | None = None  # mask of all edges, (H, W) bool, and their sub-pixels
 
     def band(self, first: int, last: int) -> dict[str, np.ndarray]:
-        """The arrays `names_of` of the rows from `first`, a multiple of 4, to `last`, excluded."""
+        """The arrays `band_array_names` of the rows from `first`, a multiple of 4, up to but excluding `last`."""
         request = self._state.request
-        near = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
+        rows = slice(max(first - _ABOVE, 0), min(last + _BELOW, request.camera.height))
         if request.finer is None:
-            near = slice(first, last)
-        own = slice(first - near.start, last - near.start)
-        surfaces = self._look(near)
-        surfaces.gbuffer.side[: max(own.start - 1, 0)] = NOTHING
+            rows = slice(first, last)
+        inner = slice(first - rows.start, last - rows.start)
+        surfaces = self._surfaces_of(rows)
+        surfaces.gbuffer.side[: max(inner.start - 1, 0)] = NOTHING
         traced = self._trace(surfaces)
-        made = {f"bits {i}": bits[own] for i, bits in enumerate(traced.bits)}
+        arrays = {f"bits {i}": bits[inner] for i, bits in enumerate(traced.bits)}
         if request.finer is not None:
-            made |= self._finer(surfaces, traced, own) | self._divided(surfaces, traced, near, own)
+            arrays |= self._trace_penumbrae(surfaces, traced, inner) | self._trace_edges(surfaces, traced, rows, inner)
         if request.passes is not None:
-            made["indirect"] = self._indirect(_rows(surfaces, own), traced.queries[0].origins[own])
-        return made
+            arrays["indirect"] = self._bounce(_rows(surfaces, inner), traced.queries[0].origins[inner])
+        return arrays
 
-    def _look(self, rows: slice) -> Surfaces:
+    def _surfaces_of(self, rows: slice) -> Surfaces:
         state = self._state
         if state.tracer.in_store:
             return find_surfaces(state, rows)
-        if self._seen is None:
-            self._seen = find_surfaces(state, slice(0, state.request.camera.height))
-        return _rows(self._seen, rows)
+        if self._surfaces is None:
+            self._surfaces = find_surfaces(state, slice(0, state.request.camera.height))
+        return _rows(self._surfaces, rows)
 
     def _trace(self, surfaces: Surfaces) -> TracedLights:
         self._state.tracer.reuse_tree()
         return trace(self._state, surfaces, slice(0))
 
-    def _finer(self, surfaces: Surfaces, traced: TracedLights, own: slice) -> dict[str, np.ndarray]:
-        """The bits of finer samples in penumbrae."""
-        state, made = self._state, {}
+    def _trace_penumbrae(self, surfaces: Surfaces, traced: TracedLights, inner: slice) -> dict[str, np.ndarray]:
+        """Trace refined penumbrae: the bits of their finer samples."""
+        state, arrays = self._state, {}
         assert state.request.finer is not None
-        seen = seen_by(surfaces.gbuffer, state.tracer.view)
+        visible = seen_by(surfaces.gbuffer, state.tracer.view)
         for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
-            finer = finer_query(seen, query, bits, samples, state.threads)
+            finer = finer_query(visible, query, bits, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
-            sides[own] = finer.sides[own]
-            made[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[own]
-        return made
+            sides[inner] = finer.sides[inner]
+            arrays[f"finer {i}"] = trace_query(state, finer._replace(sides=sides))[inner]
+        return arrays
 
-    def _divided(self, surfaces: Surfaces, traced: TracedLights, near: slice, own: slice) -> dict[str, np.ndarray]:
-        """The bits of the sub-pixels of edges."""
+    def _trace_edges(
+        self, surfaces: Surfaces, traced: TracedLights, rows: slice, inner: slice
+    ) -> dict[str, np.ndarray]:
+        """Trace refined edges: the bits of their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
-        pixels, blocks = self._subpixels(surfaces, near, own)
+        pixels, blocks = self._subpixels(surfaces, rows, inner)
         if not len(blocks):
             needed = [without_equal_samples(query._replace(samples=s)) for query, s in zip(traced.queries, finer.edges)]
             words = [-(-query.samples.shape[1] // 64) for query in needed]
             return {f"edges {i}": np.zeros((0, 4, 4, n), np.uint64) for i, n in enumerate(words)}
         g = pixels.gbuffer
-        row = lambda array: picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+
+        def row(array: np.ndarray) -> np.ndarray:
+            return picture_of(blocks_of(array)[blocks], (4, 4 * len(blocks)))
+
         gbuffer = g._replace(
             **{name: row(getattr(g, name)) for name in ("position", "normal", "face", "depth", "side")}
         )
@@ -107,30 +115,31 @@ class RowBands:
         state.tracer.prepare_again(queries, state.clock.lap)
         return {f"edges {i}": blocks_of(bits) for i, bits in enumerate(trace_queries(state, queries).bits)}
 
-    def _subpixels(self, surfaces: Surfaces, near: slice, own: slice) -> tuple[Surfaces, range]:
-        """The sub-pixels of edges; and the blocks that are the band's own."""
+    def _subpixels(self, surfaces: Surfaces, rows: slice, inner: slice) -> tuple[Surfaces, range]:
+        """The sub-pixels of edges, and the range of blocks that belong to the band."""
         state, shape = self._state, (self._state.request.camera.height, self._state.request.camera.width)
-        rows = slice(near.start + own.start, near.start + own.stop)
-        if self._seen is None:
+        band_rows = slice(rows.start + inner.start, rows.start + inner.stop)
+        if self._surfaces is None:
             edge = np.zeros(shape, np.bool_)
-            edge[rows] = edges(seen_by(surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)[own]
+            visible = seen_by(surfaces.gbuffer, state.tracer.view)
+            edge[band_rows] = edges(visible, edge_colours(state), state.threads)[inner]
             count = np.count_nonzero(edge)
             return state.tracer.subpixels(edge) if count else surfaces, range(count)
         if self._edges is None:
-            edge = edges(seen_by(self._seen.gbuffer, state.tracer.view), edge_colours(state), state.threads)
+            edge = edges(seen_by(self._surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)
             self._edges = edge, state.tracer.subpixels(edge)
         edge, pixels = self._edges
-        before = np.count_nonzero(edge[: rows.start])
-        return pixels, range(before, before + np.count_nonzero(edge[rows]))
+        before = np.count_nonzero(edge[: band_rows.start])
+        return pixels, range(before, before + np.count_nonzero(edge[band_rows]))
 
-    def _indirect(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
+    def _bounce(self, surfaces: Surfaces, origins: np.ndarray) -> np.ndarray:
         state = self._state
         nearest = state.tracer.closest_hits(state.clock.lap)
         return indirect_light(state, surfaces, np.ascontiguousarray(origins), nearest)
 
 
 def _rows(surfaces: Surfaces, rows: slice) -> Surfaces:
-    """Some rows of a picture of surfaces, as copies."""
+    """Copy some rows of a picture's surfaces."""
     g = surfaces.gbuffer
     gbuffer = g._replace(**{n: getattr(g, n)[rows].copy() for n in ("position", "normal", "face", "depth", "side")})
     return surfaces._replace(gbuffer=gbuffer, ids=surfaces.ids[rows].copy())

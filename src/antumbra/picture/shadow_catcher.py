@@ -1,12 +1,13 @@
 """The shadow catcher: an invisible ground plane that shows only the shadows cast on it, also called a *matte*.
 
-It is not a triangle. Its points are the receivers of additional queries, which the frame's own tracer answers, so no
-tree and no bit of a surface changes, and the ground blocks no ray.
+The plane is not geometry. Its points are the receivers of additional queries, which the frame's tracer answers, so
+trees and the bits of surfaces do not change, and the plane blocks no ray.
 """
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
 from ..query.pixel_refinement import block_means, subpixel_rays
@@ -14,7 +15,8 @@ from ..query.query_bounds import place, reach_of
 from ..query.ray_passes import GroundHits, ground_hits, plane_below, rays_through
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
-from ..scene.lights import DIRECTIONAL, is_bounced
+from ..scene.light_lists import LightList
+from ..scene.lights import DIRECTIONAL, Light, is_bounced
 from ..techniques.culling.culling_grid import targets_of
 from .discontinuity_filter import smooth_irradiance
 from .frame import FrameState, Ground, TracedLights, smooths_light, trace_queries, trace_query
@@ -26,116 +28,137 @@ _WHITE = np.ones((1, 3), np.float32)
 
 
 class ShadowCatcher:
-    """The ground of a frame.
+    """The shadow-catcher plane of a frame.
 
     Parameters
     ----------
     state : FrameState
-        Its request has a ground.
+        Its request must have a ground.
     ambient : (3,) float32
-        Ambient irradiance of surfaces that face up. It also stands for light that bounces, which the ground ignores.
+        Ambient irradiance of surfaces that face up. It also stands for bounced light, which the plane ignores.
     """
 
-    def __init__(self, state: FrameState, ambient: np.ndarray):
-        assert state.request.ground is not None
+    def __init__(self, state: FrameState, ambient: np.ndarray) -> None:
+        height = state.request.ground
+        assert height is not None
         up, origin = state.tracer.scene.up, state.tracer.triangles.origin
-        self._state, self._ambient, self._up = state, ambient, up
+        self._state, self._ambient, self._up, self._height = state, ambient, up, height
         self._box = state.tracer.box()
-        self._plane = plane_below(self._box, up, state.request.ground - origin["xyz".index(up)])
+        self._plane = plane_below(self._box, up, height - origin["xyz".index(up)])
         self._chosen = [k for k, light in enumerate(state.request.lights) if not is_bounced(light)]
         self._lights = [state.request.lights[k] for k in self._chosen]
 
-    def picture(self, surfaces: Surfaces) -> Ground:
-        """The ground where the centres of pixels see no surface."""
+    def ground(self, surfaces: Surfaces) -> Ground:
+        """The ground at pixels whose centre sees no surface."""
         state, request = self._state, self._state.request
         free = surfaces.ids < 0
         rays = rays_through(state.tracer.view, free, state.threads)
-        found = ground_hits(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
-        gbuffer = found.gbuffer
+        hits = ground_hits(self._plane, rays, free, surfaces.gbuffer.origin, state.threads)
+        gbuffer = hits.gbuffer
         state.clock.lap("gbuffer")
-        queries = self._queries(found, request.samples)
+        queries = self._queries(hits, request.samples)
         finer = [] if request.finer is None else [request.finer.penumbra[k] for k in self._chosen]
         finest = [q._replace(samples=s) for q, s in zip(queries, finer)]
         state.tracer.prepare_again([*queries, *finest], state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        seen, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
-        light = [light_fractions(seen, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
+        visible, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
+        fractions = [light_fractions(visible, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
-            more = finer_query(seen, query, bits, samples, state.threads)
-            light[i] = refine_fractions(
-                light[i], seen, facing, more, trace_query(state, more), request.smooth, state.threads
+            more = finer_query(visible, query, bits, samples, state.threads)
+            fractions[i] = refine_fractions(
+                fractions[i], visible, facing, more, trace_query(state, more), request.smooth, state.threads
             )
             state.clock.lap("trace")
-        visibility = [each.fraction for each in light]
-        lit, unshadowed = self._light(gbuffer, traced, [each.share for each in light], seen)
-        share = np.float32(1.0) - found.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+        visibility = [one.fraction for one in fractions]
+        lit, unshadowed = self._irradiances(gbuffer, traced, [one.share for one in fractions], visible)
+        share = np.float32(1.0) - hits.kept[..., None] * (np.float32(1.0) - _ratio(lit, unshadowed))
         state.clock.lap("shade")
-        return Ground(request.ground, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
+        return Ground(self._height, gbuffer.side != NOTHING, gbuffer.position, visibility, traced.bits, share)
 
-    def between(self, edge: np.ndarray, pixels: Surfaces) -> np.ndarray:
-        """(E, 3) float32: `Ground.share` where edge pixels see no surface; `pixels`: their sub-pixels."""
+    def edge_shares(self, edge: np.ndarray, pixels: Surfaces) -> NDArray[np.float32]:
+        """(E, 3) float32: `Ground.share` of edge pixels, where they see no surface; `pixels`: their sub-pixels."""
         state, finer = self._state, self._state.request.finer
         assert finer is not None
         count = int(np.count_nonzero(edge))
         rays, shape = subpixel_rays(state.tracer.view, edge, state.threads)
         free = (pixels.ids < 0) & rays.directions.any(-1).reshape(shape)
         rays = type(rays)(*(part[free.reshape(-1)] for part in rays))
-        found = ground_hits(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
+        hits = ground_hits(self._plane, rays, free, pixels.gbuffer.origin, state.threads)
         state.clock.lap("gbuffer")
-        queries = self._queries(found, finer.edges)
+        queries = self._queries(hits, finer.edges)
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        facing = facing_of(found.gbuffer, None)
-        arrive = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
-        lit, unshadowed = (block_means(part, count) for part in self._light(found.gbuffer, traced, arrive, None))
-        kept = block_means(found.kept, count) / np.maximum(
+        facing = facing_of(hits.gbuffer, None)
+        shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
+        lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, shares, None))
+        strength = block_means(hits.kept, count) / np.maximum(
             block_means(free.astype(np.float32), count), np.float32(1e-6)
         )
-        return np.float32(1.0) - kept[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+        share: np.ndarray = np.float32(1.0) - strength[:, None] * (np.float32(1.0) - _ratio(lit, unshadowed))
+        return share
 
-    def _queries(self, found: GroundHits, samples) -> list[ShadowQuery]:
-        """A query for each light, at the points of the ground; `samples`: of all lights of the request."""
-        state, (gbuffer, origins, _) = self._state, found
-        asking = origins[gbuffer.side != NOTHING]
-        reach = reach_of(self._box, asking, state.threads) if len(asking) else 1.0
+    def _queries(self, hits: GroundHits, samples: list[np.ndarray]) -> list[ShadowQuery]:
+        """A query per light at the points of the ground; `samples`: for all lights of the request."""
+        state, (gbuffer, origins, _) = self._state, hits
+        points = origins[gbuffer.side != NOTHING]
+        reach = reach_of(self._box, points, state.threads) if len(points) else 1.0
         normals = gbuffer.normal.astype(np.float64)
         corners = state.tracer.triangles.vertices.reshape(-1, 9)
         patches = [place(light, state.tracer.triangles.origin, self._box, reach) for light in self._lights]
         return [
             ShadowQuery(
-                origins, gbuffer.face, gbuffer.side, normals, corners, patch, samples[k], state.request.facing,
-                gbuffer.face,
+                origins=origins,
+                faces=gbuffer.face,
+                sides=gbuffer.side,
+                normals=normals,
+                corners=corners,
+                light=patch,
+                samples=samples[k],
+                cull_faces=state.request.facing,
+                ids=gbuffer.face,
             )
             for k, patch in zip(self._chosen, patches)
-        ]  # fmt: skip
+        ]
 
-    def _light(
-        self, gbuffer: GBuffer, traced: TracedLights, arrive: list[np.ndarray], seen: PictureSurfaces | None
+    def _irradiances(
+        self, gbuffer: GBuffer, traced: TracedLights, shares: list[np.ndarray], visible: PictureSurfaces | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The light that arrives, (H, W, 3) float32, and the light that would arrive if nothing cast a shadow."""
+        """The light of all lights that arrives, (H, W, 3) float32, and the light that would arrive without shadows."""
         arrived, unshadowed = zip(
-            *(self._arriving(gbuffer, *of_light, seen) for of_light in zip(self._lights, *traced))
+            *(self._irradiance(gbuffer, *of_light, visible) for of_light in zip(self._lights, *traced))
         )
-        above = [self._above(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
-        return self._sum(gbuffer, arrived, arrive), self._sum(gbuffer, unshadowed, above)
+        above = [self._unshadowed_shares(gbuffer, light, query) for light, query in zip(self._lights, traced.queries)]
+        return self._shade(gbuffer, arrived, shares), self._shade(gbuffer, unshadowed, above)
 
-    def _arriving(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, seen) -> tuple[np.ndarray, np.ndarray]:
-        """The light of one light source as `picture.shading.arriving_irradiance` gives it, and without shadows."""
-        threads, own = self._state.threads, seen if smooths_light(self._state.request, light) else None
-        if query.light.kind == DIRECTIONAL and light.domain == "list":
-            return self._arriving_far(gbuffer, light, query, bits, own)
-        arrived = arriving_irradiance(gbuffer, light, query, bits, own, None, threads)
+    def _irradiance(
+        self, gbuffer: GBuffer, light: Light, query: ShadowQuery, bits: np.ndarray, visible: PictureSurfaces | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The irradiance from one light, as from `arriving_irradiance`, and the irradiance without shadows."""
+        threads = self._state.threads
+        if not smooths_light(self._state.request, light):
+            visible = None
+        if query.light.kind == DIRECTIONAL and isinstance(light, LightList):
+            return self._distant_irradiance(gbuffer, light, query, bits, visible)
+        arrived = arriving_irradiance(gbuffer, light, query, bits, visible, None, threads)
         if light.domain != "list":
             return arrived, arrived
-        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), own, None, threads)
+        return arrived, arriving_irradiance(gbuffer, light, query, np.zeros_like(bits), visible, None, threads)
 
-    def _arriving_far(self, gbuffer: GBuffer, light, query: ShadowQuery, bits, own) -> tuple[np.ndarray, np.ndarray]:
-        """As `_arriving`, of a list of distant lights. Without shadows, a block of 4 x 4 pixels is like any other.
+    def _distant_irradiance(
+        self,
+        gbuffer: GBuffer,
+        light: LightList,
+        query: ShadowQuery,
+        bits: np.ndarray,
+        visible: PictureSurfaces | None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`_irradiance` for a list of distant lights. Without shadows, all blocks of 4 x 4 pixels are equal.
 
-        What shadows take away is smoothed, not what they leave. So nothing changes where no shadow is near.
+        The light that shadows take away is smoothed, rather than the light that remains, so that nothing changes away
+        from shadows.
         """
         (h, w), threads = gbuffer.side.shape, self._state.threads
         one = np.ones((4, 4), np.int8)
@@ -144,24 +167,25 @@ class ShadowCatcher:
         block = GBuffer(
             np.zeros_like(normal), normal, one.astype(np.int32), one.astype(np.float32), one, gbuffer.origin
         )
-        each = arriving_irradiance(
+        irradiance = arriving_irradiance(
             block, light, query, np.zeros((4, 4, bits.shape[-1]), np.uint64), None, None, threads
         )
-        free = np.tile(each, (-(-h // 4), -(-w // 4), 1))[:h, :w]
-        raw = arriving_irradiance(gbuffer, light, query, bits, None, None, threads)
-        if own is None or not light.interleave:
-            return raw, free
-        mean = each.mean((0, 1))
-        return mean - smooth_irradiance(own, free - raw, threads), np.ascontiguousarray(
-            np.broadcast_to(mean, raw.shape)
+        unshadowed = np.tile(irradiance, (-(-h // 4), -(-w // 4), 1))[:h, :w]
+        arrived = arriving_irradiance(gbuffer, light, query, bits, None, None, threads)
+        if visible is None or not light.interleave:
+            return arrived, unshadowed
+        mean = irradiance.mean((0, 1))
+        return mean - smooth_irradiance(visible, unshadowed - arrived, threads), np.ascontiguousarray(
+            np.broadcast_to(mean, arrived.shape)
         )
 
-    def _sum(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], arrive: list[np.ndarray]) -> np.ndarray:
+    def _shade(self, gbuffer: GBuffer, arrived: Sequence[np.ndarray], shares: list[np.ndarray]) -> np.ndarray:
+        """Shade the ground as a white surface."""
         white = gbuffer._replace(face=gbuffer.side.astype(np.int32) - np.int32(1))  # face 0 where the ground is seen
-        return shade(white, _WHITE, self._lights, arrived, arrive, self._ambient, self._up, threads=self._state.threads)
+        return shade(white, _WHITE, self._lights, arrived, shares, self._ambient, self._up, threads=self._state.threads)
 
-    def _above(self, gbuffer: GBuffer, light, query: ShadowQuery) -> np.ndarray:
-        """(H, W) float32: the share of a light's irradiance that arrives without shadows: 1, or 0 below the ground."""
+    def _unshadowed_shares(self, gbuffer: GBuffer, light: Light, query: ShadowQuery) -> NDArray[np.float32]:
+        """(H, W) float32: the share of a light's irradiance that arrives without shadows: its part above the ground."""
         boxes, relative = targets_of(query, np.full(3, np.inf))
         lowest = boxes[:, 0, self._plane.axis].min()
         if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
@@ -171,6 +195,7 @@ class ShadowCatcher:
 
 
 def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:
-    """Light as a share, at most 1, of the light without shadows; 1 where there is none."""
+    """Light over the light without shadows, at most 1; 1 where there is no light."""
     share = np.divide(lit, unshadowed, out=np.ones_like(lit), where=unshadowed > 0.0)
-    return np.minimum(share, np.float32(1.0))
+    ratio: np.ndarray = np.minimum(share, np.float32(1.0))
+    return ratio

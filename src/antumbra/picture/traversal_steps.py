@@ -1,20 +1,24 @@
-"""Count traversal steps of shadow rays by plan: per pixel, per class of ray, and the depths of frequent blockers.
+"""Count the traversal steps of shadow rays by plan: per pixel, per class of test, and the depths of frequent blockers.
 
-The tracer `single` and its variants trace one ray at a time, so each test belongs to one ray. Other tracers test boxes
-for ray bundles or eight boxes at once; their queries are traced in windows of 16 x 16 pixels, and the tests of a window
-are divided evenly among its pixels.
+The tracer `single` and its variants trace one ray at a time, so each test belongs to one ray (see
+`trace.rays.single_rays`). Other tracers test boxes for ray bundles, or eight boxes at once. Their queries are traced in
+windows of 16 x 16 pixels, each with its own counters, and the tests of a window are divided evenly among its pixels
+with shadow rays; the classes of these tests are unknown. A second traversal, one ray at a time, finds the leaf in which
+each ray ends.
 """
 
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.accelerator import Accelerated, Accelerator, accelerator_of
 from ..engine.engine import Engine
 from ..engine.plan import Plan, parse_plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
-from ..engine.scene import Scene
+from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..query.shadow_query import ShadowQuery, with_receivers
@@ -26,8 +30,7 @@ from .frame_request import PictureQueries, TimeSample, build_for, picture_querie
 from .render_kernels import precompile_bounce, precompile_plan
 from .render_options import RenderOptions
 
-# --- A query traced window by window, so that the tests of ray bundles belong to a part of the picture ----------------
-
+# --- Tests per window -------------------------------------------------------------------------------------------------
 
 WINDOW = 16  # pixels; no ray bundle crosses the border of a window
 
@@ -37,19 +40,19 @@ def trace_windows(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Trace a query window by window: (bits, tests); tests: (rows, columns, 2) int64, box and triangle tests.
 
-    Windows begin at multiples of 16 pixels, so they contain whole 4 x 4 blocks of interleaved samples. The bits
-    therefore equal the bits of the query traced as a whole.
+    Windows begin at multiples of 16 pixels, so they contain complete 4 x 4 blocks of interleaved samples, and the bits
+    equal those of the query traced at once.
     """
     h, w = query.sides.shape
     rows, columns = -(-h // WINDOW), -(-w // WINDOW)
     bits = np.zeros((h, w, -(-query.samples.shape[1] // 64)), np.uint64)
-    tests, alone = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
+    tests, single_threaded = np.zeros((rows, columns, 2), np.int64), Accelerator(accelerator.plan, 1)
 
-    def trace(window):
+    def trace(window: int) -> None:
         y, x = divmod(window, columns)
         part = slice(y * WINDOW, (y + 1) * WINDOW), slice(x * WINDOW, (x + 1) * WINDOW)
         tally = new_counters()
-        bits[part] = alone.answer(accelerated, with_receivers(query, lambda array: array[part]), tally)
+        bits[part] = single_threaded.answer(accelerated, with_receivers(query, lambda array: array[part]), tally)
         tests[y, x] = tally[[BOX_TESTS, TRIANGLE_TESTS]]
 
     with ThreadPoolExecutor(accelerator.threads) as pool:
@@ -57,47 +60,38 @@ def trace_windows(
     return bits, tests
 
 
-# --- Traversal steps of shadow rays, plan by plan: per pixel, per class, and the depth of the frequent blockers -------
-#
-# `single` and its orders trace one ray at a time, so each test belongs to a ray (`trace.rays.single_rays`). Other
-# tracers
-# test boxes for ray bundles, or eight boxes at once. Their queries run in windows of 16 x 16 pixels, each with its own
-# counters. The tests of a window are divided among its pixels with shadow rays; their classes are unknown. A second
-# walk,
-# one ray at a time, finds the leaf in which each ray ends.
+# --- Traversal steps of several plans ---------------------------------------------------------------------------------
 
 
 class Depths(NamedTuple):
-    """Depths of leaves: the number of boxes on the path from the root, the leaf's included. NaN: no ray is blocked."""
+    """Depths of leaves: boxes on the path from the root, including the leaf's. NaN if no ray is blocked."""
 
     frequent: float  # mean depth of the frequent blockers' leaves, weighted by the rays they block in the first plan
     mean: float  # mean depth of the leaves in which this plan's blocked rays end
-    median: float  # median of the same depths
+    median: float  # median of these depths
     deepest: int  # depth of the deepest leaf of the tree
-    histogram: np.ndarray  # (deepest + 1,) int64: blocked rays that end at each depth
+    histogram: NDArray[np.int64]  # (deepest + 1,) int64: blocked rays that end at each depth
 
 
 class PlanSteps(NamedTuple):
-    """The steps of one plan. H, W: the camera's height and width."""
+    """The traversal steps of one plan. H, W: the camera's height and width."""
 
     plan: Plan
-    boxes: np.ndarray  # (H, W) float64: boxes tested for each pixel's rays
+    boxes: NDArray[np.float64]  # (H, W) float64: boxes tested for each pixel's rays
     box_tests: int
     triangle_tests: int
-    classes: (
-        np.ndarray | None
-    )  # (3,) int64: box tests by `trace.rays.single_rays.CLASSES`; None: tests belong to bundles
+    classes: NDArray[np.int64] | None  # (3,): box tests by `trace.rays.single_rays.CLASSES`; None: tests of bundles
     depths: Depths
 
 
 class Explanation(NamedTuple):
     """The traversal steps of several plans; all plans give the same bits."""
 
-    asks: np.ndarray  # (H, W) bool: pixels with at least one shadow ray
+    asks: NDArray[np.bool_]  # (H, W) bool: pixels with at least one shadow ray
     rays: int  # shadow rays: samples above the horizon, over all lights
     blocked: int  # blocked rays among them
-    frequent: np.ndarray  # (k,) int64: frequent blockers, the fewest triangles that block half of the blocked rays
-    frequent_rays: int  # rays that the frequent blockers block in the first plan
+    frequent: NDArray[np.int64]  # (k,): frequent blockers, the fewest triangles that block half of the blocked rays
+    frequent_rays: int  # rays blocked by the frequent blockers in the first plan
     plans: list[PlanSteps]
 
 
@@ -105,27 +99,35 @@ class _CountedTrace(NamedTuple):
     """The result of tracing with one plan."""
 
     plan: Plan
-    ready: Accelerated
+    accelerated: Accelerated
     steps: Steps  # counted one ray at a time
     bits: list[np.ndarray]
-    bundles: np.ndarray | None  # (rows, columns, 2) int64: box and triangle tests of each window; None: one by one
-    ids: np.ndarray | None = None  # indices in the scene of the triangles that `steps` counts; None: all triangles
+    bundles: NDArray[np.int64] | None  # (rows, columns, 2): box and triangle tests per window; None: counted per ray
+    ids: np.ndarray | None = None  # scene indices of the triangles that `steps` counts; None: all triangles
 
 
-def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explanation:
+def explain(
+    scene: AnyScene,
+    moments: Sequence[TimeSample],
+    plans: Sequence[str | Plan],
+    *,
+    spp: int = 16,
+    threads: int | None = None,
+    say: Callable[[Plan, int], object] | None = None,
+) -> Explanation:
     """Count the traversal steps of a picture's shadow rays under several plans.
 
     Parameters
     ----------
     scene : Scene or PagedScene
-        A store is explained by its own tree, with the plan ``"bsah+chcrt"``.
-    moments : list of Moment
-        The last moment is explained. Earlier ones stand for the preceding frames of an animation. They supply the
-        trees kept from frame to frame and the rays of the last frame.
+        A store always uses its own tree, with the plan ``"bsah+chcrt"``.
+    moments : list of TimeSample
+        The steps are those of the last time sample. Earlier ones stand for the preceding frames of an animation, which
+        supply the trees kept from frame to frame and the rays of the last frame.
     plans : list of str or Plan, one or more
     spp, threads
         As in `antumbra.render`.
-    say : function of (plan, its number), optional
+    say : function of (plan, its index), optional
         Called before each plan.
 
     Raises
@@ -135,25 +137,25 @@ def explain(scene, moments, plans, *, spp=16, threads=None, say=None) -> Explana
     RuntimeError
         If two plans differ in a bit, which is a bug.
     """
-    plans = explained_plans(plans)
+    parsed = explained_plans(plans)
     source = scene.engine.source
-    for plan in plans if source.in_store else ():
-        Engine(scene, plan, threads)  # a store has its own tree
+    for plan in parsed if source.in_store else ():
+        Engine(scene, plan, threads)  # rejects plans that build another tree than the store's
     moments = [moment._replace(lights=check_lights(moment.lights, scene.up)) for moment in moments]
-    for plan in plans:
+    for plan in parsed:
         precompile_plan(plan, "rays" if source.in_store else "raster")
     if source.in_store:
         source.warm_up()
     precompile(steps_job)
-    if any(plan.sample is not None and plan.sample.bounce for plan in plans):
+    if any(plan.sample is not None and plan.sample.bounce for plan in parsed):
         precompile_bounce()
-    return explain_compiled(scene, moments, plans, spp, thread_count(threads), say)
+    return explain_compiled(scene, moments, parsed, spp, thread_count(threads), say)
 
 
 def steps_job() -> Job:
-    """The job of the counting walk of `antumbra explain`."""
+    """The job of the counting traversal of `antumbra explain`."""
 
-    def work():
+    def work() -> None:
         camera, lights = small_view()
         explain_compiled(
             Scene.of_data(small_scene()), [TimeSample(0.0, camera, lights)], [parse_plan("bsah+single")], 1, 2
@@ -162,71 +164,80 @@ def steps_job() -> Job:
     return fixed_job("counted steps", work)
 
 
-def explained_plans(plans) -> list[Plan]:
+def explained_plans(plans: Sequence[str | Plan]) -> list[Plan]:
     """Parse the plans; InputError if one is unknown or has no BVH."""
-    plans = [parse_plan(plan) for plan in plans]
-    for plan in plans:
+    parsed = [parse_plan(plan) for plan in plans]
+    for plan in parsed:
         if plan.build is None:
             raise InputError(f"plan {str(plan)!r} has no BVH, so its rays take no steps; leave it out")
-    return plans
+    return parsed
 
 
-def explain_compiled(scene, moments, plans, spp, threads, say=None) -> Explanation:
+def explain_compiled(
+    scene: AnyScene,
+    moments: Sequence[TimeSample],
+    plans: Sequence[Plan],
+    spp: int,
+    threads: int,
+    say: Callable[[Plan, int], object] | None = None,
+) -> Explanation:
     """`explain` with checked arguments and compiled kernels."""
-    pictures, told = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments], []
+    pictures = [picture_queries(scene, moment, RenderOptions(spp=spp), threads) for moment in moments]
+    plan_steps: list[PlanSteps] = []
     for i, plan in enumerate(plans):
         if say is not None:
             say(plan, i)
-        walked = _walk(accelerator_of(plan, threads), pictures)
+        trace = _count_plan(accelerator_of(plan, threads), pictures)
         if i == 0:
-            first, frequent = walked, _frequent(walked.steps.hits)
-        _check_bits(first, walked)
-        told.append(_plan_steps(walked, first.steps.hits, frequent))
+            first, frequent = trace, _frequent_blockers(trace.steps.hits)
+        _check_bits(first, trace)
+        plan_steps.append(_plan_steps(trace, first.steps.hits, frequent))
     steps = first.steps
-    asks, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
-    named = frequent if first.ids is None else first.ids[frequent]
-    return Explanation(asks, rays, blocked, named, int(steps.hits[frequent].sum()), told)
+    has_rays, rays, blocked = steps.rays > 0, int(steps.rays.sum()), int(steps.blocked.sum())
+    frequent_ids = frequent if first.ids is None else first.ids[frequent]
+    return Explanation(has_rays, rays, blocked, frequent_ids, int(steps.hits[frequent].sum()), plan_steps)
 
 
-def _walk(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
+def _count_plan(accelerator: Accelerator, pictures: list[PictureQueries]) -> _CountedTrace:
     """Build for every picture in turn, then trace the last one and count its steps."""
     if pictures[-1].source is not None:
-        return _walk_store(accelerator, pictures[-1])
+        return _count_plan_in_store(accelerator, pictures[-1])
     for picture in pictures:
-        ready = build_for(accelerator, picture)
+        accelerated = build_for(accelerator, picture)
+    assert accelerated.bvh is not None
     queries, n, threads = pictures[-1].queries, len(pictures[-1].triangles.vertices), accelerator.threads
-    one_by_one = isinstance(ready.prepared, Ordered)
-    ordered = ready.prepared if one_by_one else Ordered(ready.bvh, BUILT)
+    one_by_one = isinstance(accelerated.prepared, Ordered)
+    ordered = accelerated.prepared if one_by_one else Ordered(accelerated.bvh, BUILT)
     steps = add_steps([count_steps(ordered, query, n, threads) for query in queries])
     if one_by_one:
         return _CountedTrace(
-            accelerator.plan, ready, steps, [accelerator.answer(ready, query) for query in queries], None
+            accelerator.plan, accelerated, steps, [accelerator.answer(accelerated, query) for query in queries], None
         )
-    bits, tests = zip(*(trace_windows(accelerator, ready, query) for query in queries))
-    return _CountedTrace(accelerator.plan, ready, steps, list(bits), np.sum(tests, axis=0))
+    bits, tests = zip(*(trace_windows(accelerator, accelerated, query) for query in queries))
+    return _CountedTrace(accelerator.plan, accelerated, steps, list(bits), np.sum(tests, axis=0))
 
 
-def _walk_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
+def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _CountedTrace:
     """Trace a picture of a store, and count the steps of its rays through the store's tree.
 
-    The triangles of `_Walked` are those of the chunks that rays may enter, by their indices in the whole scene.
+    `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
     from ..engine.paged_source import tree_for
 
     bvh, ids = tree_for(picture.source, picture.queries)
-    whole = picture.source.accelerated
-    bits, tests = zip(*(trace_windows(accelerator, whole, query) for query in picture.queries))
+    accelerated = picture.source.accelerated
+    bits, tests = zip(*(trace_windows(accelerator, accelerated, query) for query in picture.queries))
     faces = picture.queries[0].ids
     places = np.searchsorted(ids, faces)
     known = (faces >= 0) & (np.append(ids, -1)[places] == faces)
-    own = np.where(known, places, -1).astype(np.int32)
+    local_ids = np.where(known, places, -1).astype(np.int32)
     ordered, n, threads = Ordered(bvh, BUILT), len(ids), accelerator.threads
-    steps = add_steps([count_steps(ordered, q._replace(ids=own), n, threads) for q in picture.queries])
-    return _CountedTrace(accelerator.plan, whole._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
+    steps = add_steps([count_steps(ordered, q._replace(ids=local_ids), n, threads) for q in picture.queries])
+    return _CountedTrace(accelerator.plan, accelerated._replace(bvh=bvh), steps, list(bits), np.sum(tests, axis=0), ids)
 
 
 def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
-    """Raise RuntimeError if two plans give different bits."""
+    """Raise a RuntimeError if two plans give different bits."""
     differ = [np.count_nonzero((a != b).any(axis=-1)) for a, b in zip(first.bits, other.bits)]
     if any(differ):
         raise RuntimeError(
@@ -235,40 +246,40 @@ def _check_bits(first: _CountedTrace, other: _CountedTrace) -> None:
         )
 
 
-def _frequent(hits: np.ndarray) -> np.ndarray:
-    """The fewest triangles that have half of all hits, in order of falling hits."""
+def _frequent_blockers(hits: np.ndarray) -> np.ndarray:
+    """The fewest triangles that have half of all hits, by decreasing hits."""
     order = np.argsort(-hits, kind="stable")
-    reached = np.cumsum(hits[order])
-    if reached.size == 0 or reached[-1] == 0:
+    cumulative = np.cumsum(hits[order])
+    if cumulative.size == 0 or cumulative[-1] == 0:
         return order[:0]
-    return order[: int(np.searchsorted(reached, reached[-1] / 2)) + 1]
+    return order[: int(np.searchsorted(cumulative, cumulative[-1] / 2)) + 1]
 
 
-def _plan_steps(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
-    """The figures of one plan; `hits`: the number of rays that each triangle blocks in the first plan."""
-    steps, depths = walked.steps, _depths(walked, hits, frequent)
-    if walked.bundles is None:
+def _plan_steps(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> PlanSteps:
+    """The steps of one plan; `hits`: rays that each triangle blocks in the first plan."""
+    steps, depths = trace.steps, _depths(trace, hits, frequent)
+    if trace.bundles is None:
         boxes, classes = steps.boxes.sum(axis=-1), steps.boxes.sum(axis=(0, 1))
         tested, triangles = int(classes.sum()), int(steps.triangles.sum())
-        return PlanSteps(walked.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
-    tested, triangles = (int(n) for n in walked.bundles.sum(axis=(0, 1)))
-    return PlanSteps(
-        walked.plan, _window_shares(walked.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths
-    )
+        return PlanSteps(trace.plan, boxes.astype(np.float64), tested, triangles, classes, depths)
+    tested, triangles = (int(n) for n in trace.bundles.sum(axis=(0, 1)))
+    return PlanSteps(trace.plan, _window_shares(trace.bundles[..., 0], steps.rays > 0), tested, triangles, None, depths)
 
 
-def _window_shares(tests: np.ndarray, asks: np.ndarray) -> np.ndarray:
-    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays."""
-    rows, columns = (np.arange(n) // WINDOW for n in asks.shape)
+def _window_shares(tests: np.ndarray, has_rays: np.ndarray) -> NDArray[np.float64]:
+    """(H, W) float64: the tests of each window, divided evenly among its pixels with shadow rays (`has_rays`)."""
+    rows, columns = (np.arange(n) // WINDOW for n in has_rays.shape)
     window = rows[:, None] * tests.shape[1] + columns
-    n = np.bincount(window[asks], minlength=tests.size).reshape(tests.shape)
-    return np.where(asks, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
+    n = np.bincount(window[has_rays], minlength=tests.size).reshape(tests.shape)
+    return np.where(has_rays, (tests / np.maximum(n, 1)).ravel()[window], 0.0)
 
 
-def _depths(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
-    bvh = walked.ready.bvh
-    histogram = hit_depths(bvh, walked.steps.hits)
-    reached, depth_of = np.cumsum(histogram), np.zeros(len(hits))
+def _depths(trace: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> Depths:
+    """Depths of the leaves in which the blocked rays of one plan end, and of those of the frequent blockers."""
+    bvh = trace.accelerated.bvh
+    assert bvh is not None
+    histogram = hit_depths(bvh, trace.steps.hits)
+    cumulative, depth_of = np.cumsum(histogram), np.zeros(len(hits))
     depth_of[bvh.prim_ids] = leaf_depths(bvh)
     deepest = max(len(histogram) - 1, 0)
     if not len(frequent):
@@ -276,7 +287,7 @@ def _depths(walked: _CountedTrace, hits: np.ndarray, frequent: np.ndarray) -> De
     return Depths(
         float(np.average(depth_of[frequent], weights=hits[frequent])),
         float(np.average(np.arange(len(histogram)), weights=histogram)),
-        float(np.searchsorted(reached, reached[-1] / 2)),
+        float(np.searchsorted(cumulative, cumulative[-1] / 2)),
         deepest,
         histogram,
     )

@@ -1,6 +1,7 @@
-"""Virtual point lights: instant radiosity from the surface points that a light's photons reach [Keller 1997]."""
+"""Virtual point lights: instant radiosity, with point lights where a light's photons hit surfaces [Keller 1997]."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import flag, whole_number
 from ..engine.scene_loading import SceneLike, scene_of
@@ -18,44 +19,50 @@ from ..scene.lights import (
     tangents,
 )
 from ..scene.sky import Sky
+from ..scene.triangles import Triangles
 
 
 def virtual_point_lights(
-    scene: SceneLike, light: Light, n: int = 256, seed: int = 0, time: float = 0.0, *, interleave: bool = True,
+    scene: SceneLike,
+    light: Light,
+    n: int = 256,
+    seed: int = 0,
+    time: float = 0.0,
+    *,
+    interleave: bool = True,
     threads: int | None = None,
-) -> PointLights:  # fmt: skip
+) -> PointLights:
     """Approximate light that has bounced once by point lights: instant radiosity [Keller 1997].
 
-    The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, a sphere over its
-    whole surface, and a distant light through a disk that covers the scene. A sky emits as its distant lights do. A
-    point light is placed just off each surface point that a photon reaches. Its power is the photon's power times the
-    surface colour, and it shines with the cosine to the normal. All photons carry the same power; photons that leave
-    the scene are lost.
+    The light emits n photons, distributed by a Sobol sequence. Area lights emit with cosine density, spheres over their
+    whole surface, and distant lights through a disk that covers the scene. A sky emits like its distant lights. Just
+    off each surface point that a photon hits, there is a point light with the photon's power times the surface colour
+    and a cosine falloff around the normal. All photons carry the same power; photons that leave the scene are lost.
 
-    The sum over the lights is an unbiased estimate of the irradiance after one bounce, with one exception. The factor
+    The sum over the lights is an unbiased estimate of the irradiance after one bounce, except that the factor
     1 / distance^2 is clamped (``PointLights.nearest``) at the radius of the disk that one light typically represents.
-    Otherwise nearer receivers would show the lights as bright spots. Corners are therefore a little too dark.
+    Otherwise the lights would show as bright spots on receivers nearby. Corners are therefore slightly too dark.
 
     Parameters
     ----------
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
-    light : a light
+    light : Light
         Any light except ambient occlusion, `PointLights` and `DirectionalLights`.
     n : int
-        Photons, 1 to 16384 (1 to 1024 without `interleave`).
+        Number of photons, 1 to 16384 (1 to 1024 without `interleave`).
     seed : int
-        Seed of the scrambled sequence; the same seed gives the same lights.
+        Seed of the scrambling; the same seed gives the same lights.
     time : float
         Seconds, clamped to [0, scene.duration].
     interleave : bool
-        If True, each pixel tests a sixteenth of the lights, see `PointLights`.
+        Whether each pixel tests only a sixteenth of the lights, see `PointLights`.
     threads : int or None
         None: all cores.
 
     Returns
     -------
     PointLights
-        At most n, with ``indirect=True``.
+        At most n lights, with ``indirect=True``.
 
     Raises
     ------
@@ -68,19 +75,19 @@ def virtual_point_lights(
     seed = whole_number(seed, "seed", 0, 2**63 - 1)
     centre, radius = scene.bounds.mean(0), np.linalg.norm(np.ptp(scene.bounds, axis=0)) / 2.0
     xi = _sobol(n, seed)
-    origins, directions, power = _emitted(light, xi, centre, radius)
+    origins, directions, power = _emit_photons(light, xi, centre, radius)
     hit = scene.closest_hit(origins, directions, time=time, threads=threads)
-    met = hit.mask
-    if not met.any():
-        what = f"none of the {n} photons of the {type(light).__name__} meets {scene.name}"
+    mask = hit.mask
+    if not mask.any():
+        what = f"none of the {n} photons of the {type(light).__name__} hits {scene.name}"
         raise InputError(f"{what}; move the light nearer, or take more")
     triangles, face = hit.surfaces()
-    face, points = face[met], origins[met] + hit.t[met, None] * directions[met]
-    positions, normals = _off_surface(points, directions[met], face, triangles, threads)
+    face, points = face[mask], origins[mask] + hit.t[mask, None] * directions[mask]
+    positions, normals = _offset_from_surface(points, directions[mask], face, triangles, threads)
     return PointLights(
         positions,
-        power / n / np.pi,  # Eq. (4) of docs/design/lights.md: intensity along the normal
-        triangles.colour[face] * _colours(light, xi)[met],
+        np.asarray(power / n / np.pi),  # Eq. (4) of docs/design/lights.md: intensity along the normal
+        triangles.colour[face] * _photon_colours(light, xi)[mask],
         normals,
         interleave=interleave,
         indirect=True,
@@ -88,31 +95,38 @@ def virtual_point_lights(
     )
 
 
-def _sobol(n: int, seed: int) -> np.ndarray:
+def _sobol(n: int, seed: int) -> NDArray[np.float64]:
     """The first n points of a scrambled Sobol sequence: (n, 4) float64 in [0, 1)."""
-    from scipy.stats import qmc  # slow to import, so only when asked for
+    from scipy.stats import qmc  # slow to import
 
-    return qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
+    points: NDArray[np.float64] = qmc.Sobol(4, scramble=True, rng=seed).random(1 << (n - 1).bit_length())[:n]
+    return points
 
 
-def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, np.ndarray, float]:
-    """World origins (n, 3) and unit directions (n, 3) of the photons, and their total power.
+def _emit_photons(
+    light: Light, xi: NDArray[np.float64], centre: NDArray[np.float64], radius: float | np.floating
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float | np.floating]:
+    """World-space origins (n, 3) and unit directions (n, 3) of the photons, and their total power.
 
-    The power follows from the unit of `intensity` in shading. For a flat light it is candela along the axis, with
-    cosine falloff on both sides. For points and spheres it is candela in every direction, for a distant light lux.
+    The power follows from the unit of `intensity` in shading: for flat lights candela along the axis, with cosine
+    falloff on both sides; for points and spheres candela in every direction; for distant lights lux.
     """
     a, b = xi[:, 0], xi[:, 1]
     if isinstance(light, PointLight):
-        return np.broadcast_to(light.position, (len(xi), 3)), _on_sphere(a, b), 4.0 * np.pi * light.intensity
+        return np.broadcast_to(light.position, (len(xi), 3)), _square_to_sphere(a, b), 4.0 * np.pi * light.intensity
     if isinstance(light, SphereLight):
-        normal = _on_sphere(a, b)
-        return light.center + light.radius * normal, _by_cosine(normal, xi[:, 2:]), 4.0 * np.pi * light.intensity
+        normal = _square_to_sphere(a, b)
+        return (
+            light.center + light.radius * normal,
+            _cosine_directions(normal, xi[:, 2:]),
+            4.0 * np.pi * light.intensity,
+        )
     if isinstance(light, Sky):
         directions = -light.points[_chosen_lights(light, xi)]
         power = np.pi * radius**2 * float(light.intensities.sum()) * light.intensity
         return _photon_origins(directions, a, b, centre, radius), directions, power
     if isinstance(light, DirectionalLight):
-        directions, share = _in_cone(light, xi[:, 2:])
+        directions, share = _cone_directions(light, xi[:, 2:])
         return (
             _photon_origins(directions, a, b, centre, radius),
             directions,
@@ -123,81 +137,98 @@ def _emitted(light: Light, xi: np.ndarray, centre, radius) -> tuple[np.ndarray, 
         axis = np.cross(light.u, light.v) / light.area()
     elif isinstance(light, DiskLight):
         u, v = tangents(light.normal)
-        x, y = (_on_disk(a, b) * light.radius).T[..., None]
+        x, y = (_square_to_disk(a, b) * light.radius).T[..., None]
         origins, axis = light.center + x * u + y * v, light.normal
     else:
         raise InputError(
-            f"{type(light).__name__} sends no photons; give a point, quad, disk, sphere or distant light, or a sky"
+            f"{type(light).__name__} emits no photons; use a point, quad, disk, sphere or distant light, or a sky"
         )
     side = np.where(xi[:, 2] < 0.5, 1.0, -1.0)[:, None]
     xi = np.stack([2.0 * xi[:, 2] % 1.0, xi[:, 3]], 1)
-    return origins, _by_cosine(side * axis, xi), 2.0 * np.pi * light.intensity
+    return origins, _cosine_directions(side * axis, xi), 2.0 * np.pi * light.intensity
 
 
-def _photon_origins(directions, a, b, centre, radius) -> np.ndarray:
-    """(n, 3): origins of photons along unit directions (n, 3), on disks that cover the scene."""
+def _photon_origins(
+    directions: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    centre: NDArray[np.float64],
+    radius: float | np.floating,
+) -> NDArray[np.float64]:
+    """(n, 3): origins of photons with unit directions (n, 3), on disks that cover the scene."""
     u, v = (np.stack(axes) for axes in zip(*map(tangents, directions)))
-    x, y = (_on_disk(a, b) * radius).T[..., None]
-    return centre + x * u + y * v - 2.0 * radius * directions
+    x, y = (_square_to_disk(a, b) * radius).T[..., None]
+    origins: NDArray[np.float64] = centre + x * u + y * v - 2.0 * radius * directions
+    return origins
 
 
-def _in_cone(light: DirectionalLight, xi) -> tuple[np.ndarray, float]:
-    """(n, 3) unit directions, uniform over a distant light's solid angle; and lux on the disks of all, over its lux.
+def _cone_directions(light: DirectionalLight, xi: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """(n, 3) unit directions, uniform over a distant light's solid angle; and lux on the photons' disks over its lux.
 
-    A surface that faces the light gets the cosine-weighted integral of the radiance, and these disks the plain one.
+    A surface that faces the light gets the cosine-weighted integral of the radiance, and these disks get the
+    unweighted one.
     """
     u, v = tangents(light.direction)
-    least = np.cos(np.radians(light.angular_diameter) / 2.0)
-    cosine, angle = 1.0 - xi[:, :1] * (1.0 - least), 2.0 * np.pi * xi[:, 1:]
+    min_cosine = np.cos(np.radians(light.angular_diameter) / 2.0)
+    cosine, angle = 1.0 - xi[:, :1] * (1.0 - min_cosine), 2.0 * np.pi * xi[:, 1:]
     sine = np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0))
-    return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + least)
+    return cosine * light.direction + sine * (np.cos(angle) * u + np.sin(angle) * v), 2.0 / (1.0 + min_cosine)
 
 
-def _chosen_lights(sky: Sky, xi: np.ndarray) -> np.ndarray:
-    """(n,) int: the light of a sky that emits each photon. All its lights have the same power."""
-    return np.minimum((xi[:, 2] * sky.count).astype(int), sky.count - 1)
+def _chosen_lights(sky: Sky, xi: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) int: the light of the sky that emits each photon. All its lights have the same power."""
+    lights: NDArray[np.int64] = np.minimum((xi[:, 2] * sky.count).astype(int), sky.count - 1)
+    return lights
 
 
-def _colours(light: Light, xi: np.ndarray) -> np.ndarray:
+def _photon_colours(light: Light, xi: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3): the colour of each photon."""
-    own = light.colours[_chosen_lights(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
-    return own * np.asarray(light.colour)
+    photon_colours = light.colours[_chosen_lights(light, xi)] if isinstance(light, Sky) else np.ones((len(xi), 3))
+    tinted: NDArray[np.float64] = photon_colours * np.asarray(light.colour)
+    return tinted
 
 
-def _on_sphere(a, b) -> np.ndarray:
+def _square_to_sphere(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Map the unit square uniformly to the unit sphere."""
     z, angle = 1.0 - 2.0 * a, 2.0 * np.pi * b
     r = np.sqrt(np.maximum(1.0 - z * z, 0.0))
     return np.stack([r * np.cos(angle), r * np.sin(angle), z], -1)
 
 
-def _on_disk(a, b) -> np.ndarray:
+def _square_to_disk(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     """Map the unit square uniformly to the unit disk."""
     r, angle = np.sqrt(a), 2.0 * np.pi * b
     return np.stack([r * np.cos(angle), r * np.sin(angle)], -1)
 
 
-def _by_cosine(normals, xi) -> np.ndarray:
-    """(n, 3) unit directions around unit normals with cosine density: points of a sphere tangent to the surface."""
-    d = normals + 0.9999999 * _on_sphere(xi[:, 0], xi[:, 1])  # never quite opposite, so never zero
-    return d / np.linalg.norm(d, axis=1, keepdims=True)
+def _cosine_directions(normals: NDArray[np.float64], xi: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) unit directions around unit normals with cosine density: points on a sphere tangent to the surface."""
+    d = normals + 0.9999999 * _square_to_sphere(xi[:, 0], xi[:, 1])  # slightly less than 1, so never zero
+    unit: NDArray[np.float64] = d / np.linalg.norm(d, axis=1, keepdims=True)
+    return unit
 
 
-def _off_surface(points, directions, face, triangles, threads) -> tuple[np.ndarray, np.ndarray]:
-    """World positions just off the faces met at `points`, and unit normals towards the photons' side."""
+def _offset_from_surface(
+    points: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    face: NDArray[np.int32],
+    triangles: Triangles,
+    threads: int | None,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """World-space positions just off the faces hit at `points`, and unit normals towards the photons' side."""
     corners = triangles.vertices[face].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     away = (normals * directions).sum(1) > 0.0
     normals *= np.where(away, -1.0, 1.0)[:, None] / np.linalg.norm(normals, axis=1, keepdims=True)
     local, side = (points - triangles.origin).astype(np.float32), np.where(away, -1, 1).astype(np.int8)
     flat = triangles.vertices.reshape(-1, 9)
-    moved = surface_receivers(local, normals.astype(np.float32), face, side, flat, threads)
-    return moved + triangles.origin, normals
+    receivers = surface_receivers(local, normals.astype(np.float32), face, side, flat, threads)
+    return receivers + triangles.origin, normals
 
 
-def _typical_radius(positions) -> float:
+def _typical_radius(positions: NDArray[np.float64]) -> float:
     """Radius of the disk that one light typically represents, from the median distance to the nearest other light."""
-    from scipy.spatial import KDTree  # slow to import, so only when asked for
+    from scipy.spatial import KDTree  # slow to import
 
     if len(positions) < 2:
         return 0.0

@@ -1,21 +1,23 @@
-"""The G-buffer: the surface that each pixel sees, with the same bits from rasterisation and from primary rays.
+"""The G-buffer: the visible surface of each pixel, bit-identical from rasterisation and primary rays.
 
-Also the ray of a pixel, and the test whether two pixels see the same smooth surface, which the filter and the
-refinement of penumbrae and silhouettes use.
+Also pixel rays, and a test whether two pixels see the same smooth surface. The filter and the refinement of penumbrae
+and silhouettes use the test.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.predicate import ray_along
 from ..kernels.jit import F32Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
 from ..scene.camera import CameraRays, ExplicitRays
+from ..scene.triangles import Triangles
 from .receivers import NOTHING
 
-# --- The ray of a pixel, with the same bits in rasterisation and ray tracing ------------------------------------------
+# --- The ray of a pixel -----------------------------------------------------------------------------------------------
 
 
 @inlined
@@ -37,17 +39,17 @@ def pixel_ray(rays, x, y):
     return ray_along(o[0], o[1], o[2], d[0], d[1], d[2], 0.0, np.inf)
 
 
-# --- The G-buffer: the surface seen by each pixel, from rasterisation or primary rays; both give the same bits --------
+# --- The G-buffer -----------------------------------------------------------------------------------------------------
 
 
 class GBuffer(NamedTuple):
-    """The surface seen by each pixel of an (H, W) picture. Background: face -1, depth inf, all else 0."""
+    """The visible surface of each pixel of an (H, W) picture. Background: face -1, depth inf, all else 0."""
 
     position: np.ndarray  # (H, W, 3) float32, recentred frame (world position = position + origin)
     normal: np.ndarray  # (H, W, 3) float32, geometric, unit length, towards the camera
     face: np.ndarray  # (H, W) int32, index of the face in the scene
     depth: np.ndarray  # (H, W) float32, world units along the view axis
-    side: np.ndarray  # (H, W) int8: 1: the triangle's own normal points to the camera; -1: away; 0: background
+    side: np.ndarray  # (H, W) int8: 1: the triangle's own normal faces the camera; -1: it faces away; 0: background
     origin: np.ndarray  # (3,) float64, world position of the frame's origin
 
     def __repr__(self) -> str:
@@ -58,8 +60,8 @@ class GBuffer(NamedTuple):
 class SurfacePointers(NamedTuple):
     """Pointers to the arrays that `fill_pixel` writes."""
 
-    position: F32Ptr  # float32 *, 3 a pixel
-    normal: F32Ptr  # float32 *, 3 a pixel
+    position: F32Ptr  # float32 *, 3 per pixel
+    normal: F32Ptr  # float32 *, 3 per pixel
     side: I8Ptr  # int8 *
 
 
@@ -99,7 +101,7 @@ def face_normal(corners, i):
 
 @inlined
 def fill_pixel(y, x, normal, t, rays, out, at):
-    """Write entry `at`: the point at parameter t where pixel (y, x)'s ray meets a triangle with this `FaceNormal`."""
+    """Write entry `at`: the point at parameter t of pixel (y, x)'s ray, on a triangle with this `FaceNormal`."""
     f = np.float64
     d, o = pixel_direction(rays, x, y), rays.origin
     fill_point((f(o[0]), f(o[1]), f(o[2])), (f(d[0]), f(d[1]), f(d[2])), normal, t, out, at)
@@ -107,7 +109,7 @@ def fill_pixel(y, x, normal, t, rays, out, at):
 
 @inlined
 def fill_point(o, d, normal, t, out, at):
-    """Write entry `at`: the point at parameter t where the float64 ray from o along d meets a triangle."""
+    """Write entry `at`: the point at parameter t of the float64 ray from o along d, where it meets a triangle."""
     dx, dy, dz = d
     _put3(out.position, at, (o[0] + t * dx, o[1] + t * dy, o[2] + t * dz))
     away = normal.x * dx + normal.y * dy + normal.z * dz > 0.0
@@ -128,7 +130,7 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
                 i, far = np.int64(get(faces, at)), get(ts, at)
                 put(depths, at, far)
                 if i >= 0:
-                    if i != last:  # neighbours often see the same triangle
+                    if i != last:  # neighbouring pixels often see the same triangle
                         last, normal = i, face_normal(triangles, i)
                     fill_pixel(row + y, x, normal, far, rays, out, at)
                 else:
@@ -137,10 +139,19 @@ def _fill(ticket, t, corners, rays, row, gbuffer):
                     _put3(out.normal, at, (zero, zero, zero))
 
 
-def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) -> GBuffer:
-    """The G-buffer of known primary hits: face (H, W) int32 triangle indices or -1, t (H, W) float64.
+def from_hits(
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    triangles: Triangles,
+    rays: CameraRays,
+    threads: int | None = None,
+    row: int = 0,
+) -> GBuffer:
+    """The G-buffer of primary hits.
 
-    row : the first of these rows of the picture
+    face : (H, W) int32, triangle indices or -1
+    t : (H, W) float64
+    row : row of the picture at which these rows start
     """
     shape = face.shape
     position, normal = np.empty((*shape, 3), np.float32), np.empty((*shape, 3), np.float32)
@@ -151,32 +162,33 @@ def from_hits(face, t, triangles, rays: CameraRays, threads=None, row: int = 0) 
     return gbuffer
 
 
-# --- The test whether two pixels see the same smooth surface, for the filter, penumbrae and silhouettes ---------------
+# --- Smooth surfaces across pixels ------------------------------------------------------------------------------------
 
 
 COSINE = np.float32(np.cos(np.radians(20.0)))
 """Normals of one smooth surface differ by less than 20 degrees."""
 
 APART = np.float32(0.5)
-"""Largest distance of a point from the other's tangent plane on one smooth surface, in pixel widths at that depth."""
+"""Largest distance between a point and another point's tangent plane on one smooth surface, in pixel widths there."""
 
 
 class PictureSurfaces(NamedTuple):
-    """The surfaces in a G-buffer, as input of `same_surface`; the arrays are those of `query.gbuffer.GBuffer`."""
+    """The surfaces in a G-buffer, as `same_surface` needs them; the arrays are those of `GBuffer`."""
 
     position: np.ndarray  # (H, W, 3) float32
     normal: np.ndarray  # (H, W, 3) float32
     face: np.ndarray  # (H, W) int32
-    depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels have one width
+    depth: np.ndarray  # (H, W) float32; 1 everywhere in an orthographic picture, whose pixels all have the same width
     side: np.ndarray  # (H, W) int8
-    pixel: float  # float32, width of a pixel at depth 1
+    pixel: np.float32  # width of a pixel at depth 1
 
 
-def seen_by(gbuffer, rays) -> PictureSurfaces:
-    """The surfaces of a G-buffer that was made with these `CameraRays` or `ListedRays`."""
+def seen_by(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> PictureSurfaces:
+    """The surfaces of a G-buffer computed with these rays."""
     depth = gbuffer.depth
+    pixel: float
     if not isinstance(rays, ExplicitRays):
-        pixel = np.linalg.norm(rays.dy)
+        pixel = float(np.linalg.norm(rays.dy))
     elif rays.extent is None:
         pixel = np.pi / rays.height
     else:
@@ -187,8 +199,8 @@ def seen_by(gbuffer, rays) -> PictureSurfaces:
 class Points(NamedTuple):
     """Pointers to the arrays of a `PictureSurfaces`, for hot kernels; pixel (y, x) is element y w + x."""
 
-    position: F32Ptr  # float32 *, 3 a pixel
-    normal: F32Ptr  # float32 *, 3 a pixel
+    position: F32Ptr  # float32 *, 3 per pixel
+    normal: F32Ptr  # float32 *, 3 per pixel
     face: I32Ptr  # int32 *
     depth: F32Ptr  # float32 *
     side: I8Ptr  # int8 *
@@ -198,17 +210,24 @@ class Points(NamedTuple):
 
 
 @inlined
-def points_of(seen):
+def points_of(surfaces):
     """The pointers of a `PictureSurfaces`, which must outlive them."""
-    h, w = seen.face.shape
+    h, w = surfaces.face.shape
     return Points(
-        ptr(seen.position), ptr(seen.normal), ptr(seen.face), ptr(seen.depth), ptr(seen.side), h, w, seen.pixel
+        ptr(surfaces.position),
+        ptr(surfaces.normal),
+        ptr(surfaces.face),
+        ptr(surfaces.depth),
+        ptr(surfaces.side),
+        h,
+        w,
+        surfaces.pixel,
     )
 
 
 @inlined
 def at(points, values, y, x):
-    """Pixel (y, x) of another (H, W) array, given by its pointer."""
+    """The value at pixel (y, x) of another (H, W) array; `values`: pointer to it."""
     return get(values, y * points.w + x)
 
 
@@ -226,9 +245,9 @@ def _dot(a, b):
 def same_surface(points, y, x, v, u):
     """True if pixels (y, x) and (v, u) see the same smooth surface; (v, u) may lie outside the picture.
 
-    The same face is the same surface. Two faces belong to one surface if their normals are nearly equal and each point
-    lies near the other's tangent plane. Unlike a difference of depth, the distance to a plane does not grow at grazing
-    angles. Finely tessellated surfaces, where every pixel sees another face, also stay connected.
+    Two faces belong to one surface if their normals are nearly equal and each point lies near the other's tangent
+    plane. Unlike a depth difference, the distance to a plane does not grow at grazing angles. Finely tessellated
+    surfaces, where every pixel sees a different face, also stay connected.
     """
     if v < 0 or u < 0 or v >= points.h or u >= points.w:
         return False

@@ -1,13 +1,11 @@
-"""Light samples: sample sets on a light, and the point of each sample as kernels compute it.
+"""Light samples: the sample sets of a light, and the sample points that kernels compute from them.
 
-The 16 sample sets interleave over 4 x 4 pixels and together form one fine set.
+Sampling is interleaved [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009, Sec. 4.5]: pixel
+(x, y) uses set (x mod 4) + 4 (y mod 4) of 16. Each set is well distributed by itself, and the 16 sets of 4 x 4 pixels
+together form one fine set of 16 spp samples.
 
-Sample sets. This is interleaved sampling [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009,
-Sec. 4.5]. Pixel (x, y) uses set (x mod 4) + 4 (y mod 4). So 16 neighbouring pixels share 16 spp samples, and each set
-by itself is well distributed.
-
-The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]. All sets are the same Halton sequence. On the
-hemisphere each set is rotated around the normal by its own angle; on other domains it is shifted.
+The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]: all sets are the same Halton sequence, rotated
+around the normal by a different angle per set on the hemisphere, and shifted on other domains.
 """
 
 from collections.abc import Callable
@@ -15,13 +13,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import choice, whole_number
 from ..kernels.jit import inlined, kernel
 from ..scene.light_lists import N_SETS, LightList
 from ..scene.lights import AMBIENT, DIRECTIONAL, MAX_SPP, SPHERE, Light
 
-# --- Light samples in kernels: the patch of a light for a receiver, and the points of the patch -----------------------
+# --- Light samples in kernels -----------------------------------------------------------------------------------------
 
 
 class Patch(NamedTuple):
@@ -58,22 +57,15 @@ def patch_at(light, x, y, z, nx, ny, nz):
 
 
 @inlined
-def moved(patch, x, y, z):
-    """The patch with its base moved by (x, y, z)."""
-    bx, by, bz, ux, uy, uz, vx, vy, vz, wx, wy, wz = patch
-    return Patch(bx + x, by + y, bz + z, ux, uy, uz, vx, vy, vz, wx, wy, wz)
-
-
-@inlined
 def hemisphere(x, y, z, nx, ny, nz, r):
-    """A patch around (x, y, z) with u, v at right angles to the unit vector n, and w along it, all of length r."""
+    """A patch around (x, y, z) with u and v perpendicular to the unit vector n and w along it, all of length r."""
     (ux, uy, uz), (vx, vy, vz) = tangents64(nx, ny, nz)
     return Patch(x, y, z, r * ux, r * uy, r * uz, r * vx, r * vy, r * vz, r * nx, r * ny, r * nz)
 
 
 @inlined
 def tangents64(nx, ny, nz):
-    """Two unit vectors at right angles to the float64 unit vector n and each other [Duff et al. 2017]."""
+    """Two unit vectors perpendicular to the float64 unit vector n and to each other [Duff et al. 2017]."""
     s = np.copysign(1.0, nz)
     a = -1.0 / (s + nz)
     b = nx * ny * a
@@ -108,14 +100,7 @@ def sample_point(patch, a, b, c):
     )
 
 
-# --- Sample sets on a light: 16 sets that interleave over 4x4 pixels and together form one fine set -------------------
-#
-# This is interleaved sampling [Keller and Heidrich 2001], as in multi-frusta tracing [Benthin and Wald 2009, Sec.
-# 4.5]. Pixel (x, y) uses set (x mod 4) + 4 (y mod 4). So 16 neighbouring pixels share 16 spp samples, and each set by
-# itself is well distributed.
-#
-# The "halton" samplers follow CHC+RT [Mattausch et al. 2015, Sec. 5.3]. All sets are the same Halton sequence. On the
-# hemisphere each set is rotated around the normal by its own angle; on other domains it is shifted.
+# --- Sample sets ------------------------------------------------------------------------------------------------------
 
 
 def hammersley(n: int) -> np.ndarray:
@@ -126,7 +111,7 @@ def hammersley(n: int) -> np.ndarray:
 
 
 def larcher_pillichshammer(n: int) -> np.ndarray:
-    """(n, 2) float64: (i + 1/2) / n, Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n a power of two."""
+    """(n, 2) float64: (i + 1/2) / n, Larcher-Pillichshammer inverse [Kollig and Keller 2002]; n is a power of two."""
     # Eq. (2) of docs/design/sampling.md
     i = np.arange(n, dtype=np.uint64)
     rows = [0]
@@ -135,11 +120,11 @@ def larcher_pillichshammer(n: int) -> np.ndarray:
     return np.stack([(i + 0.5) / n, _radical_inverse(i, rows[1:])], 1)
 
 
-def _van_der_corput_rows():
+def _van_der_corput_rows() -> list[int]:
     return [0x80000000 >> k for k in range(32)]
 
 
-def _radical_inverse(i, rows):
+def _radical_inverse(i: NDArray[np.uint64], rows: list[int]) -> NDArray[np.floating]:
     out = np.zeros(len(i), np.uint64)
     for k, row in enumerate(rows):
         out ^= np.where(i >> np.uint64(k) & np.uint64(1), np.uint64(row), np.uint64(0))
@@ -152,7 +137,7 @@ def halton(n: int) -> np.ndarray:
     return np.stack([_radical_inverse(i.astype(np.uint64), _van_der_corput_rows()), _inverse_in_base_3(i)], 1)
 
 
-def _inverse_in_base_3(i):
+def _inverse_in_base_3(i: NDArray[np.int64]) -> NDArray[np.float64]:
     out, digit = np.zeros(len(i)), 1.0
     while i.any():
         digit /= 3.0
@@ -163,9 +148,9 @@ def _inverse_in_base_3(i):
 def _split_net(points: np.ndarray) -> np.ndarray:
     """Split a (16 m, 2) net into sets (16, m, 2), each with one point per elementary cell, in Z order of the m cells.
 
-    The net has 16 points in each cell. Set k takes the point with rank k by x, after a permutation of ranks. The
-    permutation changes the rank's high bits, which decide x, from row to row. It changes the low bits, which decide y
-    in a digital net, from column to column. So the projections of each set on the axes are well distributed too.
+    The net has 16 points in each cell, ranked by x. Set k takes the point of rank k, after a permutation of ranks that
+    changes the rank's high bits, which determine x, from row to row, and its low bits, which determine y in a digital
+    net, from column to column. So the projections of each set onto the axes are well distributed too.
     """
     m = len(points) // N_SETS
     bits = m.bit_length() - 1
@@ -176,27 +161,32 @@ def _split_net(points: np.ndarray) -> np.ndarray:
     rows = np.arange(m) // nx
     reverse = sum(((rows >> k) & 1) << (3 - k) for k in range(4))
     pick = np.arange(N_SETS)[:, None] ^ reverse ^ (np.arange(m) % nx & 15)  # (16, m)
-    sets = points[order[np.arange(m), pick]]
+    sets: NDArray[np.float64] = points[order[np.arange(m), pick]]
     return sets[:, np.argsort(_z_order(np.arange(m) % nx, rows), kind="stable")]
 
 
-def _z_order(x, y):
-    return sum(((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+def _z_order(x: NDArray[np.int64], y: NDArray[np.int64]) -> NDArray[np.int64]:
+    bits = (((x >> k) & 1) << (2 * k) | ((y >> k) & 1) << (2 * k + 1) for k in range(6))
+    return sum(bits, np.zeros_like(x))
 
 
 def _scrambled_sobol(spp: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc  # imported on demand, because the import is slow
 
     size = _power_of_two(spp)
-    points = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
-    return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well spread
+    points: NDArray[np.float64] = qmc.Sobol(2, scramble=True, rng=seed).random(N_SETS * size)
+    return points.reshape(N_SETS, size, 2)[:, :spp]  # every aligned block is a net, every prefix well distributed
 
 
-def _net(generate: Callable[[int], np.ndarray]):
-    def sets(spp: int, seed: int) -> np.ndarray:
+Sampler = Callable[[int, int], NDArray[np.float64]]
+"""A function of spp and seed, which returns sample sets on the square, (16, spp, 2)."""
+
+
+def _net(generate: Callable[[int], NDArray[np.float64]]) -> Sampler:
+    def sets(spp: int, seed: int) -> NDArray[np.float64]:
         size = _power_of_two(spp)
         split = _split_net(generate(N_SETS * size))
-        if spp < size:  # keep a well-spread part: cells in bit-reversed Z order
+        if spp < size:  # keep a well-distributed subset: cells in bit-reversed Z order
             bits = size.bit_length() - 1
             i = np.arange(size)
             reverse = sum(((i >> k) & 1) << (bits - 1 - k) for k in range(bits))
@@ -207,7 +197,7 @@ def _net(generate: Callable[[int], np.ndarray]):
 
 
 _DITHER = np.array([0, 8, 2, 10, 12, 4, 14, 6, 3, 11, 1, 9, 15, 7, 13, 5])
-"""Stratum of each set, of 16: any 2 x 2 pixels contain one stratum of each quarter [Bayer 1973]."""
+"""The stratum of each set, out of 16: any 2 x 2 pixels contain one stratum from each quarter [Bayer 1973]."""
 
 ROTATIONS: dict[str, float] = {
     "halton": 36.0,
@@ -216,13 +206,13 @@ ROTATIONS: dict[str, float] = {
     "halton:36": 36.0,
     "halton:full": 360.0,
 }
-"""Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper chose 36 for 20 samples."""
+"""Sampler -> largest rotation of its sets on a hemisphere, in degrees; the paper uses 36 for 20 samples."""
 
 
-def _moved_halton(degrees: float):
-    """Cranley-Patterson rotation of the square, with offsets of up to degrees / 360."""
+def _shifted_halton(degrees: float) -> Sampler:
+    """Cranley-Patterson rotation of the Halton sequence on the square, with offsets of up to degrees / 360."""
 
-    def sets(spp: int, seed: int) -> np.ndarray:
+    def sets(spp: int, seed: int) -> NDArray[np.float64]:
         offsets = degrees / 360.0 * larcher_pillichshammer(N_SETS)[_DITHER, None]
         return np.maximum((halton(spp) + offsets) % 1.0, 2.0**-33)  # never 0: the square is open
 
@@ -230,7 +220,7 @@ def _moved_halton(degrees: float):
 
 
 def _rotated_halton(n: int, degrees: float) -> np.ndarray:
-    """(16, n, 3): one Halton sequence on the hemisphere, its sets rotated around the axis by stratified angles."""
+    """(16, n, 3): one Halton sequence on the hemisphere, rotated around the axis by a stratified angle per set."""
     a, b, c = to_domain(halton(n), "hemisphere").T
     angle = np.radians(degrees) * ((_DITHER + 0.5) / N_SETS)[:, None]
     x, y = a * np.cos(angle) - b * np.sin(angle), a * np.sin(angle) + b * np.cos(angle)
@@ -241,11 +231,11 @@ def _power_of_two(n: int) -> int:
     return 1 << (n - 1).bit_length()
 
 
-SAMPLERS: dict[str, Callable[[int, int], np.ndarray]] = {
+SAMPLERS: dict[str, Sampler] = {
     "larcher-pillichshammer": _net(larcher_pillichshammer),
     "hammersley": _net(hammersley),
     "sobol": _scrambled_sobol,
-    **{name: _moved_halton(degrees) for name, degrees in ROTATIONS.items()},
+    **{name: _shifted_halton(degrees) for name, degrees in ROTATIONS.items()},
 }
 
 
@@ -271,18 +261,18 @@ def sample_sets(spp: int, sampler: str = "larcher-pillichshammer", seed: int = 0
 
 def light_samples(light: Light, spp: int, sampler: str = "larcher-pillichshammer") -> np.ndarray:
     """(16, n, 3) float64, (a, b, c): the sample sets of a light; n = ``light.samples(spp)``."""
-    choice(sampler, "sampler", SAMPLERS)  # before it is looked up among kept sets
+    choice(sampler, "sampler", SAMPLERS)  # before the lookup among cached sets
     sets = domain_sets(light.samples(whole_number(spp, "spp", 1, MAX_SPP)), sampler, light.domain)
-    if isinstance(light, LightList):  # (a, b, c) is the world position of a near light, and points to a distant one
+    if isinstance(light, LightList):  # (a, b, c): world position of a near light, direction towards a distant one
         return np.ascontiguousarray(light.points[light.sets])
     return sets
 
 
 @lru_cache(64)
 def domain_sets(n: int, sampler: str, domain: str) -> np.ndarray:
-    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Errors are as in `sample_sets`.
+    """(16, n, 3) float64: the sample sets on a domain, see `to_domain`. Raises the errors of `sample_sets`.
 
-    Equal arguments get the same array: do not write to it.
+    The result is cached: do not write to it.
     """
     square = sample_sets(n, sampler)
     if domain == "hemisphere" and sampler in ROTATIONS:
@@ -304,7 +294,7 @@ def to_domain(square: np.ndarray, domain: str) -> np.ndarray:
 
 
 def _concentric(square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Map the unit square to the unit disk; Shirley and Chiu's map keeps cells compact."""
+    """Map the unit square to the unit disk by Shirley and Chiu's map, which keeps cells compact."""
     x, y = 2.0 * square[..., 0] - 1.0, 2.0 * square[..., 1] - 1.0
     wide = np.abs(x) > np.abs(y)
     r = np.where(wide, x, y)

@@ -1,17 +1,17 @@
 """Adaptive refinement: select pixels in penumbrae and at silhouettes, and split them into sixteen sub-pixels.
 
-[Benthin and Wald 2009, Sec. 5.4 and 6.1]. The sub-pixels of the selected pixels form a picture of their own.
-
-Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
-neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group of
-16 frusta [Benthin and Wald 2009, Sec. 6.1].
+This follows [Benthin and Wald 2009, Sec. 5.4 and 6.1]. The sub-pixels of all selected pixels form a separate picture,
+in which each selected pixel becomes a block of 4 x 4 pixels. So its sub-pixels use sixteen different sample sets, and
+neighbours stay neighbours. This gives tracers coherent input: in multi-frusta tracing, a block is one group of 16
+frusta [Benthin and Wald 2009, Sec. 6.1].
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..kernels.jit import inlined, kernel
@@ -19,7 +19,8 @@ from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import ptr
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
-from ..scene.lights import MAX_SPP
+from ..scene.lights import MAX_SPP, Light
+from ..scene.triangles import Triangles
 from .gbuffer import (
     GBuffer,
     PictureSurfaces,
@@ -35,27 +36,27 @@ from .rasteriser import rasterise
 from .ray_passes import RayPass, listed_pass
 from .receivers import NOTHING
 
-# --- Selection of pixels for refinement: penumbrae and silhouettes [Benthin and Wald 2009, Sec. 5.4 and 6.1] ----------
+# --- Pixels to refine [Benthin and Wald 2009, Sec. 5.4 and 6.1] -------------------------------------------------------
 
 
 VISIBLE = np.float32(1.0 / 16.0)
-"""Largest difference in red, green or blue of linear base colours that makes no edge."""
+"""Linear base colours form an edge if they differ by more than this in red, green or blue."""
 
 NO_BOUNDARY, INNER, OUTLINE = np.int8(0), np.int8(1), np.int8(2)
-"""What lies between two neighbouring pixels; see `boundaries`."""
+"""Kinds of boundary between two neighbouring pixels; see `boundaries`."""
 
 
 class FinerSamples(NamedTuple):
-    """The samples of refined pixels, of each light."""
+    """The samples of refined pixels, per light."""
 
-    penumbra: list[np.ndarray]  # (16, n, 3) float64: a set for each pixel
+    penumbra: list[np.ndarray]  # (16, n, 3) float64: one set per pixel
     edges: list[
         np.ndarray
-    ]  # (16, ceil(n / 16), 3) float64: one for each of a pixel's sub-pixels, which share n samples
+    ]  # (16, ceil(n / 16), 3) float64: one set per sub-pixel; a pixel's sub-pixels share n samples
 
 
-def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
-    """The samples for n shadow rays, 1 to 1024, in each refined pixel; lights with their own numbers keep them.
+def finer_samples(lights: Sequence[Light], n: int, sampler: str) -> FinerSamples:
+    """The samples for n shadow rays, 1 to 1024, per refined pixel; lights with a fixed number of samples keep it.
 
     Raises
     ------
@@ -70,26 +71,28 @@ def finer_samples(lights, n: int, sampler: str) -> FinerSamples:
 
 
 @kernel
-def _penumbra_rows(ticket, seen, counts, spp, out):
-    points = points_of(seen)
+def _penumbra_rows(ticket, surfaces, counts, spp, out):
+    points = points_of(surfaces)
     h, w = counts.shape
     for y in items(ticket):
         for x in range(w):
-            own = counts[y, x]
-            found = 0 < own < spp
+            count = counts[y, x]
+            refine = 0 < count < spp
             for v in range(max(y - 1, 0), min(y + 2, h)):
                 for u in range(max(x - 1, 0), min(x + 2, w)):
-                    found = found or (counts[v, u] != own and same_surface(points, y, x, v, u))
-            out[y, x] = found and seen.side[y, x] != NOTHING
+                    refine = refine or (counts[v, u] != count and same_surface(points, y, x, v, u))
+            out[y, x] = refine and surfaces.side[y, x] != NOTHING
 
 
-def penumbra(seen: PictureSurfaces, counts: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(H, W) bool: pixels partly in shadow, or with another count than a neighbour on the same surface.
+def penumbra(
+    surfaces: PictureSurfaces, counts: NDArray[np.integer], spp: int, threads: int | None = None
+) -> NDArray[np.bool_]:
+    """(H, W) bool: pixels partly in shadow, or whose count differs from that of a neighbour on the same surface.
 
-    counts : (H, W) int, the number of a pixel's `spp` samples of one light that are occluded
+    counts : (H, W) int, how many of a pixel's `spp` samples of one light are occluded
     """
     counts, out = np.ascontiguousarray(counts, np.int32), np.empty(counts.shape, np.bool_)
-    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), seen, counts, int(spp), out)
+    run(_penumbra_rows, thread_count(threads), new_ticket(len(out), 8), surfaces, counts, int(spp), out)
     return out
 
 
@@ -105,57 +108,54 @@ def _other_colour(colour, i, k):
 
 
 @kernel
-def _boundary_rows(ticket, seen, colour, below, right):
-    points = points_of(seen)
+def _boundary_rows(ticket, surfaces, colour, below, right):
+    points = points_of(surfaces)
     h, w = below.shape
     for y in items(ticket):
         for x in range(w):
-            face = seen.face[y, x]
+            face = surfaces.face[y, x]
             for v, u, out in ((y + 1, x, below), (y, x + 1, right)):
                 out[y, x] = NO_BOUNDARY
-                if v < h and u < w and seen.face[v, u] != face:
-                    other = seen.face[v, u]
+                if v < h and u < w and surfaces.face[v, u] != face:
+                    other = surfaces.face[v, u]
                     if min(face, other) < 0:
                         out[y, x] = OUTLINE
                     elif _other_colour(colour, face, other) or not same_surface(points, y, x, v, u):
                         out[y, x] = INNER
 
 
-def boundaries(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> tuple[np.ndarray, np.ndarray]:
-    """Two (H, W) int8: what lies between each pixel and that below, and that to the right of it.
+def boundaries(
+    surfaces: PictureSurfaces, colour: NDArray[np.float32], threads: int | None = None
+) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
+    """Two (H, W) int8: the boundary between each pixel and the pixel below it, and the pixel to its right.
 
-    It is INNER between two surfaces or colours, OUTLINE between a surface and the background, or else NO_BOUNDARY.
+    INNER between two surfaces or colours, OUTLINE between a surface and the background, otherwise NO_BOUNDARY.
 
     colour : (n, 3) float32, linear base colour of each face
     """
-    below, right = (np.empty(seen.face.shape, np.int8) for _ in range(2))
-    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), seen, colour, below, right)
+    below, right = (np.empty(surfaces.face.shape, np.int8) for _ in range(2))
+    run(_boundary_rows, thread_count(threads), new_ticket(len(below), 8), surfaces, colour, below, right)
     return below, right
 
 
-def edges(seen: PictureSurfaces, colour: np.ndarray, threads=None) -> np.ndarray:
+def edges(surfaces: PictureSurfaces, colour: NDArray[np.float32], threads: int | None = None) -> NDArray[np.bool_]:
     """(H, W) bool: pixels with a direct neighbour on another surface, of another colour, or in the background.
 
     colour : (n, 3) float32, linear base colour of each face
 
-    The paper finds silhouettes during traversal, as edges whose two triangles face the viewer differently. Visible
-    silhouettes are discontinuities of the G-buffer; so are creases and intersections, which the paper's test misses.
-    The G-buffer test needs no adjacency of triangles, and does not mark hidden silhouettes. It misses objects narrower
-    than a pixel that pass between all pixel centres.
+    The paper finds silhouettes during traversal, as edges between a front-facing and a back-facing triangle. Visible
+    silhouettes are discontinuities of the G-buffer, as are creases and intersections, which the paper's test misses.
+    The G-buffer test needs no triangle adjacency, and does not mark hidden silhouettes. It misses objects narrower than
+    a pixel that pass between all pixel centres.
     """
-    below, right = boundaries(seen, colour, threads)
-    out = (below | right) > 0
+    below, right = boundaries(surfaces, colour, threads)
+    out: NDArray[np.bool_] = (below | right) > 0
     out[1:] |= below[:-1] > 0
     out[:, 1:] |= right[:, :-1] > 0
     return out
 
 
-# --- Sub-pixels: sixteen points in each selected pixel, arranged as a separate picture --------------------------------
-#
-# Pixel e becomes a block of 4 x 4 pixels of that picture. So its sub-pixels use sixteen different sample sets, and
-# neighbours stay neighbours. Tracers get the coherent input they need: in multi-frusta tracing, a block is one group
-# of
-# 16 frusta [Benthin and Wald 2009, Sec. 6.1].
+# --- Sub-pixels -------------------------------------------------------------------------------------------------------
 
 
 BLOCK = 4
@@ -164,8 +164,8 @@ BLOCK = 4
 def _offsets() -> np.ndarray:
     """(4, 4, 2) float64: x and y in (0, 1) of the sub-pixel in each row and column of a block.
 
-    The points form a digital net: one in each cell of 4 x 4, no two at the same x or y. So an edge of any direction,
-    also a vertical one, moves over them one by one.
+    The points form a digital net: one per cell of 4 x 4, no two at the same x or y. So a moving edge of any direction,
+    even a vertical one, crosses them one by one.
     """
     points = larcher_pillichshammer(BLOCK * BLOCK) + (0.0, 0.5 / BLOCK**2)
     column, row = (points * BLOCK).astype(int).T
@@ -191,22 +191,26 @@ def _fill_subpixels(ticket, pixels, columns, row, column, face, t, corners, rays
 
 
 def subpixel_gbuffer(
-    triangles, rays: CameraRays, wanted: np.ndarray, threads=None, hits: Callable | None = None
+    triangles: Triangles,
+    rays: CameraRays,
+    mask: NDArray[np.bool_],
+    threads: int | None = None,
+    hits: Callable[[CameraRays], tuple[NDArray[np.int32], NDArray[np.float64]]] | None = None,
 ) -> GBuffer:
     """The G-buffer of the sub-pixels of selected pixels.
 
-    wanted : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
+    mask : (H, W) bool, with E true entries; row by row they become the blocks of a roughly square picture of
         (4 R, 4 C) pixels, whose last blocks are background if E < R C
-    hits : the (face, t) of a `CameraRays`, where `wanted` is True; None: `rasterise`
+    hits : returns (face, t) for `CameraRays`, valid where `mask` is True; None: `rasterise`
 
-    The rasteriser finds the surface of each sub-pixel: it shifts the camera's window to put the sub-pixel at the centre
-    of its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent
-    of its pixels. It also needs no tree of all visible triangles.
+    The rasteriser runs once per sub-pixel, with the camera's window shifted so that the sub-pixel lies at the centre of
+    its pixel. Rasterising the whole picture sixteen times takes about as long as tracing rays through a few per cent of
+    its pixels, and needs no tree of all visible triangles.
     """
     threads = thread_count(threads)
-    pixels = np.ascontiguousarray(np.argwhere(wanted))
+    pixels = np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
-    out, columns = _nothing_seen(*shape, triangles.origin), shape[1] // BLOCK
+    out, columns = _background(*shape, triangles.origin), shape[1] // BLOCK
     corners = triangles.vertices.reshape(-1, 9)
     for row, column in np.ndindex(BLOCK, BLOCK) if len(pixels) else ():
         shifted = _shifted(rays, row, column)
@@ -218,16 +222,18 @@ def subpixel_gbuffer(
 
 @kernel
 def _subpixel_rays(ticket, pixels, columns, row, column, rays, directions):
-    """Worker: write the directions of a sub-pixel of each pixel."""
+    """Worker: write the direction of one sub-pixel of each pixel."""
     for e in items(ticket):
         v, u = BLOCK * (e // columns) + row, BLOCK * (e % columns) + column
         d = pixel_direction(rays, pixels[e, 1], pixels[e, 0])
         directions[v, u, 0], directions[v, u, 1], directions[v, u, 2] = d
 
 
-def subpixel_rays(rays: CameraRays | ExplicitRays, wanted: np.ndarray, threads=None) -> tuple[RayPass, tuple[int, int]]:
+def subpixel_rays(
+    rays: CameraRays | ExplicitRays, mask: NDArray[np.bool_], threads: int | None = None
+) -> tuple[RayPass, tuple[int, int]]:
     """The rays of the sub-pixels of selected pixels, and the shape of their picture: see `subpixel_gbuffer`."""
-    threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(wanted))
+    threads, pixels = thread_count(threads), np.ascontiguousarray(np.argwhere(mask))
     shape = _shape(len(pixels))
     if isinstance(rays, ExplicitRays):
         return _listed_subpixels(rays, pixels, shape), shape
@@ -247,18 +253,18 @@ def _listed_subpixels(rays: ExplicitRays, pixels: np.ndarray, shape: tuple[int, 
 
 
 def _shape(pixels: int) -> tuple[int, int]:
-    """The (4 R, 4 C) picture of the sub-pixels of so many pixels."""
+    """The shape (4 R, 4 C) of the picture that holds the sub-pixels of this many pixels."""
     columns = max(1, math.isqrt(pixels))
     return BLOCK * -(-pixels // columns), BLOCK * columns
 
 
 def _shifted(rays: CameraRays, row: int, column: int) -> CameraRays:
-    """The camera's rays, moved so that a sub-pixel comes to the centre of its pixel."""
+    """The camera's rays, shifted so that a sub-pixel lies at the centre of its pixel."""
     x, y = OFFSETS[row, column]
     return rays._replace(corner=rays.corner + (x - 0.5) * rays.dx + (y - 0.5) * rays.dy)
 
 
-def _nothing_seen(h: int, w: int, origin) -> GBuffer:
+def _background(h: int, w: int, origin: NDArray[np.float64]) -> GBuffer:
     position, normal = np.zeros((h, w, 3), np.float32), np.zeros((h, w, 3), np.float32)
     depth, side = np.full((h, w), np.inf, np.float32), np.full((h, w), NOTHING, np.int8)
     return GBuffer(position, normal, np.full((h, w), -1, np.int32), depth, side, origin)
@@ -281,7 +287,8 @@ def block_means(picture: np.ndarray, n: int) -> np.ndarray:
     """(n, ...): the mean over each of the first n blocks of a picture (4 R, 4 C, ...) of sub-pixels."""
     h, w = picture.shape[:2]
     blocks = picture.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK, *picture.shape[2:])
-    return blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n].astype(picture.dtype)
+    means = blocks.mean((1, 3), dtype=np.float64).reshape(-1, *picture.shape[2:])[:n]
+    return np.asarray(means).astype(picture.dtype)
 
 
 def blocks_of(picture: np.ndarray) -> np.ndarray:
@@ -292,7 +299,7 @@ def blocks_of(picture: np.ndarray) -> np.ndarray:
 
 
 def picture_of(blocks: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(4 R, 4 C, ...): the picture of `shape` with these blocks, row by row; 0 in blocks that are left."""
+    """(4 R, 4 C, ...): the picture of this shape made of these blocks, row by row; 0 in the other blocks."""
     rows, columns, more = shape[0] // BLOCK, shape[1] // BLOCK, blocks.shape[3:]
     out = np.zeros((rows * columns, BLOCK, BLOCK, *more), blocks.dtype)
     out[: len(blocks)] = blocks

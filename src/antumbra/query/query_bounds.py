@@ -1,13 +1,15 @@
-"""Bounds of a query: boxes around triangles and points, and lights placed in the scene's frame.
+"""Bounds of a query: bounding boxes of triangles and points, and light placement in the scene's frame.
 
-Distant lights are placed beyond the bounds. `place` rejects scenes and lights whose sizes and distances differ by more
-than the tracers' arithmetic allows. `morton_codes` sorts points so that neighbours in a list are close in space.
+Distant lights are placed beyond the bounds. `place` rejects points and lights that are too far away for the tracers'
+arithmetic, compared with the width of the scene. `morton_codes` orders points so that neighbours in a list are close in
+space.
 """
 
 from math import sqrt
 from operator import sub
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.jit import kernel
@@ -16,29 +18,31 @@ from ..kernels.simd import load16, maximum, minimum, ptr, splat16, store
 from ..scene.light_lists import LightList
 from ..scene.lights import DIRECTIONAL, Light, LightPatch
 from ..scene.scene_bounds import flush_to_zero
+from ..scene.triangles import Triangles
 
-# --- Points along a space-filling curve, so that neighbours in a list are near each other -----------------------------
+# --- Morton order -----------------------------------------------------------------------------------------------------
 
 
-def morton_codes(points: np.ndarray) -> np.ndarray:
-    """(n,) int32: Morton codes of 10 bits an axis of (n, 3) points, over their box.
+def morton_codes(points: NDArray[np.floating]) -> NDArray[np.int32]:
+    """(n,) int32: Morton codes of (n, 3) points within their bounding box, 10 bits per axis.
 
-    Points too far apart for their dtype get any codes.
+    Points too far apart for their dtype get arbitrary codes.
     """
-    axes = np.ascontiguousarray(points.T)  # minima along rows are several times as fast
+    axes = np.ascontiguousarray(points.T)  # minima along rows are several times faster
     with np.errstate(over="ignore", invalid="ignore"):
         low = axes.min(1, initial=np.inf, keepdims=True)
         size = max(float((axes.max(1, initial=-np.inf, keepdims=True) - low).max()), 1e-30)
         cells = np.clip((axes - low) * axes.dtype.type(1023.0 / size), 0, 1023).astype(np.int32)
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
         cells = (cells | cells << shift) & np.int32(mask)
-    return cells[0] << 2 | cells[1] << 1 | cells[2]
+    codes: NDArray[np.int32] = cells[0] << 2 | cells[1] << 1 | cells[2]
+    return codes
 
 
-# --- Bounds of a query's triangles and points; distant lights are placed beyond them ----------------------------------
+# --- Bounds of triangles and points -----------------------------------------------------------------------------------
 
 
-_ROWS = 16  # points per block: three vectors of 16 lanes; a lane holds the same axis in every block
+_ROWS = 16  # points per block: three vectors of 16 lanes; each lane holds the same axis in every block
 _BLOCK = 3 * _ROWS
 _CHUNK = 2048  # blocks
 _TINY = float(np.finfo(np.float32).tiny)
@@ -64,28 +68,31 @@ def _bounds(ticket, values, parts):
         store(out, row + 80, f)
 
 
-def bounds(points: np.ndarray, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner, (3,) float32 each, of at least one (..., 3) float32 point; C-contiguous and finite."""
+def bounds(points: NDArray[np.float32], threads: int | None = None) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Lower and upper corner, (3,) float32 each, of the bounding box of (..., 3) float32 points.
+
+    The points must be C-contiguous and finite, and there must be at least one.
+    """
     flat = points.reshape(-1)
     n = flat.size // _BLOCK
     if n == 0:
-        rest = flat.reshape(-1, 3)
-        if len(rest) == 1:
-            return rest[0], rest[0]
-        return rest.min(0), rest.max(0)
+        remaining = flat.reshape(-1, 3)
+        if len(remaining) == 1:
+            return remaining[0], remaining[0]
+        return remaining.min(0), remaining.max(0)
     parts = np.empty((-(-n // _CHUNK), 2, _ROWS, 3), np.float32)
     run(_bounds, thread_count(threads), new_ticket(n, _CHUNK), flat, parts)
-    rest = flat[n * _BLOCK :].reshape(-1, 3)
+    remaining = flat[n * _BLOCK :].reshape(-1, 3)
     lower, upper = parts[:, 0].reshape(-1, 3), parts[:, 1].reshape(-1, 3)
-    return np.concatenate([lower, rest]).min(0), np.concatenate([upper, rest]).max(0)
+    return np.concatenate([lower, remaining]).min(0), np.concatenate([upper, remaining]).max(0)
 
 
-def reach(triangles, points: np.ndarray, threads: int | None = None) -> float:
+def reach(triangles: Triangles, points: NDArray[np.float32], threads: int | None = None) -> float:
     """A length greater than the distance from any of the (..., 3) points to any triangle's corner."""
     return reach_of(np.stack(bounds(triangles.vertices, threads)), points, threads)
 
 
-def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | None = None) -> float:
+def reach_of(box: NDArray[np.float32], points: NDArray[np.float32] | None = None, threads: int | None = None) -> float:
     """As `reach`, from the exact bounds of the triangles.
 
     box : (2, 3) float32
@@ -99,17 +106,17 @@ def reach_of(box: np.ndarray, points: np.ndarray | None = None, threads: int | N
     return 2.0 * sqrt(across.dot(across)) + _TINY
 
 
-# --- Lights in the frame of a scene, and the ratios of lengths for which the tracers' arithmetic holds ----------------
+# --- Placing lights ---------------------------------------------------------------------------------------------------
 
 
 MOST_RATIO = 2.0**120
-"""Most widths of the scene between points and lights. Lengths in units of a segment stay in float32's range."""
+"""Largest distance of points and lights, in widths of the scene: lengths in units of a segment stay within float32."""
 
 
 def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float) -> LightPatch:
-    """The patch of a light in the frame whose zero is at the world position `origin`.
+    """The patch of a light in the frame with its origin at the world position `origin`.
 
-    box : (2, 3) float32, around the scene's triangles; None: there are none
+    box : (2, 3) float32, bounds of the scene's triangles; None: there are none
     reach : as for `Light.patch`
 
     Raises
@@ -128,7 +135,7 @@ def place(light: Light, origin: np.ndarray, box: np.ndarray | None, reach: float
 
 
 def _farthest(light: Light, patch: LightPatch) -> float:
-    """The largest magnitude of a coordinate of a list of lights, about; 0 for distant ones, placed by `reach`."""
+    """Roughly the largest coordinate magnitude of a list of lights; 0 for distant lights, which `reach` places."""
     if patch.kind == DIRECTIONAL or not isinstance(light, LightList) or not len(light.points):
         return 0.0
     return float(np.abs(light.points).max()) + float(np.abs(patch.base).max())

@@ -1,13 +1,14 @@
-"""Binning: the pixels that each triangle can cover, and the triangle list of each screen tile.
+"""Binning: conservative screen bounds of triangles, and the triangle list of each screen tile.
 
-Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
-culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a time
-are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in float64.
+Every pixel whose ray meets a triangle lies within the triangle's bounds. Most triangles of a large scene are culled
+here, because they are behind the camera, outside the picture, or between pixel centres. Triangles are bounded in
+float32, eight at a time; only the few that are close to the camera's plane, or cross it, are bounded in float64.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.filters import widest
 from ..kernels.jit import inlined, kernel
@@ -34,21 +35,16 @@ from ..kernels.simd import (
 )
 from .raster_setup import TILE, RasterView, corner_from, pixel_vector
 
-# --- Bounds of triangles on the screen: the pixels that each triangle can cover ---------------------------------------
-#
-# Bounds are conservative: every pixel whose ray meets the triangle lies inside. Most triangles of a large scene are
-# culled here, since they are behind the camera, beside the picture, or between pixel centres. Eight triangles at a
-# time are bounded in float32. Only the few triangles close to the camera's plane, or across it, are bounded in
-# float64.
+# --- Screen bounds of triangles ---------------------------------------------------------------------------------------
 
 
 BLOCK = 64  # triangles bounded together
 _F = np.float32
 _U32, _U64 = 2.0**-24, 2.0**-53
-_NEAR32 = 2.0**-5  # least depth / distance of a corner that float32 projects accurately
-_NEAR64 = 2.0**-20  # least depth / distance of a corner that float64 projects accurately
-_APART = 2.0**-28  # least |depth| / distance of a corner surely on one side of the camera's plane
-_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither under- nor overflows
+_NEAR32 = 2.0**-5  # least depth / distance at which float32 projects a corner accurately
+_NEAR64 = 2.0**-20  # least depth / distance at which float64 projects a corner accurately
+_APART = 2.0**-28  # least |depth| / distance of a corner that surely lies on one side of the camera's plane
+_SMALL, _LARGE = _F(1e-25), _F(1e25)  # range of distances in which float32 neither underflows nor overflows
 _NOWHERE = (0, 0, -1, -1)
 
 
@@ -61,31 +57,32 @@ class Padding(NamedTuple):
     far_y: float
     quick_x: float  # constant part of the padding in float32
     quick_y: float
-    slope_x: float  # variable part in float32: times the corners' largest distance / depth
+    slope_x: float  # variable part in float32: a factor of the corners' largest distance / depth
     slope_y: float
     nearer: float  # factor from a corner's 1 / depth to a bound of the depth key
     usable: bool  # False: rounding moves rays so far that nothing can be culled
 
 
 def make_padding(view: RasterView) -> Padding:
-    """Padding for two errors: the rounding of rays, and the error 8 u norm distance / depth of a projected corner."""
+    """`Padding` for the rounding of rays, and for the error 8 u norm distance / depth of a projected corner."""
     if not view.shift_z < 0.25:
-        return Padding(*[0.0] * 9, False)
+        return Padding._make((*[0.0] * 9, False))
     moved = [shift / (1.0 - view.shift_z) for shift in (view.shift_x, view.shift_y)]
     place = [16.0 * _U64 * norm / view.norm_z for norm in (view.norm_x, view.norm_y)]
-    near, far = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
+    front, crossing = ([m + p / limit for m, p in zip(moved, place)] for limit in (_NEAR64, _APART))
     quick = [m + 4.0 * _U32 * size for m, size in zip(moved, (view.width, view.height))]
     slope = [32.0 * _U32 * norm for norm in (view.norm_x, view.norm_y)]
-    usable = far[0] < view.width + 16.0 and far[1] < view.height + 16.0
-    return Padding(*near, *far, *quick, *slope, (1.0 + view.shift_z) * (1.0 + 2.0**-14), usable)
+    usable = crossing[0] < view.width + 16.0 and crossing[1] < view.height + 16.0
+    nearer = (1.0 + view.shift_z) * (1.0 + 2.0**-14)
+    return Padding._make((*front, *crossing, *quick, *slope, nearer, usable))
 
 
-# --- float64 --------------------------------------------------------------------------------------------------------
+# --- Screen bounds in float64 -----------------------------------------------------------------------------------------
 
 
 @inlined
 def _pixels(low_x, high_x, low_y, high_y, view):
-    """Pixels (x0, y0, x1, y1) of the picture with centres in the range; x0 > x1 or y0 > y1 if there are none."""
+    """The picture's pixels (x0, y0, x1, y1) with centres in the range; x0 > x1 or y0 > y1 if there are none."""
     low_x, high_x = max(low_x, 0.0), min(high_x, view.width - 1.0)
     low_y, high_y = max(low_y, 0.0), min(high_y, view.height - 1.0)
     if not (low_x <= high_x and low_y <= high_y):
@@ -107,8 +104,8 @@ def _opened(low, high, direction, error):
 def _crossing_range(z, x, r, norm_z, norm_x):
     """Range of x / z over the front part of a triangle that crosses or touches the camera's plane.
 
-    The front part is the hull of the corners in front and of the points where edges meet the plane. The latter project
-    to infinity.
+    The front part is the hull of the corners in front and of the points where edges meet the plane, which project to
+    infinity.
     """
     low, high = np.inf, -np.inf
     for i in range(3):
@@ -121,7 +118,7 @@ def _crossing_range(z, x, r, norm_z, norm_x):
         elif z[i] >= -_APART * norm_z * r[i]:
             if abs(z[i]) > 8.0 * _U64 * norm_z * r[i]:
                 return -np.inf, np.inf
-            # On the plane or very close to it: the sign of x decides the side of infinity
+            # On the plane or very close to it: the sign of x determines the sign of infinity
             low, high = _opened(low, high, x[i], 2.0**-8 * norm_x * r[i])
     return low, high
 
@@ -136,8 +133,8 @@ def careful_box(view, padding, corners, i):
     a, b, c = pixel_vector(view, va), pixel_vector(view, vb), pixel_vector(view, vc)
     z, x, y = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     r = (widest(va), widest(vb), widest(vc))
-    near, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
-    if z[0] >= near * r[0] and z[1] >= near * r[1] and z[2] >= near * r[2]:
+    front, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
+    if z[0] >= front * r[0] and z[1] >= front * r[1] and z[2] >= front * r[2]:
         x0, x1, x2 = x[0] / z[0], x[1] / z[1], x[2] / z[2]
         y0, y1, y2 = y[0] / z[0], y[1] / z[1], y[2] / z[2]
         return _pixels(
@@ -155,12 +152,12 @@ def careful_box(view, padding, corners, i):
     return _pixels(low_x - pad_x, high_x + pad_x, low_y - pad_y, high_y + pad_y, view)
 
 
-# --- float32 --------------------------------------------------------------------------------------------------------
+# --- Screen bounds in float32 -----------------------------------------------------------------------------------------
 
 
 @inlined
 def transpose(corners, first, n, lanes):
-    """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; the rest of the block repeats the last."""
+    """Write coordinate c of triangle first + k to lanes[BLOCK c + k], k < n; beyond n, repeat the last triangle."""
     for k in range(BLOCK):
         at = 9 * (first + min(k, n - 1))
         for c in range(9):
@@ -183,7 +180,7 @@ def _quick_corner(view, lanes, k):
 
 @inlined
 def _quick_pixels(a, b, c, pad, last):
-    """First and last pixel in [0, `last`] within `pad` of the range of a, b, c; and a mask of lanes with any pixel."""
+    """(first pixel, last pixel, mask of lanes with any pixel): within `pad` of the range of a, b, c, in [0, `last`]."""
     low = minimum(maximum(minimum(a, minimum(b, c)) - pad, _F(0.0)), last + _F(1.0))
     high = maximum(minimum(maximum(a, maximum(b, c)) + pad, last), _F(-1.0))
     first, final = to_i32(low), to_i32(high)
@@ -195,20 +192,20 @@ def _quick_pixels(a, b, c, pad, last):
 def quick_boxes(view, padding, lanes, k, boxes, nearest):
     """Bound eight triangles of a block, starting at the k-th.
 
-    Writes x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Returns two bit masks: triangles that may
+    Write x0, y0, x1, y1 ((4, BLOCK) int32) and a bound of the depth keys. Return two bit masks: triangles that may
     cover pixels inside these bounds, and triangles that need `careful_box`. The others cover no pixel.
 
-    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Inside twice
-    the picture, `slope_x` q bounds it. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
+    With q the largest distance / depth, the error of x / z is at most 9 u q (|row x| + |x / z| norm_z). Within twice
+    the picture, it is at most `slope_x` q. Corners farther out stay outside, since q norm_z <= 1 / _NEAR32.
     """
     za, xa, ya, ra = _quick_corner(view, lanes, k)
     zb, xb, yb, rb = _quick_corner(view, lanes, k + 3 * BLOCK)
     zc, xc, yc, rc = _quick_corner(view, lanes, k + 6 * BLOCK)
     behind = _F(-16.0 * _U32 * view.norm_z)
     away = (za < ra * behind) & (zb < rb * behind) & (zc < rc * behind)
-    front = _F(_NEAR32 * view.norm_z)
-    near = (za >= ra * front) & (zb >= rb * front) & (zc >= rc * front)
-    near &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
+    least = _F(_NEAR32 * view.norm_z)
+    projectable = (za >= ra * least) & (zb >= rb * least) & (zc >= rc * least)
+    projectable &= (minimum(ra, minimum(rb, rc)) > _SMALL) & (maximum(ra, maximum(rb, rc)) < _LARGE)
     ia, ib, ic = _F(1.0) / za, _F(1.0) / zb, _F(1.0) / zc
     q = maximum(ra * ia, maximum(rb * ib, rc * ic))
     pad_x = q * _F(padding.slope_x) + _F(padding.quick_x)
@@ -222,22 +219,22 @@ def quick_boxes(view, padding, lanes, k, boxes, nearest):
     store(nearest, k, maximum(ia, maximum(ib, ic)) * _F(padding.nearer))
     if not padding.usable:
         return 0, 255
-    return bits(near & any_x & any_y), bits(~(near | away))
+    return bits(projectable & any_x & any_y), bits(~(projectable | away))
 
 
-# --- Lists of triangles for each tile of the screen -------------------------------------------------------------------
+# --- Triangle lists of tiles ------------------------------------------------------------------------------------------
 
 
-_LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # of triangles; as many chunks as keep many threads busy
-_MOST_COUNTS = 1 << 22  # of the table (chunks, tiles)
+_LEAST_CHUNK, _MOST_CHUNKS = 16 * BLOCK, 256  # triangles per chunk; enough chunks to keep many threads busy
+_MOST_COUNTS = 1 << 22  # elements of the table (chunks, tiles)
 _BOXES, _LANES = 4 * BLOCK, 9 * BLOCK
-_BUCKETS = 128  # of depth
+_BUCKETS = 128  # depth buckets
 _BOUNDS = _BUCKETS + 1
 _INFINITY = 0x7F800000  # the bits of float32's infinity
 
 
 class Survivors(NamedTuple):
-    """The triangles left by culling. Only slots in `TileBins.slot` are filled; other memory pages stay untouched."""
+    """The triangles that survive culling. Only slots in `TileBins.slot` are filled; other pages stay untouched."""
 
     triangle: np.ndarray  # (n,) int32
     box: np.ndarray  # (n, 4) int16: first and last pixel, x0, y0, x1, y1
@@ -245,11 +242,11 @@ class Survivors(NamedTuple):
 
 
 class TileBins(NamedTuple):
-    """The candidate triangles of each tile. Tile k owns slot[first[k]:first[k + 1]], in ascending triangle order."""
+    """The candidate triangles of each tile: slot[first[k]:first[k + 1]] for tile k, in ascending triangle order."""
 
-    seen: Survivors
+    survivors: Survivors
     first: np.ndarray  # (tiles + 1,) int64
-    slot: np.ndarray  # (pairs,) int32: index into the arrays of `seen`
+    slot: np.ndarray  # (pairs,) int32: index into the arrays of `survivors`
 
 
 def tiles_across(pixels: int) -> int:
@@ -258,13 +255,13 @@ def tiles_across(pixels: int) -> int:
 
 
 @inlined
-def _keep(seen, slot, i, box, nearest, columns, counts):
+def _keep(survivors, slot, i, box, nearest, columns, counts):
     """Write a triangle to its slot and count it in its tiles, unless its box is empty; return the next slot."""
     x0, y0, x1, y1 = box
     if x0 > x1 or y0 > y1:
         return slot
-    seen.triangle[slot], seen.nearest[slot] = i, nearest
-    seen.box[slot, 0], seen.box[slot, 1], seen.box[slot, 2], seen.box[slot, 3] = x0, y0, x1, y1
+    survivors.triangle[slot], survivors.nearest[slot] = i, nearest
+    survivors.box[slot, 0], survivors.box[slot, 1], survivors.box[slot, 2], survivors.box[slot, 3] = x0, y0, x1, y1
     for row in range(y0 // TILE, y1 // TILE + 1):
         for column in range(x0 // TILE, x1 // TILE + 1):
             counts[row * columns + column] += 1
@@ -282,8 +279,8 @@ def _quick_box(boxes, k):
 
 
 @kernel
-def _cull(ticket, corners, view, padding, columns, seen, left, counts):
-    """Worker: bound all triangles; chunk k keeps left[k] of them, and has counts[k] of them in each tile."""
+def _cull(ticket, corners, view, padding, columns, survivors, lengths, counts):
+    """Worker: bound all triangles; lengths[k] of chunk k survive, counts[k] of them in each tile."""
     p = ptr(corners)
     lanes, boxes, nearest = stack_f32(_LANES), stack_i32(_BOXES), stack_f32(BLOCK)
     for first, end in shares(ticket):
@@ -302,13 +299,13 @@ def _cull(ticket, corners, view, padding, columns, seen, left, counts):
                     i, box, key = block + k + lane, _quick_box(boxes, k + lane), get(nearest, k + lane)
                     if (careful >> lane) & 1 != 0:
                         box, key = careful_box(view, padding, p, i), np.float32(np.inf)
-                    slot = _keep(seen, slot, i, box, key, columns, row)
-        left[chunk] = slot - first
+                    slot = _keep(survivors, slot, i, box, key, columns, row)
+        lengths[chunk] = slot - first
 
 
 @kernel
 def _prefix_sums(counts, first):
-    """Replace counts[chunk, tile] by the start of the chunk's part of a tile's list; first[tile]: start of the list."""
+    """Replace counts[chunk, tile] by the start of the chunk's part of the tile's list, which starts at first[tile]."""
     chunks, tiles = counts.shape
     for chunk in range(chunks):
         for tile in range(tiles):
@@ -326,10 +323,10 @@ def _prefix_sums(counts, first):
 
 
 @kernel
-def _fill(ticket, size, columns, left, cursors, box, slots):
+def _fill(ticket, size, columns, lengths, cursors, box, slots):
     """Worker: write the tiles' lists, chunk by chunk of `size` triangles."""
     for chunk in items(ticket):
-        for slot in range(chunk * size, chunk * size + left[chunk]):
+        for slot in range(chunk * size, chunk * size + lengths[chunk]):
             for row in range(box[slot, 1] // TILE, box[slot, 3] // TILE + 1):
                 for column in range(box[slot, 0] // TILE, box[slot, 2] // TILE + 1):
                     tile = row * columns + column
@@ -337,33 +334,33 @@ def _fill(ticket, size, columns, left, cursors, box, slots):
                     cursors[chunk, tile] += 1
 
 
-def bin_triangles(corners, view: RasterView, threads: int) -> TileBins:
+def bin_triangles(corners: NDArray[np.float32], view: RasterView, threads: int) -> TileBins:
     """Cull the triangles, (n, 9) float32, and list the remaining ones by tile."""
     n, columns = len(corners), tiles_across(view.width)
     tiles = columns * tiles_across(view.height)
     size = max(_LEAST_CHUNK, -(-n // max(1, min(_MOST_CHUNKS, _MOST_COUNTS // tiles))))
     chunks = -(-n // size)
-    seen = Survivors(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
-    left, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
-    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, seen, left, counts)
+    survivors = Survivors(np.empty(n, np.int32), np.empty((n, 4), np.int16), np.empty(n, np.float32))
+    lengths, counts = np.empty(chunks, np.int64), np.empty((chunks, tiles), np.int64)
+    run(_cull, threads, new_ticket(n, size), corners, view, make_padding(view), columns, survivors, lengths, counts)
     first = np.zeros(tiles + 1, np.int64)
     _prefix_sums(counts, first)
     slots = np.empty(first[-1], np.int32)
-    run(_fill, threads, new_ticket(chunks, 1), size, columns, left, counts, seen.box, slots)
-    return TileBins(seen, first, slots)
+    run(_fill, threads, new_ticket(chunks, 1), size, columns, lengths, counts, survivors.box, slots)
+    return TileBins(survivors, first, slots)
 
 
 @inlined
 def _bucket(key, slot, highest, shift):
-    """A larger depth key gives a lower bucket; positive floats sort like their bit patterns."""
+    """The depth bucket of a slot: lower for larger depth keys. Positive floats sort like their bit patterns."""
     return max(highest - np.int64(get(key, slot)), 0) >> shift
 
 
 @kernel
 def front_to_back(bins, tile, order):
-    """Write a tile's slots to `order`, roughly by falling depth key of the nearest corner; return their number."""
+    """Write a tile's slots to `order`, roughly by decreasing depth key of the nearest corner; return their number."""
     first, n = bins.first[tile], bins.first[tile + 1] - bins.first[tile]
-    key, slots, start = as_i32(ptr(bins.seen.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
+    key, slots, start = as_i32(ptr(bins.survivors.nearest)), ptr(bins.slot), stack_i64(_BOUNDS)
     lowest, highest = np.int64(_INFINITY), np.int64(0)
     for e in range(first, first + n):
         k = np.int64(get(key, np.int64(get(slots, e))))

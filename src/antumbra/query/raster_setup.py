@@ -1,6 +1,6 @@
-"""Triangle setup of the rasteriser: edge functions and depth, with proven bounds on all rounding errors.
+"""Triangle setup of the rasteriser: edge functions and depth keys, with proven bounds on all rounding errors.
 
-The terms of a ray's `t` that do not depend on its direction are computed once per triangle.
+Also the terms of a ray's `t` that do not depend on its direction, computed once per triangle (`EyePlane`).
 
 A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
 centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
@@ -11,8 +11,8 @@ the common factor det(c, r, d),
 
 These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without
 clipping for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of
-det(h0, h1, h2). With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is
-linear as well.
+det(h0, h1, h2). The contract's other case, all signs opposite, cannot occur with t > 0. The depth key 1 / t is linear
+as well.
 
 Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by at
 most |C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed r.
@@ -29,51 +29,30 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import hit_t, plane, widest
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get
+from ..scene.camera import CameraRays
 
-# --- Edge functions of a triangle on the screen, with proven bounds of all rounding errors ----------------------------
-#
-# A vector v from the eye is written h = (z, x, y) in *pixel coordinates*: v = z c + x r + y d, where c points to the
-# centre of the upper left pixel and r, d step one pixel right and down. The ray of pixel (i, j) is then g = (1, i, j),
-# apart from the rounding of its direction to float32, and the contract's determinants (`predicate.exact`) become, up
-# to the common factor det(c, r, d),
-#
-#     e0 = det(g, h1, h2)   e1 = det(g, h2, h0)   e2 = det(g, h0, h1)   t = det(h0, h1, h2) / (e0 + e1 + e2)
-#
-# These are homogeneous edge functions [Olano and Greer 1997]. They are linear over the screen, and correct without
-# clipping for triangles that cross the camera's plane. The triangle covers a pixel if each e is 0 or has the sign of
-# det(h0, h1, h2). With t > 0 the other case of the contract, all signs opposite, cannot occur. The depth key 1 / t is
-# linear as well.
-#
-# Errors. Rounding the direction moves g by at most (`shift_z`, `shift_x`, `shift_y`). This moves e = C + A i + B j by
-# at most |C| shift_z + |A| shift_x + |B| shift_y. Let u = 2**-53, and let v be a vector whose components do not exceed
-# r. The components of its h then have errors of at most 8 u r (`norm_z`, `norm_x`, `norm_y`), from three inputs,
-# products and sums, and the move to a tile's origin. A 2 x 2 determinant of two such vectors has an error of at most
-# 36 u norm norm r r. All functions are computed from a = v0 - eye, p = v1 - v0, q = v2 - v0, so errors shrink with the
-# triangle:
-#
-#     |error e1|, |error e2| <= K r s    |error (e0 + e1 + e2)| <= K s s    |error det| <= V r s s
-#
-# with r the largest component of a, s of p and q.
+# --- Edge functions and depth keys ------------------------------------------------------------------------------------
 
 
 TILE = 64  # pixels; tiles are square
-STRIDE = TILE + 8  # row stride of a tile: a vector of pixels may start anywhere, and extend past the right edge
+STRIDE = TILE + 8  # row stride of a tile: a vector of pixels may start anywhere and extend past the right edge
 
 _U = 2.0**-53
 _F = np.float32
 _EPSILON = 2.0**-24  # of float32
 _SLACK = 1.001  # for second order terms, and for the rounding of the bounds themselves
-_TINY = 1e-37  # above the loss of float32 by underflow
+_TINY = 1e-37  # above the underflow error of float32
 _HUGE = 1e30  # below the overflow limit of float32, with room for sums
 
 
 class RasterView(NamedTuple):
-    """A camera in pixel coordinates, in float64 scalars: threads would contend for the reference counts of arrays."""
+    """A camera in pixel coordinates. Scalars, because threads would contend for the reference counts of arrays."""
 
     eye_x: float
     eye_y: float
@@ -90,7 +69,7 @@ class RasterView(NamedTuple):
     turn: int  # sign of det(c, r, d)
     width: int
     height: int
-    norm_z: float  # |h| is at most norm * |v - eye|_inf, component by component, also relative to a pixel of the screen
+    norm_z: float  # |h| is at most norm * |v - eye|_inf per component, also relative to any pixel of the screen
     norm_x: float
     norm_y: float
     shift_z: float  # bound on the movement of a ray when its direction is rounded to float32
@@ -100,7 +79,7 @@ class RasterView(NamedTuple):
     volume_error: float  # V above
 
 
-def make_view(rays) -> RasterView:
+def make_view(rays: CameraRays) -> RasterView:
     """The `RasterView` of `CameraRays`; InputError if its pixels are too close for float64's range."""
     rows, turn = _inverse(rays.corner + 0.5 * rays.dx + 0.5 * rays.dy, rays.dx, rays.dy)
     norm = np.abs(rows).sum(1) * _SLACK
@@ -112,33 +91,35 @@ def make_view(rays) -> RasterView:
     slope_error = 48 * _U * (x * y + STRIDE * z * (x + y))
     bounds = (z, x, y, shift[0], shift_x, shift_y, slope_error, 200 * _U * x * y * z)
     eye = rays.origin.tolist()
-    return RasterView(*eye, *rows.ravel().tolist(), turn, int(rays.width), int(rays.height), *map(float, bounds))
+    size = int(rays.width), int(rays.height)
+    return RasterView._make((*eye, *rows.ravel().tolist(), turn, *size, *map(float, bounds)))
 
 
-def _inverse(*columns):
-    """Inverse of the matrix of three columns, (3, 3) float64, correctly rounded; and the sign of its determinant."""
+def _inverse(*columns: np.ndarray) -> tuple[NDArray[np.float64], int]:
+    """(inverse of the matrix of three columns, (3, 3) float64, correctly rounded; sign of its determinant)."""
     c, r, d = ([Fraction(float(x)) for x in column] for column in columns)
     rows = [_cross(r, d), _cross(d, c), _cross(c, r)]
     det = sum(x * y for x, y in zip(c, rows[0]))
     return np.array([[float(x / det) for x in row] for row in rows]), 1 if det > 0 else -1
 
 
-def _cross(a, b):
+def _cross(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
     return [a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)]
 
 
-def direction_error(rays) -> np.ndarray:
+def direction_error(rays: CameraRays) -> NDArray[np.float64]:
     """Bound on the difference of a pixel's direction from c + i r + j d in real arithmetic: (3,) float64."""
     right, down = rays.width * rays.dx, rays.height * rays.dy
     ends = [rays.corner, rays.corner + right, rays.corner + down, rays.corner + right + down]
     float64 = 16 * _U * (np.abs(rays.corner) + np.abs(right) + np.abs(down))
-    return _EPSILON * np.abs(ends).max(0) + float64 + 2.0**-149
+    error: NDArray[np.float64] = _EPSILON * np.abs(ends).max(0) + float64 + 2.0**-149
+    return error
 
 
 class EdgeFunctions(NamedTuple):
     """Three edge functions and the depth key over the pixels (i, j) from an origin: value = c + a i + b j, all float32.
 
-    Each edge function is divided by its error bound: above 1 a pixel is surely inside, below -1 surely outside. The
+    Each edge function is divided by its error bound: a pixel is surely inside above 1, and surely outside below -1. The
     depth key is 1 / t, with an error of at most ``key_error``.
     """
 
@@ -218,8 +199,8 @@ def _depth_key(f, view, x_reach, y_reach, error, volume, volume_error):
 def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     """(turn, `EdgeFunctions`) of triangle i with origin at pixel (x0, y0), for pixels up to x_reach, y_reach from it.
 
-    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied. 0: float64 cannot decide it, and the
-    edge functions keep their own sign.
+    turn: the sign of det(h0, h1, h2), by which the edge functions are multiplied. 0: undecided in float64; the edge
+    functions keep their sign.
     """
     v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
     a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
@@ -244,22 +225,22 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
 
 
 @inlined
-def turned(f):
-    """The edge functions multiplied by -1; the depth key is unchanged."""
+def negated(f):
+    """The edge functions multiplied by -1, with the same depth key."""
     return EdgeFunctions(
         -f.a0, -f.b0, -f.c0, -f.a1, -f.b1, -f.c1, -f.a2, -f.b2, -f.c2, f.key_a, f.key_b, f.key_c, f.key_error
     )
 
 
-# --- `hits.hit_t` of many rays from one eye: terms independent of the direction are computed once per triangle --------
+# --- `hits.hit_t` for many rays from one eye --------------------------------------------------------------------------
 
 
-_ACCURACY = 2.0**-31  # half the error that `hit_t` accepts: within it, `hit_t` returns its float64 expression
-_FLOOR = 1e-250  # far above any loss by underflow
+_ACCURACY = 2.0**-31  # half the error up to which `hit_t` returns its float64 expression
+_FLOOR = 1e-250  # far above any underflow error
 
 
 class EyePlane(NamedTuple):
-    """A triangle's plane seen from the eye. All float64 but `triangle`, an int64 (-1: none yet)."""
+    """A triangle's plane relative to the eye. All float64 but `triangle`, an int64 (-1: none yet)."""
 
     triangle: int
     nx: float
@@ -284,7 +265,7 @@ def eye_plane(corners, i, o):
 
 @inlined
 def quick_t(p, ray):
-    """`plane_t` if float64 is surely accurate, else -1."""
+    """`plane_t` where float64 is surely accurate, else -1."""
     det = ray.dx * p.nx + ray.dy * p.ny + ray.dz * p.nz
     size = abs(ray.dx) + abs(ray.dy) + abs(ray.dz)
     return p.volume / det if abs(det) > p.least * size + _FLOOR else -1.0

@@ -1,15 +1,16 @@
-"""The rasteriser: primary visibility with the same bits as tracing each pixel's ray against every triangle.
+"""The rasteriser: primary visibility, bit-identical to tracing each pixel's ray against every triangle.
 
-A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle wins
-a pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely misses the
-pixel or its interval lies below. `filters.meets` and `hits.hit_t` decide the remaining pixels, as the contract defines,
-so the drawing order does not matter. Triangles are drawn front to back, because most hidden ones are then rejected
-early.
+For each pixel, a tile stores the visible face and an interval that surely contains the face's depth key 1 / t. A
+triangle takes over a pixel if it surely covers it and its own interval lies above the pixel's. It is rejected if it
+surely misses the pixel, or if its interval lies below. `filters.meets` and `hits.hit_t` decide the remaining cases, as
+the contract defines, so the result does not depend on the drawing order. Triangles are drawn front to back, so that
+most hidden ones are rejected early.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import meets, plane_side
@@ -40,35 +41,31 @@ from ..kernels.simd import (
 from ..scene.camera import CameraRays
 from .gbuffer import pixel_ray
 from .raster_bins import bin_triangles, front_to_back, tiles_across
-from .raster_setup import NO_PLANE, STRIDE, TILE, edge_functions, eye_plane, make_view, plane_t, turned
+from .raster_setup import NO_PLANE, STRIDE, TILE, edge_functions, eye_plane, make_view, negated, plane_t
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Drawing into tiles: edge functions and depth keys, eight pixels at a time; the exact predicate if they are
-# uncertain.
-#
-# A tile keeps, for each pixel, its face and an interval that surely contains the face's depth key 1 / t. A triangle
-# wins a pixel at once if it surely covers it and its interval lies above the pixel's. It loses at once if it surely
-# misses the pixel or its interval lies below. `filters.meets` and `hits.hit_t` decide the remaining pixels, as the
-# contract defines, so the drawing order does not matter. Triangles are drawn front to back, because most hidden ones
-# are then rejected early.
+# --- Drawing a tile ---------------------------------------------------------------------------------------------------
 
 
 RASTER_COUNTERS = ("listed", "drawn", "pixels", "uncertain", "ties")
-"""The counters of drawing. listed: (tile, triangle) pairs; drawn: pairs not rejected as hidden; pixels: pixels inside
-the bounds of drawn pairs; uncertain: pixels whose coverage float32 could not decide; ties: covered pixels whose nearest
-face float32 could not decide.
+"""Names of the counters of `rasterise`.
+
+- listed: (tile, triangle) pairs
+- drawn: pairs not rejected as hidden
+- pixels: pixels inside the bounds of drawn pairs
+- uncertain: pixels whose coverage is undecided in float32
+- ties: covered pixels whose nearest face is undecided in float32
 """
 _LISTED, _DRAWN, _PIXELS, _UNCERTAIN, _TIES = range(len(RASTER_COUNTERS))
 _COUNTS = len(RASTER_COUNTERS)
 
 _F = np.float32
 _CELLS = TILE * STRIDE
-_FLAT = _F(1e-20)  # an edge function with a smaller slope per pixel limits no row
+_FLAT = _F(1e-20)  # an edge function with a smaller slope per pixel clips no row
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # above the error of rounding a key to float32
 
 
 class RasterTile(NamedTuple):
-    """Pointers to the state of a tile: pixel (x, y) of it is element y * STRIDE + x."""
+    """Pointers to the state of a tile, whose pixel (x, y) is element y * STRIDE + x."""
 
     low: F32Ptr  # float32: least possible depth key of the face; -inf: no face
     high: F32Ptr  # float32: largest possible depth key of the face; undefined without a face
@@ -97,7 +94,7 @@ def _hidden(tile, at, columns, rows, nearest):
 
 @inlined
 def _clip_rows(a, b, c, y, low, high):
-    """Narrow the pixel ranges of eight rows y to the pixels that may be covered according to an edge function."""
+    """Clip the pixel ranges of eight rows y to the pixels that an edge function does not exclude."""
     if abs(a) < _FLAT:
         return low, high
     pad = _F(0.01) + _F(2.0**-21) * (abs(c) + abs(b) * _F(STRIDE) + _F(1.0)) / abs(a)  # of c + b y + 1, and of x
@@ -111,7 +108,7 @@ def _clip_rows(a, b, c, y, low, high):
 def _set_ranges(tile, f, y, columns, rows):
     """Set `tile.ranges` of rows y to y + 7 of a triangle's box."""
     low, high = splat8(_F(0.0)), splat8(_F(columns - 1))
-    if columns * rows > 64:  # else it costs more than it saves
+    if columns * rows > 64:  # for fewer pixels, clipping costs more than it saves
         down = to_f32(iota8() + y)
         low, high = _clip_rows(f.a0, f.b0, f.c0, down, low, high)
         low, high = _clip_rows(f.a1, f.b1, f.c1, down, low, high)
@@ -122,7 +119,7 @@ def _set_ranges(tile, f, y, columns, rows):
 
 @kernel
 def _cover(tile, i, columns, rows, at, f):
-    """Draw triangle i into the `columns` x `rows` pixels from pixel `at`; how many of them it left in `tile.unsure`."""
+    """Draw triangle i into `columns` x `rows` pixels from pixel `at`. Return the number of pixels in `tile.unsure`."""
     lanes, n = to_f32(iota8()), 0
     for y in range(rows):
         if y & 7 == 0:
@@ -141,7 +138,7 @@ def _cover(tile, i, columns, rows, at, f):
             if any_lane(candidate):
                 high, face = load8(tile.high, k), load8(tile.face, k)
                 covers = inside > _F(1.0)
-                # Testing `face` also keeps LLVM from a masked store, which some processors take 20 cycles for
+                # Testing `face` also keeps LLVM from a masked store, which takes 20 cycles on some processors
                 wins = candidate & covers & ((face < 0) | (key_low > high))
                 store(tile.low, k, select(wins, key_low, low))
                 store(tile.high, k, select(wins, key_high, high))
@@ -158,7 +155,7 @@ def _cover(tile, i, columns, rows, at, f):
 
 @kernel
 def _settle(tile, n, x0, y0, corners, rays, i):
-    """Decide the n uncertain pixels of triangle i exactly; return how many of them it surely covers."""
+    """Decide the n uncertain pixels of triangle i exactly. Return how many of them it surely covers."""
     p, o, ties = ptr(corners), rays.origin, 0
     mine, other = eye_plane(p, i, o), NO_PLANE
     for u in range(n):
@@ -188,23 +185,23 @@ def _settle(tile, n, x0, y0, corners, rays, i):
 def _draw(tile, bins, order, n, window, corners, rays, view, cull_faces, counts):
     """Draw a list of triangles into the tile that covers the window (x0, y0, x1, y1), inclusive."""
     p, (x0, y0, x1, y1) = ptr(corners), window
-    boxes, triangles, nearest = ptr(bins.seen.box), ptr(bins.seen.triangle), ptr(bins.seen.nearest)
+    boxes, triangles, nearest = ptr(bins.survivors.box), ptr(bins.survivors.triangle), ptr(bins.survivors.nearest)
     for entry in range(n):
         slot = np.int64(order[entry])
-        left, top = max(np.int64(get(boxes, 4 * slot)), x0), max(np.int64(get(boxes, 4 * slot + 1)), y0)
-        columns = min(np.int64(get(boxes, 4 * slot + 2)), x1) - left + 1
-        rows = min(np.int64(get(boxes, 4 * slot + 3)), y1) - top + 1
-        at = (top - y0) * STRIDE + left - x0
+        x, y = max(np.int64(get(boxes, 4 * slot)), x0), max(np.int64(get(boxes, 4 * slot + 1)), y0)
+        columns = min(np.int64(get(boxes, 4 * slot + 2)), x1) - x + 1
+        rows = min(np.int64(get(boxes, 4 * slot + 3)), y1) - y + 1
+        at = (y - y0) * STRIDE + x - x0
         if _hidden(tile, at, columns, rows, get(nearest, slot)):
             continue
         i = np.int64(get(triangles, slot))
         counts[_DRAWN] += 1
-        turn, f = edge_functions(view, p, i, left, top, columns + 7, rows)
+        turn, f = edge_functions(view, p, i, x, y, columns + 7, rows)
         if turn == 0:
             turn = -view.turn * plane_side(view.eye_x, view.eye_y, view.eye_z, p, i)
             if turn < 0:
-                f = turned(f)
-        if turn != 0 and turn * view.turn != cull_faces:  # 0: no ray from the eye meets it
+                f = negated(f)
+        if turn != 0 and turn * view.turn != cull_faces:  # 0: no ray from the eye meets the triangle
             counts[_PIXELS] += columns * rows
             unsure = _cover(tile, i, columns, rows, at, f)
             if unsure != 0:
@@ -229,7 +226,7 @@ def _finish(tile, window, corners, rays, face, t):
 
 @kernel
 def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters, order):
-    """Worker: draw whole tiles of the picture. `order`: the thread's own buffer for the longest list."""
+    """Worker: draw whole tiles of the picture. `order`: the thread's buffer for the longest list."""
     tile = RasterTile(stack_f32(_CELLS), stack_f32(_CELLS), stack_i32(_CELLS), stack_i32(_CELLS), stack_i32(16))
     counts = stack_array(np.int64, _COUNTS)
     for c in range(_COUNTS):
@@ -247,31 +244,37 @@ def draw_tiles(ticket, bins, corners, rays, view, cull_faces, face, t, counters,
         atomic_add(counters, c, counts[c])
 
 
-# --- The rasteriser: primary visibility with the same bits as tracing each pixel's ray against every triangle ---------
+# --- `rasterise` ------------------------------------------------------------------------------------------------------
 
 
 __all__ = ["RASTER_COUNTERS", "new_raster_counters", "rasterise"]
 
 
-def new_raster_counters() -> np.ndarray:
+def new_raster_counters() -> NDArray[np.int64]:
     """Zeros for the `counters` of `rasterise`, in the order of RASTER_COUNTERS."""
     return np.zeros(len(RASTER_COUNTERS), np.int64)
 
 
-def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, counters=None):
+def rasterise(
+    corners: NDArray[np.float32],
+    rays: CameraRays,
+    threads: int | None = None,
+    cull_faces: int = 0,
+    counters: NDArray[np.int64] | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest triangle at each pixel centre.
 
     Parameters
     ----------
     corners : (n, 9) float32, C-contiguous, finite
-        Three corners a row, in the recentred frame: a view of `Triangles.vertices`.
+        Three corners per row, in the recentred frame: a view of `Triangles.vertices`.
     rays : CameraRays
     threads : int, optional
-        None: all cores. The result does not depend on it.
+        None: all cores. Does not affect the result.
     cull_faces : int
         0: none. 1, -1: ignore triangles whose normal points along the ray, or against it.
     counters : (5,) int64, optional
-        From `new_raster_counters`; the counts are added to it.
+        From `new_raster_counters`; counts are added.
 
     Returns
     -------
@@ -287,9 +290,9 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
 
     Notes
     -----
-    Pixel (x, y) has the ray ``pixels.pixel_ray(rays, x, y)``, over (0, inf). ``filters.meets`` defines coverage, and
-    ``hits.hit_t`` defines t. Triangles are culled and listed by screen tile (`raster_cull`, `raster_bins`). Then one
-    thread draws each tile (`raster_tiles`).
+    Pixel (x, y) has the ray ``gbuffer.pixel_ray(rays, x, y)``, over (0, inf). ``filters.meets`` defines coverage, and
+    ``hits.hit_t`` defines t. Triangles are culled and listed by screen tile (`raster_bins`). Each tile is then drawn by
+    one thread (`draw_tiles`).
     """
     corners = _checked(corners)
     if cull_faces not in (-1, 0, 1):
@@ -316,7 +319,7 @@ def rasterise(corners, rays: CameraRays, threads=None, cull_faces: int = 0, coun
     return face, t
 
 
-def _checked(corners) -> np.ndarray:
+def _checked(corners: object) -> NDArray[np.float32]:
     if not (isinstance(corners, np.ndarray) and corners.ndim == 2 and corners.shape[1] == 9):
         raise InputError(f"corners must be an (n, 9) array, not {getattr(corners, 'shape', type(corners).__name__)}")
     if corners.dtype != np.float32 or not corners.flags.c_contiguous:

@@ -1,9 +1,14 @@
-"""Ray lists: the checked arguments of `Scene.occluded` (any-hit) and `Scene.closest_hit`."""
+"""Ray lists: the checked arguments of `Scene.occluded` (any-hit) and `Scene.closest_hit`.
+
+Shapes and dtypes are checked before tracing; numbers are checked while rays are traced. World coordinates are recentred
+in float64 before they are rounded to float32.
+"""
 
 from math import prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 from ..checks import as_array, choice
 from ..errors import InputError
@@ -14,7 +19,7 @@ from .shadow_query import CULL_FACES
 
 
 class Operand(NamedTuple):
-    """An array of points in memory: number k of row i is at ``address + i * row + k * column``, in bytes."""
+    """An array of points in memory: coordinate k of row i is at ``address + i * row + k * column``, in bytes."""
 
     address: int
     row: int  # 0: all rays share one row
@@ -23,7 +28,7 @@ class Operand(NamedTuple):
 
 
 class Number(NamedTuple):
-    """A number for each ray, at ``address + i * row``; or one for all, `shared`, if the address is 0."""
+    """One number per ray, at ``address + i * row``; or one for all rays, `shared`, if the address is 0."""
 
     address: int
     row: int
@@ -32,14 +37,14 @@ class Number(NamedTuple):
 
 
 class RayList(NamedTuple):
-    """Rays in the caller's arrays; `trace.rays.ray_batches` checks and converts the numbers while it traces."""
+    """Rays in the caller's arrays; `trace.rays.ray_batches` checks and converts the numbers during tracing."""
 
     origins: Operand
     directions: Operand  # targets, for segments
     tmin: Number
     tmax: Number
     skip: Number
-    frame: tuple[float, float, float]  # world position of the zero of the scene's frame
+    frame: tuple[float, float, float]  # world position of the origin of the scene's frame
     n: int
     cull_faces: int  # a value of CULL_FACES
     segments: bool  # directions are targets: the rays are segments
@@ -55,7 +60,7 @@ class HitArrays(NamedTuple):
     v: np.ndarray  # (m,) float32
 
     def packed(self) -> Packed:
-        """The arrays as an argument of a kernel, which they must outlive."""
+        """The arrays as a kernel argument, which they must outlive."""
         blocked, face, t, u, v = self
         if not len(face):
             return _HITS.pack(address_of(blocked), len(blocked), 1, 0, 0, 4, 0, 0, 8, 0, 0, 4, 0, 0, 4)
@@ -66,9 +71,8 @@ class HitArrays(NamedTuple):
 
 _NONE = HitArrays(*(np.empty(0, dtype) for dtype in (np.bool_, np.int32, np.float64, np.float32, np.float32)))
 _HITS = ArgumentForm(_NONE)
-_RAYS = ArgumentForm(
-    RayList(*[Operand(0, 0, 0, 0)] * 2, *[Number(0, 0, 0, 0.0)] * 3, (0.0, 0.0, 0.0), 0, 0, False)  # type: ignore[arg-type]
-)
+_POINTS, _NUMBERS = Operand(0, 0, 0, 0), Number(0, 0, 0, 0.0)
+_RAYS = ArgumentForm(RayList(_POINTS, _POINTS, _NUMBERS, _NUMBERS, _NUMBERS, (0.0, 0.0, 0.0), 0, 0, False))
 _DOUBLE = {np.dtype(np.float32): 0, np.dtype(np.float64): 1}  # in the byte order of this machine
 
 
@@ -80,63 +84,79 @@ def hit_arrays(m: int, any_hit: bool) -> HitArrays:
 
 
 class RayArguments(NamedTuple):
-    """The rays of a question: arguments whose shapes and dtypes are checked. The numbers are checked in tracing.
+    """Rays as arguments with checked shapes and dtypes. Their numbers are checked during tracing.
 
     World coordinates are recentred (minus `frame`, in float64) before they are rounded to float32.
     """
 
     origins: np.ndarray  # (..., 3) world
-    directions: np.ndarray  # (..., 3) any length but zero; or, for segments, their targets, world
-    tmin: np.ndarray | float  # >= 0, in lengths of the direction; hits need t > tmin
-    tmax: np.ndarray | float  # may be inf; hits need t < tmax
+    directions: np.ndarray  # (..., 3) any non-zero length; for segments, their targets, world
+    tmin: np.ndarray | float  # >= 0, in lengths of the direction; hits have t > tmin
+    tmax: np.ndarray | float  # may be inf; hits have t < tmax
     skip: np.ndarray | float  # index of a triangle that is not tested, or -1
     shape: tuple[int, ...]  # to which all of them broadcast
     cull_faces: int  # a value of CULL_FACES
     segments: bool
-    frame: tuple[float, float, float]  # world position of the zero of the scene's frame
+    frame: tuple[float, float, float]  # world position of the origin of the scene's frame
 
     @property
     def n(self) -> int:
         return prod(self.shape)
 
     def copied(self) -> "RayArguments":
-        """The same rays in arrays of their own, which nobody else changes."""
-        own = (np.array(value) if isinstance(value, np.ndarray) else value for value in self[:5])
-        return RayArguments(*own, *self[5:])
+        """The same rays in copied arrays, which the caller cannot change."""
+        names = self._fields[:5]
+        changes: dict[str, Any] = {name: _copied(getattr(self, name)) for name in names}
+        return self._replace(**changes)
 
     def packed(self) -> Packed:
-        """The rays as a kernel's `RayList`. It keeps the memory that it names."""
+        """The rays as a kernel's `RayList`, which keeps the arrays alive."""
         shape = self.shape
         origins, o = _operand(self.origins, shape)
         directions, d = _operand(self.directions, shape)
         tmin, a = _number(self.tmin, shape)
         tmax, b = _number(self.tmax, shape)
         skip, c = _number(self.skip, shape, np.int32)
-        found = _RAYS.pack(
+        packed = _RAYS.pack(
             *origins, *directions, *tmin, *tmax, *skip, *self.frame, prod(shape), self.cull_faces, self.segments
         )
-        found.value = o, d, a, b, c
-        return found
+        packed.value = o, d, a, b, c
+        return packed
 
     def arrays(self) -> "RayArrays":
         """The rays as rows of arrays."""
         points, number = (*self.shape, 3), (*self.shape, 1)
         return RayArrays(
-            _rows(self.origins, points), _rows(self.directions, points), _rows(np.asarray(self.tmin), number),
-            _rows(np.asarray(self.tmax), number), _rows(np.asarray(self.skip), number, np.int32),
-            np.array(self.frame), self.segments,
-        )  # fmt: skip
+            _rows(self.origins, points),
+            _rows(self.directions, points),
+            _rows(np.asarray(self.tmin), number),
+            _rows(np.asarray(self.tmax), number),
+            _rows(np.asarray(self.skip), number, np.int32),
+            np.array(self.frame),
+            self.segments,
+        )
+
+
+def _copied(value: np.ndarray | float) -> np.ndarray | float:
+    return np.array(value) if isinstance(value, np.ndarray) else value
 
 
 def rays_of(
-    origins, directions, tmin, tmax, skip_face, cull_faces, frame: tuple[float, float, float], n_faces: int,
-    targets=None,
-) -> RayArguments:  # fmt: skip
+    origins: ArrayLike,
+    directions: ArrayLike | None,
+    tmin: ArrayLike,
+    tmax: ArrayLike,
+    skip_face: ArrayLike | None,
+    cull_faces: str | None,
+    frame: tuple[float, float, float],
+    n_faces: int,
+    targets: ArrayLike | None = None,
+) -> RayArguments:
     """The checked arguments of `Scene.occluded` and `Scene.closest_hit`.
 
     n_faces : number of faces of the scene
     """
-    origins, ways = as_array(origins, "origins"), "directions" if targets is None else "targets"
+    origins, target_name = as_array(origins, "origins"), "directions" if targets is None else "targets"
     if targets is not None:
         directions, tmax = _segment_ends(directions, tmin, tmax, targets)
     elif directions is None:
@@ -145,24 +165,24 @@ def rays_of(
                 f"rays must have shape (..., 6), or origins and directions (..., 3) each; got {origins.shape}"
             )
         origins, directions = origins[..., :3], origins[..., 3:]
-    directions = as_array(directions, ways)
-    for array, what in ((origins, "origins"), (directions, ways)):
+    directions = as_array(directions, target_name)
+    for array, name in ((origins, "origins"), (directions, target_name)):
         if array.ndim < 1 or array.shape[-1] != 3:
-            raise InputError(f"{what} must have shape (..., 3), not {array.shape}")
+            raise InputError(f"{name} must have shape (..., 3), not {array.shape}")
     tmin, tmax, skip = _number_or_array(tmin, "tmin"), _number_or_array(tmax, "tmax"), _skip(skip_face, n_faces)
     shape = _shape(origins.shape[:-1], directions.shape[:-1], tmin, tmax, skip)
     if shape is None:
         sizes = ", ".join(f"{name} {np.shape(x)}" for name, x in (("tmin", tmin), ("tmax", tmax), ("skip_face", skip)))
-        raise InputError(f"shapes do not broadcast: origins {origins.shape}, {ways} {directions.shape}, {sizes}")
+        raise InputError(f"shapes do not broadcast: origins {origins.shape}, {target_name} {directions.shape}, {sizes}")
     facing = 0 if cull_faces is None else cull_value(cull_faces)
     return RayArguments(origins, directions, tmin, tmax, skip, shape, facing, targets is not None, frame)
 
 
-def _number_or_array(value, what: str) -> np.ndarray | float:
+def _number_or_array(value: ArrayLike, what: str) -> np.ndarray | float:
     return value if type(value) is float else as_array(value, what)
 
 
-def _skip(skip_face, n_faces: int) -> np.ndarray | float:
+def _skip(skip_face: ArrayLike | None, n_faces: int) -> np.ndarray | float:
     if skip_face is None:
         return -1.0
     skip = as_array(skip_face, "skip_face")
@@ -173,8 +193,10 @@ def _skip(skip_face, n_faces: int) -> np.ndarray | float:
     return skip
 
 
-def _shape(origins: tuple[int, ...], directions: tuple[int, ...], *numbers) -> tuple[int, ...] | None:
-    """The shape to which rays broadcast; None: there is none. `numpy.broadcast_shapes` takes longer than a ray."""
+def _shape(
+    origins: tuple[int, ...], directions: tuple[int, ...], *numbers: np.ndarray | float
+) -> tuple[int, ...] | None:
+    """The shape to which rays broadcast; None if there is none. `numpy.broadcast_shapes` takes longer than one ray."""
     shapes = {origins, directions, *(x.shape for x in numbers if isinstance(x, np.ndarray))} - {()}
     if len(shapes) <= 1:
         return next(iter(shapes), ())
@@ -184,15 +206,17 @@ def _shape(origins: tuple[int, ...], directions: tuple[int, ...], *numbers) -> t
         return None
 
 
-def _segment_ends(directions, tmin, tmax, targets):
-    """(targets, tmax) of segments, which have no other ends."""
+def _segment_ends(
+    directions: ArrayLike | None, tmin: ArrayLike, tmax: ArrayLike, targets: ArrayLike
+) -> tuple[ArrayLike, float]:
+    """(targets, tmax) of segments, which take no directions, tmin or tmax."""
     if directions is not None or np.any(as_array(tmin, "tmin")) or np.any(as_array(tmax, "tmax") != np.inf):
-        raise InputError("targets end the rays: give either targets, or directions, tmin and tmax")
+        raise InputError("give either targets, which end the rays, or directions, tmin and tmax")
     return targets, 1.0
 
 
 def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int, int, int], np.ndarray]:
-    """The `Operand` of points that broadcast to a shape, and the array whose memory it names."""
+    """The `Operand` of points that broadcast to a shape, and the array that holds its memory."""
     double = _DOUBLE.get(array.dtype)
     if double is None:
         array, double = array.astype(np.float64), 1
@@ -204,8 +228,10 @@ def _operand(array: np.ndarray, shape: tuple[int, ...]) -> tuple[tuple[int, int,
     return (address_of(array), row, column, double), array
 
 
-def _number(value, shape: tuple[int, ...], dtype=None) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
-    """The `Number` of numbers that broadcast to a shape, and the array whose memory it names."""
+def _number(
+    value: np.ndarray | float, shape: tuple[int, ...], dtype: DTypeLike | None = None
+) -> tuple[tuple[int, int, int, float], np.ndarray | None]:
+    """The `Number` of numbers that broadcast to a shape, and the array that holds its memory."""
     if type(value) is float:
         return (0, 0, 0, value), None
     if not isinstance(value, np.ndarray) or value.ndim == 0:
@@ -225,42 +251,42 @@ class RayArrays(NamedTuple):
     frame: np.ndarray  # (3,) float64
     segments: bool = False
 
-    def part(self, places) -> "RayArrays":
-        """Some of the rays; a copy for an array of indices."""
+    def part(self, places: slice | np.ndarray) -> "RayArrays":
+        """A subset of the rays; a copy for an array of indices."""
         return self._replace(**{name: getattr(self, name)[places] for name in self._fields[:5]})
 
     def local(self) -> tuple[np.ndarray, np.ndarray]:
-        """The origins in the scene's frame, and the directions or the targets in it: (m, 3) float32 each."""
-        ways = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
-        with np.errstate(over="ignore", invalid="ignore"):  # `check` names them
+        """The origins in the scene's frame, and the directions, or the targets in this frame: (m, 3) float32 each."""
+        vectors = self.directions.astype(np.float64) - self.frame if self.segments else self.directions
+        with np.errstate(over="ignore", invalid="ignore"):  # `check` reports these rays
             origins = flush_to_zero((self.origins.astype(np.float64) - self.frame).astype(np.float32))
-            ways = np.ascontiguousarray(ways, np.float32)
-        return origins, flush_to_zero(ways) if self.segments else ways
+            vectors = np.ascontiguousarray(vectors, np.float32)
+        return origins, flush_to_zero(vectors) if self.segments else vectors
 
     def rays(self) -> RayPass:
-        """The rays in the scene's frame. Directions of segments are rounded differences of their ends."""
-        origins, ways = self.local()
+        """The rays in the scene's frame. The direction of a segment is the rounded difference of its ends."""
+        origins, directions = self.local()
         if self.segments:
             with np.errstate(over="ignore"):
-                ways = (ways.astype(np.float64) - origins).astype(np.float32)
-        return RayPass(origins, ways, np.ascontiguousarray(self.skip[:, 0]))
+                directions = (directions.astype(np.float64) - origins).astype(np.float32)
+        return RayPass(origins, directions, np.ascontiguousarray(self.skip[:, 0]))
 
     def check(self) -> None:
-        """Raise an InputError that names the first problem of the rays, if there is one."""
+        """Raise an InputError for the first invalid ray, if there is one."""
         origins, directions = self.local()
         for array, name in ((origins, "origins"), (directions, "targets" if self.segments else "directions")):
-            _demand(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
-        _demand(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
-        _demand((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
-        _demand(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
+            _require(np.isfinite(array).all(1), f"{name} hold NaN or infinity (ray {{}})")
+        _require(directions.any(1) | self.segments, "direction of ray {} is zero; give every ray a direction")
+        _require((self.tmin >= 0).all(1) & (self.tmin < np.inf).all(1), "tmin must be finite and not negative (ray {})")
+        _require(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 
 
 def changed() -> InputError:
-    """The error for rays that were wrong while they were traced, and are right afterwards, or the other way round."""
-    return InputError("the arrays of rays changed while they were traced; give copies of what other threads write")
+    """The error for rays whose validity differs between tracing and the check afterwards."""
+    return InputError("the ray arrays changed during tracing; pass copies of arrays that other threads write")
 
 
-def _rows(array, shape, dtype=None) -> np.ndarray:
+def _rows(array: np.ndarray, shape: tuple[int, ...], dtype: DTypeLike | None = None) -> np.ndarray:
     """The array broadcast to `shape`, as rows, in float32 or float64, or in `dtype`; a view if possible."""
     if shape[-1] == 1:
         array = array[..., None]
@@ -270,11 +296,11 @@ def _rows(array, shape, dtype=None) -> np.ndarray:
     return np.broadcast_to(native, shape).reshape(-1, shape[-1])
 
 
-def _demand(good: np.ndarray, message: str) -> None:
+def _require(good: np.ndarray | np.bool_, message: str) -> None:
     if not good.all():
         raise InputError(message.format(int(np.argmin(good))))
 
 
-def cull_value(cull_faces) -> int:
+def cull_value(cull_faces: str | None) -> int:
     """The CULL_FACES value of None, "front" or "back"."""
     return CULL_FACES[choice(cull_faces, "cull_faces", CULL_FACES)]

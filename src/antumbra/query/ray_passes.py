@@ -1,12 +1,14 @@
-"""Passes of one ray per pixel: diffuse rays, the camera's own rays, and their hits on a level ground plane.
+"""Passes of one ray per pixel: diffuse rays, camera rays, and hits on a level ground plane.
 
-One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so neighbouring
-pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
+Diffuse rays are traced pass by pass [Mattausch et al. 2015, Sec. 5.3]. Each pass takes one sample from each set, so
+neighbouring pixels have similar directions. Directions are rounded to float32 once, so all tracers get the same rays.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..checks import whole_number
 from ..errors import InputError
@@ -14,19 +16,16 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
-from ..scene.lights import MAX_SPP, is_bounced
+from ..scene.lights import MAX_SPP, Light, is_bounced
 from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
 from .receivers import NOTHING, SHIFT
 
-# --- Diffuse rays: passes of one ray from each pixel's surface, into the hemisphere around its normal -----------------
-#
-# One pass is traced at a time [Mattausch et al. 2015, Sec. 5.3]. It takes one sample from each set, so the directions
-# of neighbouring pixels are similar. Directions are rounded once to float32, so all tracers get the same rays.
+# --- Passes of diffuse rays -------------------------------------------------------------------------------------------
 
 
 SEED = 1
-"""Seed of the pairing of directions with light samples."""
+"""Seed of the permutation that pairs light samples with directions."""
 
 
 class RayPass(NamedTuple):
@@ -38,35 +37,35 @@ class RayPass(NamedTuple):
 
 
 def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
-    """The rays of a picture's pixels, (..., 3) float32 each, which start on no triangle."""
-    rays = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
-    return RayPass(*rays, np.full(directions.size // 3, -1, np.int32))
+    """The rays of a picture's pixels, (..., 3) float32 each, which do not start on triangles."""
+    o, d = (np.ascontiguousarray(part).reshape(-1, 3) for part in (origins, directions))
+    return RayPass(o, d, np.full(directions.size // 3, -1, np.int32))
 
 
 def camera_pass(rays: ExplicitRays, rows: slice) -> RayPass:
-    """The rays through the centres of some rows of a camera's pixels."""
+    """The rays through the pixel centres in some rows of a camera's picture."""
     x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
     return listed_pass(*rays.through(x, y))
 
 
 class Passes(NamedTuple):
-    """The samples of all passes: directions of the diffuse rays, and light samples for the surfaces they meet."""
+    """The samples of all passes: directions of diffuse rays, and light samples for the surfaces they meet."""
 
     directions: np.ndarray  # (n, 4, 4, 3) float64, on the hemisphere; repeated over the picture
     lights: list[list[np.ndarray]]  # per light and pass: (16, k, 3) float64, as from `light_samples`
 
 
-def diffuse_passes(lights, n: int, sampler: str) -> Passes:
+def diffuse_passes(lights: Sequence[Light], n: int, sampler: str) -> Passes:
     """The samples of n passes of diffuse rays, 1 to 1024, with cosine density; each ray end tests one sample per light.
 
-    Light samples are paired with directions by a random permutation, a different one for each set. Without it, samples
-    with equal numbers would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass
-    tests all lights, or all lights of a set.
+    A random permutation, different for each set, pairs light samples with directions. Without it, samples with equal
+    indices would lie in corresponding places of the light and of the hemisphere. For `PointLights` each pass tests all
+    lights, or all lights of a set.
 
     Raises
     ------
     InputError
-        If n is out of range or the sampler is unknown. If a light scales ambient light, or is itself bounced light.
+        If n is out of range, the sampler is unknown, or a light scales ambient light or is itself bounced light.
     """
     n = whole_number(n, "bounce", 1, MAX_SPP)
     for light in lights:
@@ -74,14 +73,14 @@ def diffuse_passes(lights, n: int, sampler: str) -> Passes:
         if light.domain == "hemisphere":
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
         if is_bounced(light):
-            raise InputError(f"{name} with indirect=True and bounce are both light that has bounced; leave one out")
+            raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)
-    return Passes(np.ascontiguousarray(directions), [_of_passes(light, n, sampler) for light in lights])
+    return Passes(np.ascontiguousarray(directions), [_pass_samples(light, n, sampler) for light in lights])
 
 
-def _of_passes(light, n: int, sampler: str) -> list[np.ndarray]:
-    """The samples of a light in each pass, (16, k, 3) float64."""
+def _pass_samples(light: Light, n: int, sampler: str) -> list[NDArray[np.float64]]:
+    """The samples of a light per pass, (16, k, 3) float64."""
     samples = light_samples(light, n, sampler)
     if light.domain == "list":
         return [samples] * n
@@ -106,10 +105,12 @@ def _direction_rows(ticket, normals, sides, samples, out):
             out[y, x, 0], out[y, x, 1], out[y, x, 2] = d
 
 
-def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None) -> RayPass:
+def diffuse_rays(
+    gbuffer: GBuffer, origins: NDArray[np.float32], samples: NDArray[np.float64], threads: int | None = None
+) -> RayPass:
     """One diffuse ray from each surface in a G-buffer.
 
-    origins : (H, W, 3) float32, the receivers of its surfaces
+    origins : (H, W, 3) float32, receivers on the surfaces
     samples : (h, w, 3) float64, points of the unit hemisphere; pixel (x, y) uses entry [y mod h, x mod w]
     """
     directions = np.empty_like(origins)
@@ -118,7 +119,7 @@ def diffuse_rays(gbuffer, origins: np.ndarray, samples: np.ndarray, threads=None
     return RayPass(origins.reshape(-1, 3), directions.reshape(-1, 3), gbuffer.face.reshape(-1))
 
 
-# --- The camera's rays as a list, for selected pixels -----------------------------------------------------------------
+# --- Camera rays of selected pixels -----------------------------------------------------------------------------------
 
 
 @kernel
@@ -128,11 +129,11 @@ def _directions(ticket, pixels, rays, directions):
         directions[i, 0], directions[i, 1], directions[i, 2] = d
 
 
-def rays_through(rays: CameraRays | ExplicitRays, wanted: np.ndarray, threads=None) -> RayPass:
-    """The rays through the centres of the pixels that are True in `wanted`, (H, W) bool, row by row."""
+def rays_through(rays: CameraRays | ExplicitRays, mask: NDArray[np.bool_], threads: int | None = None) -> RayPass:
+    """The rays through the centres of the pixels that are True in `mask`, (H, W) bool, row by row."""
     if isinstance(rays, ExplicitRays):
-        return RayPass(*(part[wanted.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
-    pixels = np.ascontiguousarray(np.argwhere(wanted))
+        return RayPass(*(part[mask.reshape(-1)] for part in camera_pass(rays, slice(0, rays.height))))
+    pixels = np.ascontiguousarray(np.argwhere(mask))
     m = len(pixels)
     directions = np.empty((m, 3), np.float32)
     run(_directions, thread_count(threads), new_ticket(m, 4096), pixels, rays, directions)
@@ -140,33 +141,37 @@ def rays_through(rays: CameraRays | ExplicitRays, wanted: np.ndarray, threads=No
     return RayPass(origins, directions, np.full(m, -1, np.int32))
 
 
-# --- A level ground: the points where rays that meet no surface meet a plane below them, and their receivers ----------
+# --- The ground plane -------------------------------------------------------------------------------------------------
 
 
-_FAR = 40.0  # radii of the scene that the ground reaches
-_FADES = 0.5  # share of this distance from which shadows fade, so that the ground has no border
+_FAR = 40.0  # extent of the ground, in radii of the scene
+_FADE_START = 0.5  # fraction of this distance at which shadows start to fade, so that the ground has no visible border
 
 
 class GroundPlane(NamedTuple):
-    """A level plane in the recentred frame of a scene, seen from above and up to a distance."""
+    """A level plane in the recentred frame of a scene, visible from above and up to a distance."""
 
-    axis: int  # that points up: 1 or 2
+    axis: int  # the axis that points up: 1 or 2
     height: float
-    x: float  # the middle of the scene, on the two level axes
+    x: float  # the centre of the scene, on the two level axes
     y: float
     radius: float
 
 
 class GroundHits(NamedTuple):
-    """The ground that rays meet."""
+    """Points where rays meet the ground."""
 
-    gbuffer: GBuffer  # without faces; its side is 1 where the ground is seen
+    gbuffer: GBuffer  # without faces; its side is 1 where the ground is visible
     origins: np.ndarray  # (H, W, 3) float32: receivers, as from `point_receivers`
-    kept: np.ndarray  # (H, W) float32: share of shadows that is shown: 1 near the scene, 0 where the ground ends
+    kept: np.ndarray  # (H, W) float32: shadow strength: 1 near the scene, 0 where the ground ends
 
 
 def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
-    """The plane of a ground; box : (2, 3), bounds of the scene, and `height`, both in its recentred frame."""
+    """The ground plane of a scene.
+
+    box : (2, 3), bounds of the scene in its recentred frame
+    height : of the plane, in the same frame
+    """
     lower, upper = box.astype(np.float64)
     radius = max(float(np.linalg.norm(upper - lower)) / 2.0, float(np.finfo(np.float32).tiny))
     axis = "xyz".index(up)
@@ -175,8 +180,8 @@ def plane_below(box: np.ndarray, up: str, height: float) -> GroundPlane:
 
 
 @kernel
-def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, kept):
-    """Worker: write what rays see of the plane to their pixels; arrays have a row for each pixel."""
+def _hit_plane(ticket, plane, rays, pixels, position, normal, depth, side, origins, strength):
+    """Worker: write the hits of rays on the plane to their pixels; arrays have one row per pixel."""
     up = plane.axis
     a, b = (0, 3 - up) if up != 0 else (1, 2)
     for i in items(ticket):
@@ -195,22 +200,28 @@ def _meet(ticket, plane, rays, pixels, position, normal, depth, side, origins, k
         shift = SHIFT * np.float64(max(abs(p), abs(q), abs(height)))
         origins[k, a], origins[k, b], origins[k, up] = p, q, np.float32(np.float64(height) + shift)
         normal[k, up], depth[k], side[k] = np.float32(1.0), np.float32(t), np.int8(1)
-        x = max((away - _FADES) / (1.0 - _FADES), 0.0)
-        kept[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
+        x = max((away - _FADE_START) / (1.0 - _FADE_START), 0.0)
+        strength[k] = np.float32(1.0 - x * x * (3.0 - 2.0 * x))
 
 
-def ground_hits(plane: GroundPlane, rays: RayPass, wanted: np.ndarray, origin: np.ndarray, threads=None) -> GroundHits:
-    """The ground that rays meet.
+def ground_hits(
+    plane: GroundPlane,
+    rays: RayPass,
+    mask: NDArray[np.bool_],
+    origin: NDArray[np.float64],
+    threads: int | None = None,
+) -> GroundHits:
+    """The points where rays meet the ground.
 
-    rays : those of the pixels that are True in `wanted`, (H, W) bool; they meet no surface
+    rays : rays of the pixels that are True in `mask`, (H, W) bool, which meet no surface
     origin : (3,) float64, world position of the frame's origin
     """
-    shape = wanted.shape
+    shape = mask.shape
     position, normal, origins = (np.zeros((*shape, 3), np.float32) for _ in range(3))
     depth, side = np.full(shape, np.inf, np.float32), np.full(shape, NOTHING, np.int8)
-    kept = np.zeros(shape, np.float32)
-    ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(wanted)
+    strength = np.zeros(shape, np.float32)
+    ticket, pixels = new_ticket(len(rays.origins), 4096), np.flatnonzero(mask)
     rows = (each.reshape(-1, 3) for each in (position, normal))
-    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), kept.reshape(-1)
-    run(_meet, thread_count(threads), ticket, plane, rays, pixels, *args)
-    return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, kept)
+    args = *rows, depth.reshape(-1), side.reshape(-1), origins.reshape(-1, 3), strength.reshape(-1)
+    run(_hit_plane, thread_count(threads), ticket, plane, rays, pixels, *args)
+    return GroundHits(GBuffer(position, normal, np.full(shape, -1, np.int32), depth, side, origin), origins, strength)

@@ -1,15 +1,16 @@
-"""Receivers: surface points moved off their surface, once, before any method sees them.
+"""Receivers: surface points offset from their surface once, before any tracing method, to prevent self-intersection.
 
-The shift prevents self-intersection. A receiver is shifted along its geometric normal, towards the visible side, by a
-few units in the last place of its coordinates. The amount is derived from the float32 error of the position and of its
-triangle's corners; there is no scene constant. The shift doubles until the receiver lies strictly on the visible side
-of its triangle's plane, in exact arithmetic. Then its own triangle cannot meet a segment to a light sample above the
-plane. A sample on or below the plane is occluded by the surface itself.
+A receiver is shifted along its geometric normal, towards the visible side, by a few units in the last place of its
+coordinates. The amount follows from the float32 errors of the position and of its triangle's corners, without a scene
+constant. It doubles until the receiver lies strictly on the visible side of its triangle's plane, in exact arithmetic.
+Then its own triangle cannot meet a segment to a light sample above the plane. The surface itself occludes samples on or
+below the plane.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, unit_vectors
 from ..errors import InputError
@@ -19,10 +20,10 @@ from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
 from ..scene.scene_bounds import flush_to_zero
 
-NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point without a surface
+NOTHING, FREE = 0, 2  # values of `sides` besides 1 and -1: no receiver; a point in free space
 
 SHIFT = np.float64(2.0**-21)  # eight units of float32 roundoff: rounding of position and normal, and of neighbours
-_MAX_DOUBLINGS = 60  # a triangle without area has no side; it is never seen, but the loop must end
+_MAX_DOUBLINGS = 60  # a zero-area triangle has no sides; it is never visible, but the loop must end
 
 
 @inlined
@@ -35,12 +36,12 @@ def _magnitude(corners, face):
 
 
 class _Face(NamedTuple):
-    """A triangle's plane, as `predicate.filters.plane` gives it relative to (0, 0, 0); float64."""
+    """A triangle's plane, as from `predicate.filters.plane` relative to (0, 0, 0); float64."""
 
-    v0: tuple
-    normal: tuple
+    v0: tuple[float, float, float]
+    normal: tuple[float, float, float]
     error: float
-    size: float  # largest magnitude of a coordinate of its corners
+    size: float  # largest coordinate magnitude of its corners
 
 
 @inlined
@@ -52,14 +53,16 @@ def _face_of(corners, face):
 
 
 @inlined
-def _moved_off(p, n, side, known, corners, face):
-    """The float32 receiver of the surface point p with unit normal n, towards the seen side of `face`; float64.
+def _offset_point(p, n, side, known, corners, face):
+    """The float32 receiver of the float64 surface point p with unit normal n, on the visible side of `face`.
 
     known : the `_Face` of `face`
     """
     f = np.float32
-    near, far = widest(p), known.size
-    shift = SHIFT * (near if near > far else far)  # Eq. (1) of docs/design/receivers.md
+    widest_point, widest_corner = widest(p), known.size
+    shift = SHIFT * (
+        widest_point if widest_point > widest_corner else widest_corner
+    )  # Eq. (1) of docs/design/receivers.md
     x, y, z = f(p[0] + shift * n[0]), f(p[1] + shift * n[1]), f(p[2] + shift * n[2])
     for _ in range(_MAX_DOUBLINGS):
         if side_of(known.v0, known.normal, known.error, x, y, z, corners, face) == side:
@@ -79,7 +82,7 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
             x, y, z = get(positions, 3 * i), get(positions, 3 * i + 1), get(positions, 3 * i + 2)
             if get(sides, i) != NOTHING:
                 face = np.int64(get(faces, i))
-                if face != last:  # neighbours often see the same triangle
+                if face != last:  # neighbouring pixels often see the same triangle
                     last, known = face, _face_of(corners, face)
                 p = np.float64(x), np.float64(y), np.float64(z)
                 n = (
@@ -87,17 +90,25 @@ def _move_kernel(ticket, positions, normals, faces, sides, corners, origins):
                     np.float64(get(normals, 3 * i + 1)),
                     np.float64(get(normals, 3 * i + 2)),
                 )
-                x, y, z = _moved_off(p, n, get(sides, i), known, corners, face)
+                x, y, z = _offset_point(p, n, get(sides, i), known, corners, face)
             put(origins, 3 * i, x)
             put(origins, 3 * i + 1, y)
             put(origins, 3 * i + 2, z)
 
 
-def surface_receivers(positions, normals, faces, sides, corners, threads=None) -> np.ndarray:
+def surface_receivers(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    faces: NDArray[np.int32],
+    sides: NDArray[np.int8],
+    corners: NDArray[np.float32],
+    threads: int | None = None,
+) -> NDArray[np.float32]:
     """(m, 3) float32: the receivers of m points on known triangles.
 
-    positions, normals : (m, 3) float32; normals of unit length towards the seen side
-    faces : (m,) int32 triangle indices; sides : (m,) int8 seen side of the triangle's plane, NOTHING to leave out
+    positions, normals : (m, 3) float32; normals have unit length and point to the visible side
+    faces : (m,) int32 triangle indices
+    sides : (m,) int8, visible side of the triangle's plane; NOTHING: leave out the point
     corners : (n, 9) float32
     """
     origins = np.empty_like(positions)
@@ -106,11 +117,15 @@ def surface_receivers(positions, normals, faces, sides, corners, threads=None) -
     return origins
 
 
-def point_receivers(points, normals, world, single: bool) -> np.ndarray:
-    """(m, 3) float32: the receivers of points on surfaces of which only the normals are known.
+def point_receivers(
+    points: NDArray[np.float64], normals: NDArray[np.float64], world: NDArray[np.float64], single: bool
+) -> NDArray[np.float32]:
+    """(m, 3) float32: the receivers of points on surfaces that are known only by their normals.
 
-    points : (m, 3) float64, recentred; normals : (m, 3) float64, unit length
-    world : (m, 3) float64 world positions; `single`: they were passed as float32, so their own error counts
+    points : (m, 3) float64, recentred
+    normals : (m, 3) float64, unit length
+    world : (m, 3) float64, world positions
+    single : whether the world positions were passed as float32, so that their rounding error counts too
     """
     shift = SHIFT * np.abs(points).max(-1, keepdims=True)  # Eq. (2) of docs/design/receivers.md
     if single:
@@ -119,23 +134,23 @@ def point_receivers(points, normals, world, single: bool) -> np.ndarray:
 
 
 class Receivers(NamedTuple):
-    """Points that ask what they see, in a picture-like array: a list of n points has the shape (1, n).
+    """Query points, in an array shaped like a picture: a list of n points has the shape (1, n).
 
-    `on_surface` and `in_space` make them. Made once, they serve any number of questions.
+    Constructed by `on_surface` or `in_space`, and reusable for any number of queries.
     """
 
     origins: np.ndarray  # (h, w, 3) float32, moved off their surfaces, recentred frame
     sides: np.ndarray  # (h, w) int8: 1, FREE, or NOTHING where there is no receiver
-    normals: np.ndarray  # (h, w, 3) float64 unit, to the tested side; (0, 0, 3) for points in free space
+    normals: np.ndarray  # (h, w, 3) float64 unit, towards the tested side; (0, 0, 3) for points in free space
 
     @classmethod
-    def in_space(cls, points: np.ndarray, frame: np.ndarray) -> "Receivers":
-        """Points in free space, which are used unchanged.
+    def in_space(cls, points: ArrayLike, frame: ArrayLike) -> "Receivers":
+        """Points in free space, without an offset.
 
         Parameters
         ----------
         points : (..., 3) of any floating point or integer dtype, world
-        frame : (3,) float64, world position of the zero of the scene's frame
+        frame : (3,) float64, world position of the origin of the scene's frame
 
         Raises
         ------
@@ -146,36 +161,38 @@ class Receivers(NamedTuple):
         return cls(origins, np.full(origins.shape[:2], FREE, np.int8), _NO_NORMALS)
 
     @classmethod
-    def on_surface(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
-        """Points on surfaces, moved off them by a few units in the last place.
+    def on_surface(cls, points: ArrayLike, normals: ArrayLike, frame: ArrayLike) -> "Receivers":
+        """Points on surfaces, offset from them by a few units in the last place.
 
         Parameters
         ----------
         points : (..., 3) of any floating point or integer dtype, world
-        normals : (..., 3) float, to the tested side, of any length; they broadcast against the points
-        frame : (3,) float64, world position of the zero of the scene's frame
+        normals : (..., 3) float, towards the tested side, of any length; they broadcast against the points
+        frame : (3,) float64, world position of the origin of the scene's frame
 
         Raises
         ------
         InputError
             As for `in_space`; and if the normals do not broadcast, or one is zero, NaN or infinite.
         """
-        points = _points(points)
-        _in_frame(points, frame)
-        unit = _unit_normals(normals, points.shape)
-        world = points.astype(np.float64).reshape(1, -1, 3)
-        return cls.moved_off(world, unit[None], frame, points.dtype == np.float32)
+        array = _points(points)
+        _in_frame(array, frame)
+        unit = _unit_normals(normals, array.shape)
+        world = array.astype(np.float64).reshape(1, -1, 3)
+        return cls.moved_off(world, unit[None], np.asarray(frame), array.dtype == np.float32)
 
     @classmethod
-    def of(cls, points: np.ndarray, normals, frame: np.ndarray) -> "Receivers":
-        """Points `on_surface`; or `in_space`, if `normals` is None."""
+    def of(cls, points: ArrayLike, normals: ArrayLike | None, frame: ArrayLike) -> "Receivers":
+        """Points `in_space` if `normals` is None, otherwise `on_surface`."""
         return cls.in_space(points, frame) if normals is None else cls.on_surface(points, normals, frame)
 
     @classmethod
-    def moved_off(cls, points: np.ndarray, normals: np.ndarray, frame: np.ndarray, single=False) -> "Receivers":
-        """(h, w, 3) points on surfaces as from `on_surface`, whose float64 coordinates and unit normals are checked.
+    def moved_off(
+        cls, points: NDArray[np.float64], normals: NDArray[np.float64], frame: np.ndarray, single: bool = False
+    ) -> "Receivers":
+        """`on_surface` for (h, w, 3) float64 points and unit normals that are already checked.
 
-        single : whether they were given as float32
+        single : whether the points were passed as float32
         """
         flat = points.reshape(-1, 3)
         origins = point_receivers(flat - frame, normals.reshape(-1, 3), flat, single).reshape(points.shape)
@@ -183,37 +200,37 @@ class Receivers(NamedTuple):
 
     @property
     def n(self) -> int:
-        """The number of receivers, with those that are missing."""
+        """The number of receivers, including missing ones."""
         return self.sides.size
 
-    def take(self, places) -> "Receivers":
-        """Some receivers of a list: a slice, or (m,) indices or flags."""
+    def take(self, places: slice | np.ndarray) -> "Receivers":
+        """A subset of a list of receivers; `places`: a slice, or (m,) indices or flags."""
         normals = self.normals[:, places] if self.normals.size else self.normals
         return Receivers(np.ascontiguousarray(self.origins[:, places]), self.sides[:, places], normals)
 
     def seeing_all_around(self) -> "Receivers":
-        """The same places, without surfaces that hide what is below them."""
+        """The same points in free space, without a surface that occludes what is below it."""
         return Receivers(self.origins, np.full_like(self.sides, FREE), _NO_NORMALS)
 
 
 _NO_NORMALS = np.empty((0, 0, 3))
 
 
-def _points(given) -> np.ndarray:
-    points = as_array(given, "points")
+def _points(values: ArrayLike) -> np.ndarray:
+    points = as_array(values, "points")
     if points.ndim < 1 or points.shape[-1] != 3:
         raise InputError(f"points must have shape (..., 3), not {points.shape}")
     return points
 
 
-def _in_frame(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
+def _in_frame(points: np.ndarray, frame: ArrayLike) -> NDArray[np.float32]:
     """(n, 3) float32, finite, in the scene's frame."""
-    frame = as_array(frame, "frame")
-    if frame.shape != (3,):
-        raise InputError(f"frame must have shape (3,), not {frame.shape}; Scene.origin is that of a scene")
+    origin = as_array(frame, "frame")
+    if origin.shape != (3,):
+        raise InputError(f"frame must have shape (3,), not {origin.shape}; pass Scene.origin")
     with np.errstate(invalid="ignore", over="ignore"):
-        local = points.astype(np.float64, copy=False).reshape(-1, 3) - frame
-        single = local.astype(np.float32)
+        local = points.astype(np.float64, copy=False).reshape(-1, 3) - origin
+        single: NDArray[np.float32] = local.astype(np.float32)
     if not np.isfinite(single).all():
         if not np.isfinite(local).all():
             raise InputError("points hold NaN or infinity")
@@ -221,13 +238,13 @@ def _in_frame(points: np.ndarray, frame: np.ndarray) -> np.ndarray:
     return single
 
 
-def _unit_normals(normals, shape: tuple[int, ...]) -> np.ndarray:
-    normals = as_array(normals, "normals").astype(np.float64)
-    if normals.ndim < 1 or normals.shape[-1] != 3:
-        raise InputError(f"normals must have shape (..., 3), not {normals.shape}")
+def _unit_normals(normals: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    vectors = as_array(normals, "normals").astype(np.float64)
+    if vectors.ndim < 1 or vectors.shape[-1] != 3:
+        raise InputError(f"normals must have shape (..., 3), not {vectors.shape}")
     try:
-        normals = np.broadcast_to(normals, shape).reshape(-1, 3)
+        vectors = np.broadcast_to(vectors, shape).reshape(-1, 3)
     except ValueError:
-        raise InputError(f"normals {normals.shape} do not broadcast to the points {shape}") from None
-    unit = unit_vectors(normals, "the normal of point", "leave normals out for points in free space")
+        raise InputError(f"normals {vectors.shape} do not broadcast to the points {shape}") from None
+    unit = unit_vectors(vectors, "the normal of point", "leave normals out for points in free space")
     return np.ascontiguousarray(unit)

@@ -1,46 +1,46 @@
-"""The shadow query: the segments from receivers to light samples. Every tracer's answer depends on it alone.
+"""The shadow query: the segments from receivers to light samples, the complete input of every tracer.
 
-Also the queries of a picture, at the surfaces that its pixels see, and the samples below a receiver's horizon, which
+Also the queries of a picture, at the visible surfaces of its pixels, and the samples below a receiver's horizon, which
 need no tracing.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.exact.filters import plane, widest
 from ..kernels.exact.predicate import exact_plane_side
 from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, popcount, ptr, put
-from ..scene.lights import AMBIENT, LightPatch
+from ..scene.lights import AMBIENT, Light, LightPatch
 from ..scene.triangles import Triangles
 from .gbuffer import GBuffer
 from .light_samples import patch_at, sample_point
 from .query_bounds import bounds, place, reach_of
 from .receivers import FREE, NOTHING, surface_receivers
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The shadow query: the segments between receivers and light samples. Every tracer's answer depends on it alone.
+# --- The shadow query -------------------------------------------------------------------------------------------------
 
 
-_FEW_WORDS = 16  # for fewer, a kernel costs more than it saves
+_FEW_WORDS = 16  # up to this many words, NumPy is faster than a kernel
 
 CULL_FACES = {None: 0, "front": -1, "back": 1}
 """Name -> sign of d . n of the triangles that do not block; d: the ray's direction, n: the triangle's normal."""
 
 
 class ShadowQuery(NamedTuple):
-    """Receivers, a light, and sample sets: one segment for each receiver and sample.
+    """Receivers, a light, and sample sets: one segment per receiver and sample.
 
-    Receiver (y, x) uses sample set (x mod 4) + 4 (y mod 4); receivers that are not pixels form one row.
+    Receiver (y, x) uses sample set (x mod 4) + 4 (y mod 4); receivers that are not pixels form a single row.
     """
 
     origins: np.ndarray  # (h, w, 3) float32, receivers moved off their surface, recentred frame
     faces: np.ndarray  # (h, w) int32, the receiver's own triangle in `corners`, -1 if it has none
     sides: np.ndarray  # (h, w) int8: +-1: visible side of the surface; FREE: no surface; NOTHING: no receiver
-    normals: np.ndarray  # (h, w, 3) float64 unit, to the visible side; (0, 0, 3) if no face is -1 and no light AMBIENT
+    normals: np.ndarray  # (h, w, 3) float64 unit, to the visible side; (0, 0, 3) if all have faces and no light AMBIENT
     corners: np.ndarray  # (n, 9) float32, the triangles that `faces` indexes
     light: LightPatch
     samples: np.ndarray  # (16, spp, 3) float64, (a, b, c) in the light's domain
@@ -49,27 +49,31 @@ class ShadowQuery(NamedTuple):
 
 
 def with_receivers(query: ShadowQuery, pick: Callable[[np.ndarray], np.ndarray]) -> ShadowQuery:
-    """The query of other receivers: `pick` takes them from each (h, w, ...) array. Sets belong to their new places."""
+    """The query of a selection of receivers: `pick` takes them from each (h, w, ...) array.
+
+    Their sample sets follow from their new places.
+    """
     names = "origins", "faces", "sides", "ids", *(["normals"] if query.normals.size else [])
-    return query._replace(**{name: np.ascontiguousarray(pick(getattr(query, name))) for name in names})
+    changes: dict[str, Any] = {name: np.ascontiguousarray(pick(getattr(query, name))) for name in names}
+    return query._replace(**changes)
 
 
-def new_bits(query: ShadowQuery) -> np.ndarray:
-    """(h, w, ceil(spp / 64)) uint64: the answer in which nothing is occluded yet."""
+def new_bits(query: ShadowQuery) -> NDArray[np.uint64]:
+    """(h, w, ceil(spp / 64)) uint64 zeros: no sample is occluded."""
     return np.zeros((*query.sides.shape, -(-query.samples.shape[1] // 64)), np.uint64)
 
 
 def ray_count(query: ShadowQuery) -> int:
     """The number of segments."""
-    return int(np.count_nonzero(query.sides != NOTHING)) * query.samples.shape[1]
+    return int(np.count_nonzero(query.sides != NOTHING)) * int(query.samples.shape[1])
 
 
 class Horizon(NamedTuple):
-    """The plane of one receiver's surface, to decide which light samples lie above it. Float64 scalars."""
+    """The plane of one receiver's surface, which decides which light samples lie above it. Float64 scalars."""
 
     side: int  # the receiver's side of the plane; FREE: there is no plane
     face: int  # the triangle in the plane; -1: only the normal is known
-    px: float  # a point of the plane
+    px: float  # a point in the plane
     py: float
     pz: float
     nx: float  # its normal, any length
@@ -91,9 +95,9 @@ class QueryPointers(NamedTuple):
     light: LightPatch  # with tuples of three numbers
     facing: int  # a value of CULL_FACES
     h: int
-    w: int  # receivers in a row
+    w: int  # receivers per row
     spp: int
-    words: int  # uint64 of a receiver's bits
+    words: int  # uint64 words per receiver
 
 
 @inlined
@@ -155,7 +159,7 @@ def horizon_of(query, i):
 
 @inlined
 def set_bit(query, bits, i, s):
-    """Set the bit of sample s of receiver i, which is blocked; `bits`: pointer to the answer."""
+    """Set the bit of the blocked sample s of receiver i; `bits`: pointer to the answer."""
     at = i * query.words + (s >> 6)
     put(bits, at, get(bits, at) | np.uint64(1) << np.uint64(s & 63))
 
@@ -176,22 +180,22 @@ def is_above(horizon, lx, ly, lz, corners):
 
 @kernel
 def _segments_kernel(query, ends, above):
-    asked = query_pointers(query)
-    for y in range(asked.h):
-        for x in range(asked.w):
-            i = y * asked.w + x
-            patch, horizon = patch_of(asked, i), horizon_of(asked, i)
-            for s in range(asked.spp):
-                lx, ly, lz = sample_of(asked, patch, i, s)
+    pointers = query_pointers(query)
+    for y in range(pointers.h):
+        for x in range(pointers.w):
+            i = y * pointers.w + x
+            patch, horizon = patch_of(pointers, i), horizon_of(pointers, i)
+            for s in range(pointers.spp):
+                lx, ly, lz = sample_of(pointers, patch, i, s)
                 ends[y, x, s, 0], ends[y, x, s, 1], ends[y, x, s, 2] = lx, ly, lz
-                above[y, x, s] = get(asked.sides, i) != NOTHING and is_above(horizon, lx, ly, lz, asked.corners)
+                above[y, x, s] = get(pointers.sides, i) != NOTHING and is_above(horizon, lx, ly, lz, pointers.corners)
 
 
 def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
-    """All segments of a query, one for each receiver and sample: (ends, above).
+    """All segments of a query, one per receiver and sample: (ends, above).
 
     ends : (h, w, spp, 3) float32, ends of the segments that begin at ``query.origins``
-    above : (h, w, spp) bool; False if the surface itself occludes the sample, or there is no receiver
+    above : (h, w, spp) bool; False if the surface itself occludes the sample or there is no receiver
     """
     h, w = query.sides.shape
     spp = query.samples.shape[1]
@@ -202,7 +206,7 @@ def segments(query: ShadowQuery) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel
 def _fraction_kernel(ticket, bits, spp, out):
-    """Worker: for each row of words, the share of the spp samples whose bit is not set."""
+    """Worker: for each row of words, the fraction of the spp samples whose bit is not set."""
     p, words = ptr(bits), bits.shape[1]
     for i in items(ticket):
         occluded = 0
@@ -211,44 +215,45 @@ def _fraction_kernel(ticket, bits, spp, out):
         out[i] = np.float32(1.0 - np.float64(occluded) / spp)
 
 
-def fraction_lit(bits: np.ndarray, spp: int, threads=None) -> np.ndarray:
-    """(...) float32: the share of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
+def fraction_lit(bits: NDArray[np.uint64], spp: int, threads: int | None = None) -> NDArray[np.float32]:
+    """(...) float32: the fraction of samples that are not occluded, from bits (..., ceil(spp / 64)) uint64."""
     if bits.size <= _FEW_WORDS:
         occluded = np.bitwise_count(bits)
         occluded = occluded[..., 0] if bits.shape[-1] == 1 else occluded.sum(-1)
-        return (1.0 - occluded / float(spp)).astype(np.float32)
+        fraction: NDArray[np.float32] = (1.0 - occluded / float(spp)).astype(np.float32)
+        return fraction
     out = np.empty(bits.shape[:-1], np.float32)
     ticket = new_ticket(out.size, 1 << 16)
     run(_fraction_kernel, thread_count(threads), ticket, bits.reshape(-1, bits.shape[-1]), spp, out.reshape(-1))
     return out
 
 
-# --- Light samples below the horizons of receivers, without any triangle ----------------------------------------------
+# --- Samples below the horizon ----------------------------------------------------------------------------------------
 
 
 @kernel
 def _below_kernel(ticket, query, bits):
-    asked, out = query_pointers(query), ptr(bits)
+    pointers, out = query_pointers(query), ptr(bits)
     for i in items(ticket):
-        patch, horizon = patch_of(asked, i), horizon_of(asked, i)
-        for s in range(asked.spp):
-            x, y, z = sample_of(asked, patch, i, s)
-            if not is_above(horizon, x, y, z, asked.corners):
-                set_bit(asked, out, i, s)
+        patch, horizon = patch_of(pointers, i), horizon_of(pointers, i)
+        for s in range(pointers.spp):
+            x, y, z = sample_of(pointers, patch, i, s)
+            if not is_above(horizon, x, y, z, pointers.corners):
+                set_bit(pointers, out, i, s)
 
 
-def below_horizon(query: ShadowQuery, threads: int | None = None) -> np.ndarray:
-    """(h, w, ceil(spp / 64)) uint64: bit s is set where the receiver's own surface occludes sample s."""
+def below_horizon(query: ShadowQuery, threads: int | None = None) -> NDArray[np.uint64]:
+    """(h, w, ceil(spp / 64)) uint64: bit s is set if the receiver's own surface occludes sample s."""
     bits = new_bits(query)
     run(_below_kernel, thread_count(threads), new_ticket(query.sides.size, 256), query, bits)
     return bits
 
 
-# --- The shadow queries of a picture, at the surfaces that its pixels see ---------------------------------------------
+# --- Shadow queries of a picture --------------------------------------------------------------------------------------
 
 
 class ShadingNormals(NamedTuple):
-    """Normals for shading alone: shadows stay on the geometric surface."""
+    """Normals for shading only; shadows use the geometric surface."""
 
     normal: np.ndarray  # (H, W, 3) float32, unit length, towards the camera
     bend: np.ndarray  # (H, W) float32: sine of the height above their horizon where light ends
@@ -262,7 +267,7 @@ class Surfaces(NamedTuple):
     ids: np.ndarray  # (H, W) int32: index of the face in the scene; -1: background
     box: np.ndarray | None = None  # (2, 3) float32: bounds of the whole scene; None: use the bounds of `triangles`
     albedo: np.ndarray | None = None  # (H, W, 3) float32: linear base colours; None: those of the faces
-    shading: ShadingNormals | None = None  # None: the geometric normals shade
+    shading: ShadingNormals | None = None  # None: shade with the geometric normals
 
 
 def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
@@ -271,25 +276,38 @@ def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
 
 
 def stacked(bands: Sequence[Surfaces]) -> Surfaces:
-    """The surfaces of bands of a picture, which follow one another from top to bottom. Each triangle is kept once."""
-    seen = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
-    ids, first = np.unique(np.concatenate([triangles.face_id for triangles in seen]), return_index=True)
-    vertices, colour = (np.concatenate([getattr(t, name) for t in seen])[first] for name in ("vertices", "colour"))
+    """The surfaces of a picture's consecutive bands, from top to bottom. Each triangle is stored once."""
+    meshes = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
+    ids, first = np.unique(np.concatenate([triangles.face_id for triangles in meshes]), return_index=True)
+    vertices, colour = (np.concatenate([getattr(t, name) for t in meshes])[first] for name in ("vertices", "colour"))
     faces = [np.where(b.ids >= 0, np.searchsorted(ids, b.ids), -1).astype(np.int32) for b in bands]
     names = "position", "normal", "depth", "side"
     of_all = {name: np.concatenate([getattr(b.gbuffer, name) for b in bands]) for name in names}
     gbuffer = bands[0].gbuffer._replace(**of_all, face=np.concatenate(faces))
-    triangles = Triangles(vertices, seen[0].origin, ids, colour)
+    triangles = Triangles(vertices, meshes[0].origin, ids, colour)
     return Surfaces(gbuffer, triangles, np.concatenate([band.ids for band in bands]), bands[0].box)
 
 
-def shadow_queries(triangles, gbuffer, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """One query per light at the surfaces in a G-buffer; ``samples``: per light, from `light_samples`."""
+def shadow_queries(
+    triangles: Triangles,
+    gbuffer: GBuffer,
+    lights: Sequence[Light],
+    samples: Sequence[NDArray[np.float64]],
+    cull_faces: int = 0,
+    threads: int | None = None,
+) -> list[ShadowQuery]:
+    """One query per light at the surfaces in a G-buffer; ``samples``: one array per light, from `light_samples`."""
     return surface_queries(surfaces_of(gbuffer, triangles), lights, samples, cull_faces, threads)
 
 
-def surface_queries(surfaces: Surfaces, lights, samples, cull_faces=0, threads=None) -> list[ShadowQuery]:
-    """As `shadow_queries`, for `Surfaces`."""
+def surface_queries(
+    surfaces: Surfaces,
+    lights: Sequence[Light],
+    samples: Sequence[NDArray[np.float64]],
+    cull_faces: int = 0,
+    threads: int | None = None,
+) -> list[ShadowQuery]:
+    """`shadow_queries` for `Surfaces`."""
     gbuffer, triangles, ids, box = surfaces[:4]
     shape = gbuffer.face.shape
     corners = triangles.vertices.reshape(-1, 9)

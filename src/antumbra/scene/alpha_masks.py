@@ -1,52 +1,53 @@
-"""Alpha masks: cut-out faces, whose holes come from the alpha channel of a texture. Light passes through the holes.
+"""Alpha masks of cut-out faces, through whose transparent texels light passes.
 
-A mask says of each texel whether it is solid. A ray that meets a cut-out is stopped if the texel there is solid
-(docs/design/cutouts.md). Most faces of a textured leaf or fence are found to be solid, or clear, as a whole: only the
-others are cut-outs, and only they ever read a texel.
+A mask marks each texel as solid or clear. A cut-out face blocks a ray if the texel at the hit point is solid
+(docs/design/cutouts.md). Most faces of a textured leaf or fence are classified as entirely solid or entirely clear.
+Only the remaining faces are cut-outs and need texel lookups.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .appearance import Appearance
 from .materials import BLEND, CLAMP, MASK, MIRROR, Material, Texture
 
 SOLID, CUT, CLEAR = range(3)
-"""What a face is."""
+"""Classes of faces."""
 
-_HALF = 0.5  # alpha from which a BLEND texel stops light
+_HALF = 0.5  # least alpha of a solid BLEND texel
 _ROUNDING = 1e-6  # 128 / 255 is solid at the cutoff 0.50196
-_FAR = 1e6  # texture coordinates beyond this are clamped to it: their texels fit whole numbers
-_MARGIN = 1  # texels around a face's own that count as its own: covers the rounding of texture coordinates
+_FAR = 1e6  # texture coordinates are clamped to this magnitude, so that texel indices fit integers
+_MARGIN = 1  # texels by which a face's range is widened, against rounding of texture coordinates
 
 
 class AlphaMask(NamedTuple):
-    """The texels of a texture that are solid."""
+    """The solid texels of a texture."""
 
-    solid: np.ndarray  # (h, w) bool, the first row is at v = 0
+    solid: NDArray[np.bool_]  # (h, w) bool, first row at v = 0
     wrap: tuple[int, int]  # REPEAT, CLAMP or MIRROR along u and v
 
 
 class Cutouts(NamedTuple):
-    """The cut-outs of a scene, and the faces that are solid. Faces in neither are clear: nothing meets them."""
+    """The cut-out and the solid faces of a scene. All other faces are clear, and no ray hits them."""
 
-    solid: np.ndarray  # (k,) int32, ascending: faces without a hole
-    faces: np.ndarray  # (m,) int32, ascending: cut-outs
-    uv: np.ndarray  # (m, 3, 2) float32: texture coordinates of their corners
-    mask: np.ndarray  # (m,) int32: their masks
-    shapes: np.ndarray  # (p, 4) int32, of each mask: width, height, and how it goes on along u and v
-    first: np.ndarray  # (p,) int64, of each mask: its place in `texels`
-    texels: np.ndarray  # (b,) uint8: a bit a texel, 1: solid; rows begin at whole bytes, the lowest bit comes first
+    solid: NDArray[np.int32]  # (k,) int32, ascending: faces without holes
+    faces: NDArray[np.int32]  # (m,) int32, ascending: cut-outs
+    uv: NDArray[np.float32]  # (m, 3, 2) float32: texture coordinates of their corners
+    mask: NDArray[np.int32]  # (m,) int32: their masks
+    shapes: NDArray[np.int32]  # (p, 4) int32, of each mask: width, height, wrap modes along u and v
+    first: NDArray[np.int64]  # (p,) int64, of each mask: its offset in `texels`
+    texels: NDArray[np.uint8]  # (b,) uint8: one bit per texel, 1: solid; rows start at whole bytes, lowest bit first
 
 
 def find_cutouts(appearance: Appearance) -> Cutouts | None:
-    """The cut-outs of a scene with alpha; None if no face has a hole.
+    """The cut-outs of a scene with alpha; None if no face has holes.
 
-    A texel is solid if its alpha is at least the cutoff of a MASK material, or a half with BLEND. The alpha of a
-    material and the mean alpha of a face's corners multiply it.
+    A texel is solid if its alpha is at least the cutoff of a MASK material, or at least one half with BLEND. It is
+    multiplied by the material's alpha and by the mean alpha of the face's corners.
 
     Raises
     ------
@@ -59,31 +60,32 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
         if material.alpha_mode not in (MASK, BLEND):
             continue
         faces = np.flatnonzero(appearance.material_of_face == index)
-        least = _least_byte(appearance, material, faces)
+        thresholds = _least_byte(appearance, material, faces)
         textured = appearance.textured[faces]
-        for byte in np.unique(least):
-            for shown in (True, False):
-                some = faces[(least == byte) & (textured == shown)]
-                if not len(some):
+        for byte in np.unique(thresholds):
+            for has_texture in (True, False):
+                rows = faces[(thresholds == byte) & (textured == has_texture)]
+                if not len(rows):
                     continue
-                key = (material.texture if shown else None), int(byte)
+                key = (material.texture if has_texture else None), int(byte)
                 if key not in numbers:
                     numbers[key] = len(masks)
                     masks.append(_mask_of(*key))
-                mask[some] = numbers[key]
+                mask[rows] = numbers[key]
     uv = np.zeros((len(mask), 3, 2), np.float32) if appearance.uv is None else appearance.uv
     return with_masks(uv, mask, masks)
 
 
-def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> np.ndarray:
-    """(f,) int: the least alpha of a solid texel, 0 to 255; 256: no texel is solid."""
+def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.int_]:
+    """(f,) int: the alpha threshold of each face, 0 to 255; 256: no texel is solid."""
     alpha = np.full(len(faces), float(material.factor[3]))
     if appearance.colours is not None:
         alpha *= appearance.colours[faces, :, 3].mean(1, dtype=np.float64)
     cutoff = material.cutoff if material.alpha_mode == MASK else _HALF
     with np.errstate(divide="ignore", invalid="ignore"):
         least = np.ceil(255.0 * cutoff / alpha - _ROUNDING)
-    return np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
+    out: NDArray[np.int_] = np.clip(np.nan_to_num(least, nan=0.0, posinf=256.0), 0, 256).astype(int)
+    return out
 
 
 def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
@@ -98,11 +100,11 @@ def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
     return AlphaMask(alpha >= least, (texture.wrap_s, texture.wrap_t))
 
 
-def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[AlphaMask]) -> Cutouts | None:
-    """The `Cutouts` of faces with known masks; None if no face has a hole.
+def with_masks(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> Cutouts | None:
+    """The `Cutouts` of faces with given masks; None if no face has holes.
 
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
-    mask : (n,) int32, index in `masks` of each face, -1: the face is solid
+    mask : (n,) int32, index in `masks` for each face; -1: the face is solid
     """
     kinds = np.full(len(mask), SOLID, np.int8)
     for k, each in enumerate(masks):
@@ -118,26 +120,29 @@ def with_masks(uv: np.ndarray, mask: np.ndarray, masks: Sequence[AlphaMask]) -> 
     return Cutouts(solid, cut, finite(uv[cut]), mask[cut].astype(np.int32), shapes, first, np.concatenate(rows))
 
 
-def finite(uv: np.ndarray) -> np.ndarray:
-    """Texture coordinates without NaN and infinity, float32."""
-    return np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
+def finite(uv: np.ndarray) -> NDArray[np.float32]:
+    """Texture coordinates with NaN and infinity replaced, float32."""
+    out: NDArray[np.float32] = np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
+    return out
 
 
 def _kinds(uv: np.ndarray, mask: AlphaMask) -> np.ndarray:
-    """(f,) int8: whether the texels around each face are all solid, all clear, or both."""
+    """(f,) int8: SOLID, CLEAR or CUT, depending on the texels in each face's bounding rectangle (summed-area table)."""
     h, w = mask.solid.shape
-    sums = np.zeros((h + 1, w + 1), np.int64)  # of all texels above and to the left
+    sums = np.zeros((h + 1, w + 1), np.int64)  # summed-area table: over all texels above and to the left
     np.cumsum(np.cumsum(mask.solid, axis=0, dtype=np.int64), axis=1, out=sums[1:, 1:])
-    (columns, wide), (rows, high) = (_stretches(uv[..., k], size, mask.wrap[k]) for k, size in enumerate((w, h)))
+    (column_spans, n_columns), (row_spans, n_rows) = (
+        _texel_spans(uv[..., k], size, mask.wrap[k]) for k, size in enumerate((w, h))
+    )
     solid = np.zeros(len(uv), np.int64)
-    for x0, x1 in columns:
-        for y0, y1 in rows:
+    for x0, x1 in column_spans:
+        for y0, y1 in row_spans:
             solid += sums[y1, x1] - sums[y0, x1] - sums[y1, x0] + sums[y0, x0]
-    return np.where(solid == 0, CLEAR, np.where(solid == wide * high, SOLID, CUT)).astype(np.int8)
+    return np.where(solid == 0, CLEAR, np.where(solid == n_columns * n_rows, SOLID, CUT)).astype(np.int8)
 
 
-def _stretches(u: np.ndarray, size: int, wrap: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
-    """The texels that faces cover along one axis, as two stretches [begin, end) of the texture; and their number.
+def _texel_spans(u: np.ndarray, size: int, wrap: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    """The texels that faces cover along one axis, as two ranges [begin, end); and their number.
 
     u : (f, 3), texture coordinates of corners
     """
@@ -147,26 +152,26 @@ def _stretches(u: np.ndarray, size: int, wrap: int) -> tuple[list[tuple[np.ndarr
     if wrap == CLAMP:
         low, high = np.clip(low, 0, size - 1), np.clip(high, 1, size)
         return [(low, high), (none, none)], high - low
-    if wrap == MIRROR:  # faces that reach over a fold cover what the wider side of it does
+    if wrap == MIRROR:  # of a face that crosses a fold, the wider side covers the other
         low, high = _folded(low, high, size)
-    whole = high - low >= size
-    begin = np.where(whole, 0, low % size)
-    end = np.where(whole, size, begin + (high - low))
+    covers_all = high - low >= size
+    begin = np.where(covers_all, 0, low % size)
+    end = np.where(covers_all, size, begin + (high - low))
     return [(begin, np.minimum(end, size)), (none, np.maximum(end - size, 0))], end - begin
 
 
 def _folded(low: np.ndarray, high: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Stretches of a mirrored texture, turned to the texture itself, where they take a single stretch."""
+    """Texel ranges of a mirrored texture, folded back onto the texture, where each becomes a single range."""
     first, last = low // size, (high - 1) // size
-    a, b = mirrored(low, size), mirrored(high - 1, size)
+    a, b = mirrored_texels(low, size), mirrored_texels(high - 1, size)
     low, high = np.minimum(a, b), np.maximum(a, b) + 1
-    fold = np.where(first % 2 == 0, size, 0)  # the end of the texture at which the stretch turns
-    over = last == first + 1
-    low, high = np.where(over, np.minimum(low, fold), low), np.where(over, np.maximum(high, fold), high)
+    fold = np.where(first % 2 == 0, size, 0)  # the texture edge at which the range is mirrored
+    crosses_fold = last == first + 1
+    low, high = np.where(crosses_fold, np.minimum(low, fold), low), np.where(crosses_fold, np.maximum(high, fold), high)
     return np.where(last > first + 1, 0, low), np.where(last > first + 1, size, high)
 
 
-def mirrored(x: np.ndarray, size: int) -> np.ndarray:
-    """Texels of a texture that is mirrored at each of its edges."""
+def mirrored_texels(x: np.ndarray, size: int) -> np.ndarray:
+    """Texel indices of a texture that is mirrored at its edges."""
     x = x % (2 * size)
     return np.where(x < size, x, 2 * size - 1 - x)

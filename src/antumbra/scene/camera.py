@@ -1,81 +1,88 @@
-"""Cameras: perspective, orthographic and panoramic, the rays through their pixels, and the camera that frames a scene.
+"""Perspective, orthographic and panoramic cameras, the rays through their pixels, and automatic framing.
 
-`CameraRays` are computed in kernels; `ExplicitRays` list the rays of orthographic and panoramic cameras. The framing
-functions give the default camera and light of a scene without its own.
+`CameraRays` parametrises the rays of a perspective camera, which kernels evaluate. `ExplicitRays` evaluates the rays of
+orthographic and panoramic cameras up front. The framing functions supply the default camera and light for scenes that
+have none of their own.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import choice, number, vector, whole_number
 from ..errors import InputError
-from .lights import QuadLight
+from .lights import QuadLight, Vector
 from .scene_bounds import flush_to_zero
 
-# --- The rays of orthographic and panoramic cameras, listed one by one ------------------------------------------------
+# --- Explicit rays of orthographic and panoramic cameras --------------------------------------------------------------
 
 
 class ExplicitRays(NamedTuple):
     """The rays of an orthographic or panoramic camera, in the recentred frame of a scene.
 
-    Each ray is computed in float64 and rounded once to float32, so every method traces the same rays. Directions have
-    unit length, so t is a distance.
+    Each ray is computed in float64 and rounded once to float32, so that every method traces the same rays. Directions
+    have unit length, so t is a distance.
     """
 
-    origin: np.ndarray  # (3,) float64, recentred
-    axes: np.ndarray  # (3, 3) float64: unit vectors to the right and down in the picture, and towards its middle
+    origin: NDArray[np.float64]  # (3,) float64, recentred
+    axes: NDArray[np.float64]  # (3, 3) float64: unit vectors right and down in the picture, and towards its centre
     width: int  # pixels
     height: int
     extent: float | None  # height of an orthographic picture in world units; None: panoramic
 
-    def through(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origins and directions, (..., 3) float32 each, of the rays through places of the picture.
+    def through(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Origins and directions, (..., 3) float32 each, of the rays through picture positions.
 
-        x, y : (...) float64, pixels right and down from the upper left corner; they broadcast
+        x, y : (...) float64, pixels right and down from the upper left corner; broadcast against each other
         """
         if self.extent is None:
             directions = self._around(x, y)
             return _everywhere(self.origin, directions.shape), directions
         x, y = np.broadcast_arrays(x, y)
         pixel = self.extent / self.height
-        across, below = (x - self.width / 2.0) * pixel, (y - self.height / 2.0) * pixel
-        origins = self.origin + across[..., None] * self.axes[0] + below[..., None] * self.axes[1]
+        across, down = (x - self.width / 2.0) * pixel, (y - self.height / 2.0) * pixel
+        origins = self.origin + across[..., None] * self.axes[0] + down[..., None] * self.axes[1]
         return origins.astype(np.float32), _everywhere(self.axes[2], origins.shape)
 
-    def directions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def directions(self, x: np.ndarray, y: np.ndarray) -> NDArray[np.float32]:
         """(..., 3) float32: the directions alone; see `through`."""
         return self.through(x, y)[1]
 
-    def places(self, away: np.ndarray) -> np.ndarray:
-        """(k, 2) float64: where rays through points cross the picture, the inverse of `through`; NaN behind the camera.
+    def places(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 2) float64: picture positions of points, the inverse of `through`; NaN for points behind the camera.
 
-        away : (k, 3) float64, points minus `origin`
+        offsets : (k, 3) float64, points minus `origin`
         """
-        across, below, ahead = (away @ self.axes.T).T
+        across, down, ahead = (offsets @ self.axes.T).T
         if self.extent is None:
-            turn, sink = np.arctan2(across, ahead), np.arctan2(below, np.hypot(across, ahead))
-            return np.stack([turn / (2.0 * np.pi) + 0.5, sink / np.pi + 0.5], 1) * (self.width, self.height)
-        flat = np.stack([across, below], 1) * (self.height / self.extent) + (self.width / 2.0, self.height / 2.0)
-        flat[ahead <= 0.0] = np.nan
-        return flat
+            heading, pitch = np.arctan2(across, ahead), np.arctan2(down, np.hypot(across, ahead))
+            return np.stack([heading / (2.0 * np.pi) + 0.5, pitch / np.pi + 0.5], 1) * (self.width, self.height)
+        places = np.stack([across, down], 1) * (self.height / self.extent) + (self.width / 2.0, self.height / 2.0)
+        places[ahead <= 0.0] = np.nan
+        return places
 
-    def _around(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def _around(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float32]:
         """Directions of a panorama."""
-        turn = (np.asarray(x, np.float64) / self.width - 0.5) * (2.0 * np.pi)
-        sink = (np.asarray(y, np.float64) / self.height - 0.5) * np.pi
-        flat = np.sin(turn)[..., None] * self.axes[0] + np.cos(turn)[..., None] * self.axes[2]
-        return (np.cos(sink)[..., None] * flat + np.sin(sink)[..., None] * self.axes[1]).astype(np.float32)
+        heading = (np.asarray(x, np.float64) / self.width - 0.5) * (2.0 * np.pi)
+        pitch = (np.asarray(y, np.float64) / self.height - 0.5) * np.pi
+        horizontal = np.sin(heading)[..., None] * self.axes[0] + np.cos(heading)[..., None] * self.axes[2]
+        out: NDArray[np.float32] = (
+            np.cos(pitch)[..., None] * horizontal + np.sin(pitch)[..., None] * self.axes[1]
+        ).astype(np.float32)
+        return out
 
 
-def _everywhere(vector: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+def _everywhere(vector: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.broadcast_to(vector.astype(np.float32), shape)
 
 
 # --- Cameras, and the rays through their pixels -----------------------------------------------------------------------
 
 
-MAX_SIZE = 32768  # pixels, each way
+MAX_SIZE = 32768  # pixels along each side
 PROJECTIONS = "perspective", "orthographic", "panoramic"
 _FARTHEST = 1e30  # float32 holds all differences of coordinates below this
 
@@ -88,47 +95,59 @@ class CameraRays(NamedTuple):
     The direction's component along the view axis is 1, so t is the depth.
     """
 
-    origin: np.ndarray  # (3,) float32, recentred
-    corner: np.ndarray  # (3,) float64, direction to the image's upper left corner
-    dx: np.ndarray  # (3,) float64, one pixel to the right
-    dy: np.ndarray  # (3,) float64, one pixel down
+    origin: NDArray[np.float32]  # (3,) float32, recentred
+    corner: NDArray[np.float64]  # (3,) float64, direction to the image's upper left corner
+    dx: NDArray[np.float64]  # (3,) float64, one pixel to the right
+    dy: NDArray[np.float64]  # (3,) float64, one pixel down
     width: int  # pixels
     height: int
 
-    def directions(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """(..., 3) float32: about the directions through places of the picture, (...) float32 pixels right and down."""
+    def directions(self, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(..., 3) float32: approximate ray directions through picture positions, (...) float32 pixels right and down.
+
+        They are evaluated in float32, so they may differ in the last bits from the directions that kernels trace.
+        """
         corner, dx, dy = (part.astype(np.float32) for part in (self.corner, self.dx, self.dy))
-        return corner + x[..., None] * dx + y[..., None] * dy
+        out: NDArray[np.float32] = corner + x[..., None] * dx + y[..., None] * dy
+        return out
 
 
 class Camera:
-    """A camera in world space, right-handed. It looks from ``position`` to ``target``.
+    """A camera at ``position`` that looks at ``target``, in right-handed world space.
 
     Parameters
     ----------
     position, target, up : (3,) float, world space
     vfov : float
-        Vertical field of view in degrees, 0 < vfov < 180, of a perspective camera.
+        Vertical field of view of a perspective camera in degrees, 0 < vfov < 180.
     width, height : int
         Picture size in pixels, 1 to 32768.
     projection : "perspective", "orthographic" or "panoramic"
-        Orthographic: all rays are parallel, and start in the plane through `position`. Panoramic: rays into all
-        directions from `position`, as an equirectangular map. The heading of `target` is in its middle, and `up` is the
-        zenith, so the horizon is level. Its picture is twice as wide as high, or stretched.
+        Orthographic: all rays are parallel and start in the plane through `position`. Panoramic: rays from `position`
+        in all directions, as an equirectangular map centred on the heading of `target`. `up` is the zenith, so the
+        horizon is level. The picture should be twice as wide as high; any other aspect ratio stretches it.
     extent : float or None
         Height of an orthographic picture in world units; None for other projections.
 
     Raises
     ------
     InputError
-        On non-finite or huge numbers, a target at the position, ``up`` along the view, or sizes out of range. If the
-        projection is unknown, or has no extent or needs none.
+        On non-finite or huge numbers, a target at the position, ``up`` along the view, sizes out of range, an unknown
+        projection, a missing extent, or an extent for a projection that takes none.
     """
 
     def __init__(
-        self, position, target, up=(0.0, 1.0, 0.0), vfov=60.0, width=1024, height=1024, *, projection="perspective",
-        extent=None,
-    ):  # fmt: skip
+        self,
+        position: Vector,
+        target: Vector,
+        up: Vector = (0.0, 1.0, 0.0),
+        vfov: float = 60.0,
+        width: int = 1024,
+        height: int = 1024,
+        *,
+        projection: str = "perspective",
+        extent: float | None = None,
+    ) -> None:
         self.position = vector(position, "camera position")
         self.target = vector(target, "camera target")
         self.up = vector(up, "camera up")
@@ -153,12 +172,18 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """The same camera with another picture size."""
         return Camera(
-            self.position, self.target, self.up, self.vfov, width, height, projection=self.projection,
+            self.position,
+            self.target,
+            self.up,
+            self.vfov,
+            width,
+            height,
+            projection=self.projection,
             extent=self.extent,
-        )  # fmt: skip
+        )
 
     def panoramic(self) -> "Camera":
-        """A panoramic camera at the same place, whose middle is the heading of this camera."""
+        """A panoramic camera at the same position, centred on the heading of this camera."""
         place = self.position
         return Camera(
             place, place + self.axes[2], self.up, width=self.width, height=self.height, projection="panoramic"
@@ -166,12 +191,12 @@ class Camera:
 
     @property
     def listed(self) -> bool:
-        """Whether the camera is not perspective: its rays are listed one by one, and found by tracing alone."""
+        """Whether the camera is not perspective: its rays are explicit, and only ray tracing finds its surfaces."""
         return self.projection != "perspective"
 
     @property
-    def axes(self) -> np.ndarray:
-        """(3, 3) float64: unit vectors to the right and down in the picture, and along the view, in rows."""
+    def axes(self) -> NDArray[np.float64]:
+        """(3, 3) float64: unit vectors right and down in the picture, and along the view, as rows."""
         view = self.target - self.position
         view = view / np.linalg.norm(view)
         right = np.cross(view, self.up)
@@ -180,21 +205,21 @@ class Camera:
 
     @property
     def frame(self) -> np.ndarray:
-        """As `axes`; of a panorama, whose horizon is level, down is away from the zenith."""
+        """As `axes`, but a panorama has a level horizon: down points away from the zenith."""
         if self.projection != "panoramic":
             return self.axes
         right, zenith = self.axes[0], self.up / np.linalg.norm(self.up)
         return np.stack([right, -zenith, np.cross(zenith, right)])
 
-    def view(self, origin) -> "CameraRays | ExplicitRays":
-        """The pixels' rays in the frame whose zero is at world position ``origin`` ((3,) float64)."""
+    def view(self, origin: ArrayLike) -> "CameraRays | ExplicitRays":
+        """The pixels' rays in the frame whose origin is at world position ``origin`` ((3,) float64)."""
         if not self.listed:
             return self.rays(origin)
         position = flush_to_zero(self.position - np.asarray(origin, np.float64))
         return ExplicitRays(position, self.frame, self.width, self.height, self.extent)
 
-    def rays(self, origin) -> CameraRays:
-        """As `view`, of a perspective camera. Raises InputError for other projections."""
+    def rays(self, origin: ArrayLike) -> CameraRays:
+        """As `view`, for a perspective camera. Raises InputError for other projections."""
         if self.listed:
             raise InputError(f"this needs a perspective camera, and the camera is {self.projection}; give another one")
         right, down, view = self.axes
@@ -215,12 +240,12 @@ class Camera:
         )
 
 
-# --- The default camera and light for a scene without its own ---------------------------------------------------------
+# --- Automatic framing: the default camera and light of a scene without its own ---------------------------------------
 
 
 VFOV = 45.0
 _MARGIN = 1.08  # around the points that a fitted camera shows
-_FLAT = 0.2  # height of a box, as a share of its width, below which it is flat
+_FLAT = 0.2  # a box whose height is a smaller share of its width counts as flat
 STEEP = np.radians(50.0)  # elevation of the camera for flat boxes
 AZIMUTH, ELEVATION = np.radians(35.0), np.radians(25.0)
 
@@ -233,7 +258,7 @@ def axes(up: str) -> np.ndarray:
 
 
 def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: float = 0.0) -> Camera:
-    """A three-quarter view from a little above, which shows the bounding sphere of `bounds` ((2, 3), world).
+    """A three-quarter view from slightly above that fits the bounding sphere of `bounds` ((2, 3), world).
 
     turn : radians around the up axis, counter-clockwise seen from above
     """
@@ -241,47 +266,47 @@ def default_camera(bounds: np.ndarray, up: str, width: int, height: int, turn: f
     centre, radius = bounding_sphere(bounds)
     half = np.arctan(np.tan(np.radians(VFOV) / 2.0) * min(1.0, width / height))
     distance = 1.02 * radius / np.sin(half)
-    flat = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
-    position = centre + distance * (np.cos(ELEVATION) * flat + np.sin(ELEVATION) * upward)
+    horizontal = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
+    position = centre + distance * (np.cos(ELEVATION) * horizontal + np.sin(ELEVATION) * upward)
     return Camera(position, centre, upward, VFOV, width, height)
 
 
 def fitted_camera(points: np.ndarray, up: str, width: int, height: int) -> Camera:
-    """The default camera's direction of view, as near as it shows all `points` ((n, 3), world), with a small margin.
+    """A camera with the default view direction, as close as fits all `points` ((n, 3), world) with a small margin.
 
-    Points in a flat box are seen from higher up.
+    Points in a flat box are viewed from higher up.
     """
-    sideways, above, back = _frame(points, up)
+    sideways, upwards, back = _frame(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
-    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    x, y, z = ((points - middle) @ np.stack([sideways, upwards, back], 1)).T
     tangent = np.tan(np.radians(VFOV) / 2.0) / _MARGIN
     distance = 1e-6 * max(float(np.abs(middle).max()), 1.0)
     for across, slope in ((x, tangent * width / height), (y, tangent)):
         distance = max(distance, ((across + slope * z).max() + (slope * z - across).max()) / (2.0 * slope))
-    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * above
+    target = middle + _centre(x, distance - z) * sideways + _centre(y, distance - z) * upwards
     return Camera(target + distance * back, target, axes(up)[1], VFOV, width, height)
 
 
 def orthographic_camera(
     points: np.ndarray, up: str, width: int, height: int, from_above: bool = False, gap: float = 1.0
 ) -> Camera:
-    """An orthographic camera that shows all `points` ((n, 3), world), with a small margin.
+    """An orthographic camera that fits all `points` ((n, 3), world) with a small margin.
 
-    It looks as `fitted_camera` does, or straight down: then -z is up in the picture, or +y if z points up. Its rays
-    begin before the nearest point, by `gap` times the height of the picture.
+    It has the view direction of `fitted_camera`, or looks straight down; then the top of the picture is -z, or +y if z
+    points up. Its rays start `gap` picture heights in front of the nearest point.
     """
     right, upward, towards = axes(up)
-    sideways, above, back = (right, -towards, upward) if from_above else _frame(points, up)
+    sideways, upwards, back = (right, -towards, upward) if from_above else _frame(points, up)
     middle = (points.min(0) + points.max(0)) / 2.0
-    x, y, z = ((points - middle) @ np.stack([sideways, above, back], 1)).T
+    x, y, z = ((points - middle) @ np.stack([sideways, upwards, back], 1)).T
     extent = _MARGIN * max(np.ptp(y), np.ptp(x) * height / width, 1e-6 * max(float(np.abs(middle).max()), 1.0))
-    target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * above
+    target = middle + (x.min() + x.max()) / 2.0 * sideways + (y.min() + y.max()) / 2.0 * upwards
     position = target + (z.max() + gap * extent) * back
-    return Camera(position, target, above, width=width, height=height, projection="orthographic", extent=extent)
+    return Camera(position, target, upwards, width=width, height=height, projection="orthographic", extent=extent)
 
 
 def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The unit vectors to the right, upwards and back of a fitted camera."""
+    """The right, up and backward unit vectors of a fitted camera."""
     right, upward, towards = axes(up)
     level = np.sin(AZIMUTH) * right + np.cos(AZIMUTH) * towards
     size = np.ptp(points, axis=0)
@@ -292,19 +317,19 @@ def _frame(points: np.ndarray, up: str) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def _centre(across: np.ndarray, depth: np.ndarray) -> float:
-    """Where a camera sees points as far to one side as to the other; `depth`: their distances along the view."""
+    """The camera offset that centres the points in the picture; `depth` holds their distances along the view."""
     low, high = float(across.min()), float(across.max())
     for _ in range(40):
         middle = (low + high) / 2.0
-        seen = (across - middle) / depth
-        low, high = (middle, high) if seen.max() > -seen.min() else (low, middle)
+        slopes = (across - middle) / depth
+        low, high = (middle, high) if slopes.max() > -slopes.min() else (low, middle)
     return (low + high) / 2.0
 
 
 def default_light(bounds: np.ndarray, up: str) -> QuadLight:
     """A square light above the bounding sphere of `bounds`, to the viewer's left, as wide as the sphere's radius.
 
-    Under its intensity, a white surface at the centre that faces the light looks white.
+    Its intensity makes a white surface at the centre that faces the light appear white.
     """
     right, upward, towards = axes(up)
     centre, radius = bounding_sphere(bounds)
@@ -314,8 +339,8 @@ def default_light(bounds: np.ndarray, up: str) -> QuadLight:
     return QuadLight(corner=middle - (u + v) / 2.0, u=u, v=v, intensity=float(np.pi * distance**2))
 
 
-def bounding_sphere(bounds) -> tuple[np.ndarray, float]:
-    """(centre, radius) of the sphere around `bounds` ((2, 3), world); a radius of zero becomes 1."""
+def bounding_sphere(bounds: NDArray[np.float64]) -> tuple[np.ndarray, float]:
+    """(centre, radius) of the sphere around `bounds` ((2, 3), world); a zero radius becomes 1."""
     lower, upper = bounds
     radius = float(np.linalg.norm(upper - lower)) / 2.0
     return lower + (upper - lower) / 2.0, radius if radius > 0.0 else 1.0

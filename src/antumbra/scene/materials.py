@@ -1,6 +1,6 @@
-"""Materials and textures: base colour, alpha mode, decoded images with mip levels, and the mean colour of each face.
+"""Materials and textures: base colour, alpha mode, decoded images with mip levels, and mean face colours.
 
-Also the conversion of sRGB to linear light.
+Also the conversion from sRGB to linear light.
 """
 
 import io
@@ -8,54 +8,59 @@ import threading
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-# --- Conversion of sRGB to linear light -------------------------------------------------------------------------------
+if TYPE_CHECKING:
+    from PIL import Image
+
+# --- sRGB to linear light ---------------------------------------------------------------------------------------------
 
 
-def srgb_to_linear(value) -> np.ndarray:
+def srgb_to_linear(value: ArrayLike) -> NDArray[np.float64]:
     """Convert sRGB in [0, 1] to linear light (IEC 61966-2-1), float64."""
-    value = np.asarray(value, np.float64)
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    s = np.asarray(value, np.float64)
+    linear: NDArray[np.float64] = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    return linear
 
 
 BYTE_TO_LINEAR = srgb_to_linear(np.arange(256) / 255.0)
 
-# --- Pictures of textures: decoding with checks, and mip levels in linear light ---------------------------------------
+# --- Texture images: checked decoding, and mip levels in linear light -------------------------------------------------
 
 
 FORMATS = ("PNG", "JPEG", "WEBP", "BMP", "TGA")
 MAX_PIXELS = 1 << 26
 SMALL_PIXELS = 1 << 22
-PIXELS_PER_BYTE = 2048  # a picture that is not small and has more is a decompression bomb
+PIXELS_PER_BYTE = 2048  # a larger image with more pixels per byte is a decompression bomb
 
 LINEAR = BYTE_TO_LINEAR.astype(np.float32)
 """(256,) float32: the linear light of sRGB bytes."""
 
-_OPENING = threading.Lock()  # of pictures: filters of warnings belong to all threads, and a race would keep ours
+_OPENING = threading.Lock()  # warning filters are shared by all threads, and a race would leave ours in place
 
-_STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: the darkest byte has twenty
+_STEPS = 1 << 16  # entries of the table from linear light to sRGB bytes: twenty for the darkest byte
 
 
-def decode_image(data: bytes, side: int | None = None) -> np.ndarray:
-    """(h, w, 4) uint8: a picture of one of `FORMATS`. `side`: a large JPEG may come smaller, but not below this.
+def decode_image(data: bytes, side: int | None = None) -> NDArray[np.uint8]:
+    """(h, w, 4) uint8: an image in one of `FORMATS`. A large JPEG may be decoded at reduced size, at least `side`.
 
-    Raises ValueError, with the reason, if the picture cannot be decoded or is unreasonably large.
+    Raises ValueError, with the reason, if the image cannot be decoded or is unreasonably large.
     """
     try:
-        with _opened(data) as image:
+        with _open_image(data) as image:
             _check_size(image.size, len(data))
             if side is not None:
                 image.draft("RGB", (side, side))
             return rgba_of(image)
-    except Exception as error:  # Pillow's decoders raise a dozen kinds of errors on damaged files
+    except Exception as error:  # Pillow's decoders raise a dozen error types on damaged files
         raise ValueError(str(error) or type(error).__name__) from error
 
 
-def _opened(data: bytes):
-    """A Pillow image, whose pixels are not read yet. Pillow's warnings of large pictures are errors."""
+def _open_image(data: bytes) -> "Image.Image":
+    """A Pillow image with its pixels still unread. Pillow's warnings about large images become errors."""
     from PIL import Image
 
     with _OPENING, warnings.catch_warnings():
@@ -63,15 +68,15 @@ def _opened(data: bytes):
         return Image.open(io.BytesIO(data), formats=FORMATS)
 
 
-def rgba_of(image) -> np.ndarray:
-    """(h, w, 4) uint8, contiguous: the pixels of a Pillow image; of 16 bits a channel the higher byte."""
+def rgba_of(image: "Image.Image") -> NDArray[np.uint8]:
+    """(h, w, 4) uint8, contiguous: the pixels of a Pillow image; the high byte of 16-bit channels."""
     if image.mode.startswith("I"):
         high = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
         return np.dstack([high, high, high, np.full_like(high, 255)])
     return np.array(image.convert("RGBA"))
 
 
-def linear_of(pixels: np.ndarray) -> np.ndarray:
+def linear_of(pixels: np.ndarray) -> NDArray[np.float32]:
     """(h, w, 4) float32: sRGB bytes as linear light in [0, 1], and alpha."""
     out = pixels.astype(np.float32) / np.float32(255.0)
     out[..., :3] = LINEAR[pixels[..., :3]]
@@ -79,47 +84,47 @@ def linear_of(pixels: np.ndarray) -> np.ndarray:
 
 
 def mip_levels(pixels: np.ndarray, has_alpha: bool = False) -> list[np.ndarray]:
-    """Means of a picture ((h, w, 4) uint8) over 2 x 2, 4 x 4 ... texels, as linear float32, down to a single texel.
+    """Mip levels of an image ((h, w, 4) uint8): means of 2 x 2, 4 x 4 ... texels, linear float32, down to one texel.
 
-    An odd number of texels is halved by the exact means of areas. With `has_alpha`, colours count by their alpha, so
-    that those of holes do not bleed into leaves.
+    An odd number of texels is halved by exact area averaging. With `has_alpha`, colours are weighted by alpha, so that
+    the colours of holes do not bleed into leaves.
     """
     if pixels.shape[:2] == (1, 1):
         return []
-    whole = len(pixels) if len(pixels) % 2 else _STRIP
-    strips = (linear_of(pixels[y : y + whole]) for y in range(0, len(pixels), whole))
-    weighted = np.concatenate([_quartered(_times_alpha(strip) if has_alpha else strip) for strip in strips])
+    strip_rows = len(pixels) if len(pixels) % 2 else _STRIP
+    strips = (linear_of(pixels[y : y + strip_rows]) for y in range(0, len(pixels), strip_rows))
+    weighted = np.concatenate([_halve_image(_premultiplied(strip) if has_alpha else strip) for strip in strips])
     levels = [weighted]
     while weighted.shape[:2] != (1, 1):
-        weighted = _quartered(weighted)
+        weighted = _halve_image(weighted)
         levels.append(weighted)
-    return [_by_alpha(level) for level in levels] if has_alpha else levels
+    return [_unpremultiplied(level) for level in levels] if has_alpha else levels
 
 
-_STRIP = 256  # rows that become linear light at a time, sixteen times the memory of their bytes
-_LEAST = np.float32(1.0 / 255.0)  # weight of a texel without alpha, so that an empty picture has a mean
+_STRIP = 256  # rows converted to linear light at a time: they take sixteen times the memory of their bytes
+_LEAST = np.float32(1.0 / 255.0)  # added to every weight, so that a fully transparent image has a mean
 
 
-def _times_alpha(linear: np.ndarray) -> np.ndarray:
+def _premultiplied(linear: np.ndarray) -> np.ndarray:
     out = linear.copy()
     out[..., 3] += _LEAST
     out[..., :3] *= out[..., 3:]
     return out
 
 
-def _by_alpha(weighted: np.ndarray) -> np.ndarray:
+def _unpremultiplied(weighted: np.ndarray) -> np.ndarray:
     out = weighted.copy()
     out[..., :3] /= out[..., 3:]
     out[..., 3] -= _LEAST
     return out
 
 
-def _quartered(picture: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(_halved(_halved(picture).swapaxes(0, 1)).swapaxes(0, 1))
+def _halve_image(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(_halve_rows(_halve_rows(picture).swapaxes(0, 1)).swapaxes(0, 1))
 
 
-def _halved(rows: np.ndarray) -> np.ndarray:
-    """Means of pairs of rows. Of an odd number, 2 k + 1, k means of 2 + 1/k rows each."""
+def _halve_rows(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Means of pairs of rows; for an odd number 2 k + 1, k means over 2 + 1/k rows each."""
     n, k = len(rows), len(rows) // 2
     if n % 2 == 0:
         return (rows[0::2] + rows[1::2]) * np.float32(0.5)
@@ -130,15 +135,15 @@ def _halved(rows: np.ndarray) -> np.ndarray:
     return ((k - i) * rows[0:-1:2] + k * rows[1::2] + (i + 1) * rows[2::2]) * weights
 
 
-def bytes_of(linear: np.ndarray) -> np.ndarray:
+def bytes_of(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     """(h, w, 4) uint8: the inverse of `linear_of`."""
-    shown = np.clip(linear, 0.0, 1.0)
-    out = (shown * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
-    out[..., :3] = _TO_BYTE[(shown[..., :3] * np.float32(_STEPS - 1) + np.float32(0.5)).astype(np.uint16)]
+    clamped = np.clip(linear, 0.0, 1.0)
+    out = (clamped * np.float32(255.0) + np.float32(0.5)).astype(np.uint8)
+    out[..., :3] = _TO_BYTE[(clamped[..., :3] * np.float32(_STEPS - 1) + np.float32(0.5)).astype(np.uint16)]
     return out
 
 
-def _byte_table() -> np.ndarray:
+def _byte_table() -> NDArray[np.uint8]:
     """(65536,) uint8: the nearest sRGB byte of linear light."""
     edges = (BYTE_TO_LINEAR[1:] + BYTE_TO_LINEAR[:-1]) / 2.0
     return np.searchsorted(edges, np.arange(_STEPS) / (_STEPS - 1)).astype(np.uint8)
@@ -153,56 +158,54 @@ def _check_size(size: tuple[int, int], n_bytes: int) -> None:
         raise ValueError(f"{size[0]}x{size[1]} pixels in {n_bytes} bytes are too many")
 
 
-# --- Materials and textures: what a surface shows beyond one colour for each face -------------------------------------
+# --- Materials, textures and vertex attributes ------------------------------------------------------------------------
 
 
 REPEAT, CLAMP, MIRROR = 0, 1, 2
-"""How a texture continues beyond its edges."""
+"""Wrap modes of textures."""
 
 OPAQUE, MASK, BLEND = "OPAQUE", "MASK", "BLEND"
-"""What alpha means: nothing; a hole below the cutoff; the share of light that the surface stops."""
+"""Alpha modes, as in glTF: alpha is ignored; a hole below the cutoff; the share of light that the surface blocks."""
 
-_GLANCE = 256  # pixels of a side that are enough for mean colours
+_PREVIEW = 256  # pixels of a side that suffice for mean colours
 
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """A picture that covers surfaces. It is decoded when its pixels are asked for, and then kept.
+    """A texture image, decoded on first use and cached.
 
-    Texture coordinates (0, 0) are its upper left corner, and (1, 1) its lower right corner, as in glTF.
+    Texture coordinates (0, 0) are its upper left corner and (1, 1) its lower right corner, as in glTF.
     """
 
     name: str  # in errors
-    picture: "bytes | np.ndarray | None" = field(
-        repr=False
-    )  # encoded, in one of `picture.FORMATS`; or (h, w, 4) uint8; None: white
+    picture: "bytes | np.ndarray | None" = field(repr=False)  # one of `FORMATS`, or (h, w, 4) uint8; None: white
     wrap_s: int = REPEAT
     wrap_t: int = REPEAT
-    nearest: bool = False  # whether texels are squares, not interpolated
-    has_alpha: bool = False  # whether alpha counts: colours of texels without it do not
-    opacity: bytes | None = field(default=None, repr=False)  # a second picture, whose brightness is the alpha
+    nearest: bool = False  # nearest-texel lookup instead of interpolation
+    has_alpha: bool = False  # whether alpha matters: mip levels then weight colours by it
+    opacity: bytes | None = field(default=None, repr=False)  # a second image, whose brightness is the alpha
 
     @cached_property
-    def pixels(self) -> np.ndarray:
-        """(h, w, 4) uint8, contiguous. Raises ValueError if the picture cannot be decoded."""
-        return self._decoded(None)
+    def pixels(self) -> NDArray[np.uint8]:
+        """(h, w, 4) uint8, contiguous. Raises ValueError if the image cannot be decoded."""
+        return self._decode(None)
 
     @cached_property
-    def mips(self) -> np.ndarray:
-        """(n,) uint8: the pixels of all smaller mip levels, one after the other; see `mip_levels`."""
+    def mips(self) -> NDArray[np.uint8]:
+        """(n,) uint8: the pixels of all smaller mip levels, concatenated; see `mip_levels`."""
         levels = mip_levels(self.pixels, self.has_alpha)
         return np.concatenate([np.empty(0, np.uint8), *(bytes_of(level).reshape(-1) for level in levels)])
 
     @cached_property
-    def glance(self) -> list[np.ndarray]:
-        """Mip levels ((h, w, 4) float32, linear) that serve for mean colours; a large picture begins reduced."""
-        pixels = self._decoded(_GLANCE)
+    def preview_levels(self) -> list[np.ndarray]:
+        """Mip levels ((h, w, 4) float32, linear) for mean colours; those of a large image start at reduced size."""
+        pixels = self._decode(_PREVIEW)
         smaller = mip_levels(pixels, self.has_alpha)
-        if max(pixels.shape[:2]) <= _GLANCE:
+        if max(pixels.shape[:2]) <= _PREVIEW:
             return [linear_of(pixels), *smaller]
-        return [level for level in smaller if max(level.shape[:2]) <= _GLANCE]
+        return [level for level in smaller if max(level.shape[:2]) <= _PREVIEW]
 
-    def _decoded(self, side: int | None) -> np.ndarray:
+    def _decode(self, side: int | None) -> np.ndarray:
         picture, opacity = self.picture, None if self.opacity is None else decode_image(self.opacity, side)
         if picture is None:
             pixels = np.full((1, 1, 4) if opacity is None else opacity.shape, 255, np.uint8)
@@ -212,7 +215,7 @@ class Texture:
 
 
 def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
-    """The pixels with the brightness of another picture as alpha; the smaller of the two is enlarged."""
+    """The pixels with the brightness of another image as alpha; the smaller of the two is enlarged."""
     from PIL import Image
 
     size = max(pixels.shape[1], opacity.shape[1]), max(pixels.shape[0], opacity.shape[0])
@@ -221,13 +224,13 @@ def _with_opaque_alpha(pixels: np.ndarray, opacity: np.ndarray) -> np.ndarray:
 
 
 class Material(NamedTuple):
-    """The base colour of surfaces: factor times texture times the colours of vertices."""
+    """The base colour of surfaces: factor times texture times vertex colour."""
 
     name: str = ""
     factor: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)  # linear red, green, blue, and alpha
     texture: Texture | None = None
     alpha_mode: str = OPAQUE
-    cutoff: float = 0.5  # of MASK
+    cutoff: float = 0.5  # for MASK
     double_sided: bool = True
 
 
@@ -235,48 +238,54 @@ PLAIN = Material()
 
 
 class Look(NamedTuple):
-    """What a mesh shows beyond a colour for each face. Rows are its vertices; faces share them as they do positions."""
+    """The appearance of a mesh beyond one colour per face. Rows are vertices; faces index them as they do positions."""
 
     materials: tuple[Material, ...]
-    uv: np.ndarray | None = None  # (v, 2) float32: coordinates in the material's texture; None: no texture is shown
-    colours: np.ndarray | None = None  # (v, 4) float32: linear colour and alpha of each vertex
-    normals: np.ndarray | None = None  # (v, 3) float32, for shading
-    rest: np.ndarray | None = None  # (v, 3) float32 or float64: the positions that the normals belong to
-    material_of_face: np.ndarray | None = None  # (f,) int32: index in `materials`, or -1; None: all have the only one
-    textured: np.ndarray | None = None  # (f,) bool: which faces show a texture; None: all if there is `uv`
+    uv: NDArray[np.float32] | None = None  # (v, 2) float32: coordinates in the material's texture; None: untextured
+    colours: NDArray[np.float32] | None = None  # (v, 4) float32: linear colour and alpha of each vertex
+    normals: NDArray[np.float32] | None = None  # (v, 3) float32, for shading
+    rest_positions: np.ndarray | None = None  # (v, 3) float32 or float64: the positions that the normals belong to
+    material_of_face: NDArray[np.int32] | None = None  # (f,) int32: index in `materials`, or -1; None: the only one
+    textured: NDArray[np.bool_] | None = None  # (f,) bool: textured faces; None: all if there is `uv`
 
 
-def look_of(material: Material, uv=None, colours=None, normals=None, rest=None) -> Look | None:
-    """The look of a mesh; None if a colour for each face says everything."""
+def look_of(
+    material: Material,
+    uv: ArrayLike | None = None,
+    colours: NDArray[Any] | None = None,
+    normals: ArrayLike | None = None,
+    rest_positions: NDArray[Any] | None = None,
+) -> Look | None:
+    """The look of a mesh; None if one colour per face suffices."""
     uv = None if uv is None or material.texture is None else np.nan_to_num(np.asarray(uv, np.float32))
     if uv is None and colours is None and normals is None and material.alpha_mode == OPAQUE:
         return None
     colours = None if colours is None else rgba_rows(colours)
     normals = None if normals is None else np.nan_to_num(np.asarray(normals, np.float32))
-    return Look((material,), uv, colours, normals, None if normals is None else rest)
+    return Look((material,), uv, colours, normals, None if normals is None else rest_positions)
 
 
-def rgba_rows(colours) -> np.ndarray:
+def rgba_rows(colours: NDArray[Any]) -> NDArray[np.float32]:
     """(v, 4) float32 of linear colours (v, 3) or (v, 4), in [0, 1]."""
     out = np.ones((len(colours), 4), np.float32)
     out[:, : np.shape(colours)[1]] = np.clip(np.nan_to_num(colours), 0.0, 1.0)
     return out
 
 
-# --- The mean colour of each face: of its material, its vertices, and the part of a texture that it shows -------------
-#
-# Whatever needs one colour for a face uses it: bounced light, stores, baking and jobs.
+# --- Mean face colours, for bounced light, stores, baking and jobs ----------------------------------------------------
 
 
 _POINTS = np.array([[2, 1, 1], [1, 2, 1], [1, 1, 2], [4 / 3, 4 / 3, 4 / 3]]) / 4.0
-"""Barycentric coordinates of the points that stand for a face: of its four similar parts, the centres."""
+"""Barycentric coordinates of a face's sample points: the centres of its four similar parts."""
 
 
-def mean_colours(material: Material, faces: np.ndarray | None, uv=None, colours=None) -> np.ndarray:
+def mean_colours(
+    material: Material, faces: np.ndarray | None, uv: NDArray[Any] | None = None, colours: ArrayLike | None = None
+) -> NDArray[np.float32]:
     """(3,) or (f, 3) float32, linear, in [0, 1]: the base colour of a mesh or of each of its faces.
 
     faces : (f, 3) int; None: every three vertices are a face
-    uv : (v, 2) float; None: a texture counts as a whole
+    uv : (v, 2) float; None: the mean of the whole texture
     colours : (v, 3 or 4) float, linear
 
     Raises ValueError if the texture cannot be decoded.
@@ -284,40 +293,43 @@ def mean_colours(material: Material, faces: np.ndarray | None, uv=None, colours=
     colour: np.ndarray = np.array(material.factor[:3], np.float64)
     if material.texture is not None:
         texture = material.texture
-        colour = colour * (texture.glance[-1][0, 0, :3] if uv is None else texture_means(texture, _corners(uv, faces)))
+        colour = colour * (
+            texture.preview_levels[-1][0, 0, :3] if uv is None else texture_means(texture, _corners(uv, faces))
+        )
     if colours is not None:
         colour = colour * _corners(np.nan_to_num(np.asarray(colours)[:, :3]), faces).mean(axis=1, dtype=np.float64)
-    return np.clip(colour, 0.0, 1.0).astype(np.float32)
+    out: NDArray[np.float32] = np.clip(colour, 0.0, 1.0).astype(np.float32)
+    return out
 
 
 def _corners(values: np.ndarray, faces: np.ndarray | None) -> np.ndarray:
-    """(f, 3, k): the values of vertices at the corners of faces."""
+    """(f, 3, k): vertex values at the corners of faces."""
     return values.reshape(-1, 3, values.shape[1]) if faces is None else values[faces]
 
 
-def texture_means(texture: Texture, uv: np.ndarray) -> np.ndarray:
-    """(f, 3) float32: the mean linear colour that faces show of a texture.
+def texture_means(texture: Texture, uv: np.ndarray) -> NDArray[np.float32]:
+    """(f, 3) float32: the mean linear colour of the part of a texture that covers each face.
 
-    uv : (f, 3, 2) float, texture coordinates of their corners
+    uv : (f, 3, 2) float, texture coordinates of the corners
 
-    Four texels stand for a face. They are of the mip level whose texels are about as large as a quarter of the face.
+    It is the mean of four texels, from the mip level whose texels are about as large as a quarter of the face.
     """
-    levels, uv = texture.glance, np.nan_to_num(np.asarray(uv, np.float64))
+    levels, uv = texture.preview_levels, np.nan_to_num(np.asarray(uv, np.float64))
     edges = (uv[:, 1:] - uv[:, :1]) * levels[0].shape[1::-1]
     texels = np.abs(edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]) / 8.0
     level = np.clip(np.rint(0.5 * np.log2(np.maximum(texels, 1.0))), 0, len(levels) - 1).astype(np.int64)
     out = np.empty((len(uv), 3), np.float32)
     for k in np.unique(level):
-        own, pixels = level == k, levels[k]
-        points = np.einsum("pc,fcx->pfx", _POINTS, uv[own])
+        rows, pixels = level == k, levels[k]
+        points = np.einsum("pc,fcx->pfx", _POINTS, uv[rows])
         x = _texel(points[..., 0], pixels.shape[1], texture.wrap_s)
         y = _texel(points[..., 1], pixels.shape[0], texture.wrap_t)
-        out[own] = pixels[y, x, :3].mean(0)
+        out[rows] = pixels[y, x, :3].mean(0)
     return out
 
 
 def _texel(at: np.ndarray, n: int, wrap: int) -> np.ndarray:
-    """Whole numbers below n: the texels at texture coordinates along one axis."""
+    """Texel indices below n at texture coordinates along one axis."""
     if wrap == CLAMP:
         at = np.clip(at, 0.0, 1.0)
     elif wrap == MIRROR:

@@ -1,34 +1,39 @@
-"""Indexed triangle meshes, checks that all loaders share, and `Source`, the interface of a scene to its geometry."""
+"""Indexed triangle meshes, the checks shared by all loaders, and `Source`, the geometry interface of a scene.
+
+A `Source` yields `Piece`s, meshes in world space at one moment. `StaticMeshes` is its simplest implementation.
+`textured_mesh` adds materials, textures and vertex colours to a checked mesh.
+"""
 
 from collections.abc import Iterator
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array
 from ..errors import InputError
 from .materials import BYTE_TO_LINEAR, PLAIN, Look, Material, Texture, look_of, mean_colours
 
-# --- Indexed triangles as a scene stores them, and the checks that all loaders share ----------------------------------
+# --- Indexed triangles and their checks -------------------------------------------------------------------------------
 
 
 WHITE = np.ones(3, np.float32)
 
 
 class Mesh(NamedTuple):
-    """Triangles in their own frame, in the precision of their file or array."""
+    """Triangles in object space, in the precision of their file or array."""
 
     name: str
-    positions: np.ndarray  # (v, 3) float32 or float64; faces use all of them
-    faces: np.ndarray | None  # (f, 3) int32; None: every three positions are a face
-    colour: np.ndarray  # (3,) or (f, 3) float32, linear, in [0, 1]: the mean of what each face shows
-    look: Look | None = None  # what it shows beyond that
+    positions: np.ndarray  # (v, 3) float32 or float64; faces reference every one
+    faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three positions are a face
+    colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
+    look: Look | None = None  # textures, vertex colours, normals; None: the mean colours suffice
 
 
 class MeshInfo(NamedTuple):
-    """A summary of a mesh. Its triangles are counted once, not for each instance."""
+    """A summary of a mesh. Its triangles are counted once, not per instance."""
 
-    name: str  # of the file; "mesh 3" if it has none
+    name: str  # from the file; "mesh 3" if it gives none
     triangles: int  # of one instance
     instances: int  # number of its objects
 
@@ -38,13 +43,13 @@ class ObjectInfo(NamedTuple):
 
     name: str  # of the node, else of the mesh; the id of a city object; copies of EXT_mesh_gpu_instancing: "tree[7]"
     mesh: int  # index in `Scene.meshes`; -1 in a store, which records no meshes
-    instance: int  # number of this copy among the copies of its mesh, from 0
+    instance: int  # index of this copy among the copies of its mesh, from 0
     type: str = ""  # of a city object, such as "BuildingPart"; "" for others
-    parent: str = ""  # of a part, the name of the outermost object that it belongs to, such as the Building; "": none
+    parent: str = ""  # of a part: name of the outermost object that contains it, such as the Building; "": none
 
 
-def make_mesh(name: str, positions, faces, colour, where: str) -> Mesh:
-    """A checked `Mesh`; `where` names it in errors. Positions that no face uses are dropped."""
+def make_mesh(name: str, positions: NDArray[Any], faces: NDArray[Any] | None, colour: object, where: str) -> Mesh:
+    """A checked `Mesh`; `where` names it in errors. Unused positions are dropped."""
     if faces is None:
         positions = np.array(positions)
     else:
@@ -59,7 +64,7 @@ def n_faces(positions: np.ndarray, faces: np.ndarray | None) -> int:
 
 
 def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarray, np.ndarray | None]:
-    """(faces as int32 into the used vertices, which vertices some face uses: (v,) bool, or None for all)."""
+    """(faces as int32 indices of the used vertices, mask of the used vertices ((v,) bool), or None if all are used)."""
     faces = check_faces(faces, n_vertices, where)
     used = np.zeros(n_vertices, bool)
     used[faces.reshape(-1)] = True
@@ -72,9 +77,9 @@ def used_faces(faces: np.ndarray, n_vertices: int, where: str) -> tuple[np.ndarr
 def check_faces(faces: np.ndarray, n_vertices: int, where: str) -> np.ndarray:
     """A copy of `faces` as (f, 3) int32. Raises InputError with the first face that uses a missing vertex.
 
-    Kernels trust these numbers, so the caller's array may not be kept: somebody could change it afterwards.
+    Kernels do not check these indices, hence the copy: the caller could modify the array later.
     """
-    faces = np.array(faces, order="C")  # before it is checked
+    faces = np.array(faces, order="C")  # copy before checking
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
         raise InputError(f"{where}: faces must be whole numbers of shape (f, 3), not {faces.dtype} {faces.shape}")
     if faces.size and (faces.min() < 0 or faces.max() >= n_vertices):
@@ -96,8 +101,8 @@ def check_finite(positions: np.ndarray, where: str) -> None:
     )
 
 
-def face_colours(colour, count: int, where: str) -> np.ndarray:
-    """The checked linear colour as float32 in [0, 1]: one ((3,)), or one for each face ((f, 3))."""
+def face_colours(colour: object, count: int, where: str) -> NDArray[np.float32]:
+    """The checked linear colour as float32 in [0, 1]: one ((3,)), or one per face ((f, 3))."""
     if colour is None:
         return WHITE
     colour = linear_colours(colour, where)
@@ -107,10 +112,10 @@ def face_colours(colour, count: int, where: str) -> np.ndarray:
     return colour
 
 
-def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
-    """Colours (..., 3) or (..., 4) as float32, linear light in [0, 1]. Without `alpha`, a fourth number is dropped.
+def linear_colours(colours: object, where: str, alpha: bool = False) -> NDArray[np.float32]:
+    """Colours (..., 3) or (..., 4) as float32, linear light in [0, 1]. Without `alpha`, a fourth component is dropped.
 
-    uint8: sRGB; floating point: linear light. Alpha is linear in both.
+    uint8 input is sRGB, floating-point input is linear light. Alpha is linear in both.
     """
     colours = as_array(colours, f"{where}: colours")
     if not (colours.dtype.kind == "f" or colours.dtype == np.uint8) or colours.shape[-1:] not in ((3,), (4,)):
@@ -118,29 +123,29 @@ def linear_colours(colours, where: str, alpha: bool = False) -> np.ndarray:
         raise InputError(f"{where}: colours must be {kinds}, not {colours.dtype} {colours.shape}")
     colours = colours if alpha else colours[..., :3]
     if colours.dtype == np.uint8:
-        shown = BYTE_TO_LINEAR.astype(np.float32)[colours[..., :3]]
-        return np.concatenate([shown, colours[..., 3:] / np.float32(255.0)], axis=-1)
+        rgb = BYTE_TO_LINEAR.astype(np.float32)[colours[..., :3]]
+        return np.concatenate([rgb, colours[..., 3:] / np.float32(255.0)], axis=-1)
     if not (colours.size == 0 or (colours.min() >= 0.0 and colours.max() <= 1.0)):
         raise InputError(f"{where}: colours must lie between 0 and 1 (linear light); give uint8 for 0 to 255")
     return colours.astype(np.float32)
 
 
-# --- The interface of a `Scene` to its geometry, and its simplest implementation: meshes that never move --------------
+# --- The geometry interface of a scene, and static meshes -------------------------------------------------------------
 
 
 class Piece(NamedTuple):
-    """Part of a scene at one moment: `k` copies of a mesh, in world space."""
+    """A part of a scene at one moment: `k` copies of a mesh, in world space."""
 
     vertices: np.ndarray  # (k, v, 3) float32 or float64, world
-    faces: np.ndarray | None  # (f, 3) int32; None: every three vertices are a face
-    colour: np.ndarray  # (3,) or (f, 3) float32, linear
+    faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three vertices are a face
+    colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear
     where: str  # name in errors
     towards: np.ndarray | None = None  # (k, v, 3): vertices are (1 - share) * vertices + share * towards
     share: float = 0.0
     first: int = 0  # copy i is the object `first + i` of the source
-    owners: np.ndarray | None = None  # (f,) int32: the object of each face, of a piece with several; then k = 1
-    look: Look | None = None  # what the mesh shows beyond its colour
-    linear: np.ndarray | None = None  # (k, 3, 3) float64: transforms of the look's normals to world space; None: 1
+    owners: NDArray[np.int32] | None = None  # (f,) int32: the object of each face if the piece has several; then k = 1
+    look: Look | None = None  # of the mesh
+    linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
 
 
 class Source(Protocol):
@@ -152,12 +157,12 @@ class Source(Protocol):
     objects: list[ObjectInfo]
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        """The pieces. Their order and faces are the same at every time."""
+        """The pieces at `time`. Their order and faces are the same at every time."""
         ...
 
-    def cameras(self, time: float) -> list: ...
+    def cameras(self, time: float) -> list[Any]: ...  # of Camera, which imports this module
 
-    def lights(self, time: float) -> list: ...
+    def lights(self, time: float) -> list[Any]: ...  # of Light
 
 
 class StaticMeshes:
@@ -176,22 +181,29 @@ class StaticMeshes:
             where = f'{self.file}: mesh "{mesh.name}"'
             yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Any]:
         return []
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Any]:
         return []
 
 
-# --- Meshes with materials, textures and colours of vertices, from arrays in the order of a file or a library ---------
+# --- Meshes with materials, textures and vertex colours ---------------------------------------------------------------
 
 
 def textured_mesh(
-    mesh: Mesh, faces, n_vertices: int, material: Material = PLAIN, where: str = "", uv=None, colours=None, normals=None
+    mesh: Mesh,
+    faces: ArrayLike | None,
+    n_vertices: int,
+    material: Material = PLAIN,
+    where: str = "",
+    uv: object = None,
+    colours: object = None,
+    normals: object = None,
 ) -> Mesh:
-    """A mesh of `make_mesh` with what its vertices show.
+    """A mesh from `make_mesh`, with the vertex attributes of its file or library.
 
-    faces, n_vertices : those that `make_mesh` had; it drops vertices that no face uses
+    faces, n_vertices : the original faces and vertex count, since `make_mesh` drops unused vertices
     uv : (n_vertices, 2) float, texture coordinates, v down
     colours : (n_vertices, 3 or 4) float (linear) or uint8 (sRGB)
     normals : (n_vertices, 3) float
@@ -199,23 +211,29 @@ def textured_mesh(
     Raises
     ------
     InputError
-        If there are too few or too many rows of something.
+        If an attribute does not have one row per vertex.
     ValueError
         If the texture cannot be decoded.
     """
     used = None if faces is None else used_faces(np.asarray(faces), n_vertices, where)[1]
-    rows = lambda values: None if values is None else np.asarray(values)[slice(None) if used is None else used]
+
+    def rows(values: np.ndarray | None) -> np.ndarray | None:
+        return values if values is None or used is None else values[used]
+
     if colours is not None:
         colours = linear_colours(colours, where, alpha=True)
         if colours.ndim != 2 or len(colours) != n_vertices:
             raise InputError(f"{where}: vertex_colours of {n_vertices} vertices have shape {colours.shape}")
-    uv, normals = _checked(uv, (n_vertices, 2), f"{where}: uv"), _checked(normals, (n_vertices, 3), f"{where}: normals")
+    uv, normals = (
+        _checked_attribute(uv, (n_vertices, 2), f"{where}: uv"),
+        _checked_attribute(normals, (n_vertices, 3), f"{where}: normals"),
+    )
     uv, colours = rows(uv), rows(colours)
     look = look_of(material, uv, colours, rows(normals), mesh.positions)
     return mesh._replace(colour=mean_colours(material, mesh.faces, uv, colours), look=look)
 
 
-def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
+def _checked_attribute(values: object, shape: tuple[int, int], where: str) -> np.ndarray | None:
     if values is None:
         return None
     values = as_array(values, where)
@@ -224,8 +242,8 @@ def _checked(values, shape: tuple[int, int], where: str) -> np.ndarray | None:
     return values
 
 
-def picture_texture(picture, where: str) -> Texture:
-    """A texture of an array (h, w, 3) or (h, w, 4) uint8, sRGB."""
+def picture_texture(picture: object, where: str) -> Texture:
+    """A texture from an sRGB array, (h, w, 3) or (h, w, 4) uint8."""
     pixels = as_array(picture, f"{where}: texture")
     if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] not in (3, 4) or not pixels.size:
         raise InputError(f"{where}: texture must be (h, w, 3) or (h, w, 4) uint8, not {pixels.dtype} {pixels.shape}")
@@ -233,7 +251,7 @@ def picture_texture(picture, where: str) -> Texture:
     return Texture(where, np.ascontiguousarray(np.concatenate([pixels, opaque], axis=2)[..., :4]))
 
 
-def flip_v(uv, n_vertices: int) -> np.ndarray | None:
-    """Texture coordinates of trimesh and OBJ, which count v from below, as v down; None unless there are (n, 2)."""
-    given = np.asarray([] if uv is None else uv)
-    return np.array([0, 1]) + np.array([1, -1]) * given if given.shape == (n_vertices, 2) else None
+def flip_v(uv: ArrayLike | None, n_vertices: int) -> np.ndarray | None:
+    """Texture coordinates of trimesh and OBJ, whose v points up, with v down; None unless their shape is (n, 2)."""
+    coordinates = np.asarray([] if uv is None else uv)
+    return np.array([0, 1]) + np.array([1, -1]) * coordinates if coordinates.shape == (n_vertices, 2) else None

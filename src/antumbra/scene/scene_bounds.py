@@ -1,61 +1,63 @@
-"""Scene bounds and the recentred frame: its origin, the coordinates it can hold, and the extent of the detail.
+"""Scene bounds, the origin and coordinate range of the recentred frame, the box of the detail, and the up axis.
 
-`Survey` accumulates the bounds piece by piece. A sample of the faces gives the extent of the detail and the up axis.
+`Survey` accumulates the bounds piece by piece. The detail box and the up axis are estimated from a sample of the faces.
 """
 
 from collections.abc import Iterable
 from itertools import count
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from .mesh import Piece, Source
 
-# --- The recentred frame of a scene: its zero, and which coordinates it holds -----------------------------------------
+# --- The recentred frame ----------------------------------------------------------------------------------------------
 
 
 MAX_EXTENT = 1e18
-"""Largest extent of a scene, in its own units. Areas of its boxes stay finite in float32."""
+"""Largest extent of a scene, in scene units. Surface areas of its boxes stay finite in float32."""
 
 
 MIN_EXTENT = 2.0**-100
-"""Least extent of a scene with more than one point, in its own units."""
+"""Smallest extent of a scene with more than one point, in scene units."""
 
 NEAREST = 2.0**-110
-"""Coordinates in the frame are 0 or of at least this magnitude, so that the tracers' error bounds cover underflow."""
+"""Smallest nonzero magnitude of a coordinate in the frame, so that the tracers' error bounds cover underflow."""
 
 
 def flush_to_zero(local: np.ndarray) -> np.ndarray:
-    """Coordinates in a frame, with those below NEAREST set to 0."""
+    """Coordinates in a frame, with magnitudes below NEAREST set to 0."""
     return np.where(np.abs(local) < NEAREST, local.dtype.type(0.0), local)
 
 
-def frame_origin(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """World position ((3,) float64) of the zero of the frame for the bounds `lower`, `upper` ((3,) float64).
+def frame_origin(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """World position ((3,) float64) of the frame's origin for the bounds `lower`, `upper` ((3,) float64).
 
-    The origin is the middle of the bounds, rounded to a whole number of steps above `lower`. The step is 2**-20
-    times the largest power of two not above the widest extent. If a scene moves by an offset that float64 adds
-    exactly, such as metres of a map grid, the frame moves by the same offset. The scene's float32 coordinates stay
-    the same.
+    The origin is the centre of the bounds, rounded to a whole number of steps above `lower`. The step is 2**-20 times
+    the largest power of two not above the widest extent. If a scene is translated by an offset that float64 adds
+    exactly, such as whole metres of a map grid, the frame moves by the same offset, and the scene's float32 coordinates
+    do not change.
     """
     extent = (upper - lower).max()
     if not extent > 1e-200:
         return lower.copy()
     exponent = int(np.frexp(extent)[1]) - 1  # floor(log2(extent))
     step = np.ldexp(1.0, exponent - 20)
-    return lower + np.round((upper - lower) / 2.0 / step) * step
+    out: NDArray[np.float64] = lower + np.round((upper - lower) / 2.0 / step) * step
+    return out
 
 
-# --- The bounds of a scene, from its pieces one after the other -------------------------------------------------------
+# --- Bounds, accumulated piece by piece -------------------------------------------------------------------------------
 
 
 def faces_of(piece: Piece) -> int:
-    """The number of faces of each copy."""
+    """The number of faces per copy."""
     return piece.vertices.shape[1] // 3 if piece.faces is None else len(piece.faces)
 
 
-def objects_of(pieces: Iterable[Piece]) -> np.ndarray:
-    """(n,) int32: the object of each face of the pieces, in their order."""
+def objects_of(pieces: Iterable[Piece]) -> NDArray[np.int32]:
+    """(n,) int32: the object of each face, in the order of the pieces."""
     ids = [np.empty(0, np.int32)]
     for piece in pieces:
         if piece.owners is not None:
@@ -90,14 +92,16 @@ class Survey:
         self._lower, self._upper = np.full(3, np.inf), np.full(3, -np.inf)
 
     def add(self, piece: Piece) -> None:
-        """Count a piece that does not move."""
+        """Add a piece at rest (without `towards`)."""
         count = len(piece.vertices) * faces_of(piece)
         if count:
-            self._lower = np.minimum(self._lower, piece.vertices.min(axis=(0, 1)))  # NaN stays, and fails in `bounds`
+            self._lower = np.minimum(
+                self._lower, piece.vertices.min(axis=(0, 1))
+            )  # NaN persists, and `bounds` reports it
             self._upper = np.maximum(self._upper, piece.vertices.max(axis=(0, 1)))
         self.n_triangles += count
 
-    def bounds(self) -> np.ndarray:
+    def bounds(self) -> NDArray[np.float64]:
         """(2, 3) float64: lower and upper corner.
 
         Raises
@@ -112,81 +116,83 @@ class Survey:
         return bounds
 
 
-# --- What a scene shows, from a sample of its faces: the extent of its detail, and the axis that points up ------------
+# --- Face samples: the box of the detail, and the up axis -------------------------------------------------------------
 
 
 MAX_SAMPLED_FACES = 50_000
-"""Faces of a sample, at most."""
+"""Approximate maximum number of faces in a sample."""
 
-_FEW = 200  # triangles; scenes with fewer have no outliers
-_RARE = 0.02  # share of the triangles that may lie outside of the box of the detail, at each of its sides
-_FAR, _AROUND = 1.0, 0.5  # the box ends at a side of the scene if it is nearer than _FAR extents, or else after _AROUND
-_MOMENTS = 5  # of an animation
+_FEW = 200  # triangles; smaller scenes have no outliers
+_RARE = 0.02  # share of the triangles that may lie beyond each side of the detail box
+_FAR, _AROUND = 1.0, 0.5  # the box extends to a side of the scene within _FAR extents, else by _AROUND extents
+_MOMENTS = 5  # sampled times of an animation
 
 
-def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> np.ndarray:
-    """(m, 3, 3) float64, world: every k-th face of a scene at a time, at most about `MOST`."""
-    step, first, found = -(-n_triangles // MAX_SAMPLED_FACES), 0, [np.empty((0, 3, 3))]
+def sampled_faces(source: Source, n_triangles: int, time: float = 0.0) -> NDArray[np.float64]:
+    """(m, 3, 3) float64, world: every k-th face of a scene at `time`, about `MAX_SAMPLED_FACES` at most."""
+    step, first, samples = -(-n_triangles // MAX_SAMPLED_FACES), 0, [np.empty((0, 3, 3))]
     for piece in source.pieces(time):
         n, copies = faces_of(piece), len(piece.vertices)
         chosen = np.arange(-first % step, n * copies, step)
         first += n * copies
-        found.append(_corners(piece, *np.divmod(chosen, max(n, 1))))
-    return np.concatenate(found)
+        samples.append(_corners(piece, *np.divmod(chosen, max(n, 1))))
+    return np.concatenate(samples)
 
 
-def _corners(piece: Piece, copies: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(m, 3, 3) float64: the corners of some faces of some copies."""
+def _corners(piece: Piece, copies: np.ndarray, faces: np.ndarray) -> NDArray[np.float64]:
+    """(m, 3, 3) float64: the corners of the given faces of the given copies."""
     corners = 3 * faces[:, None] + np.arange(3) if piece.faces is None else piece.faces[faces]
-    found = piece.vertices[copies[:, None], corners].astype(np.float64)
+    points: NDArray[np.float64] = piece.vertices[copies[:, None], corners].astype(np.float64)
     if piece.towards is None:
-        return found
-    return (1.0 - piece.share) * found + piece.share * piece.towards[copies[:, None], corners]
+        return points
+    out: NDArray[np.float64] = (1.0 - piece.share) * points + piece.share * piece.towards[copies[:, None], corners]
+    return out
 
 
-def moving_faces(source: Source, n_triangles: int) -> np.ndarray:
-    """(m, 3, 3) float64, world: `sampled_faces` of moments that are spread over the animation."""
+def moving_faces(source: Source, n_triangles: int) -> NDArray[np.float64]:
+    """(m, 3, 3) float64, world: `sampled_faces` at evenly spaced times of the animation."""
     moments = _MOMENTS if source.duration > 0.0 else 1
     times = (k * source.duration / max(moments - 1, 1) for k in count())
     return np.concatenate([sampled_faces(source, n_triangles * moments, t) for t, _ in zip(times, range(moments))])
 
 
-def detail(faces: np.ndarray) -> np.ndarray:
+def detail(faces: np.ndarray) -> NDArray[np.float64]:
     """(2, 3) float64: a box around nearly all triangles of a sample.
 
-    Triangles count, not their area. So a wide ground of few triangles, or a lone part far away, does not enlarge it.
+    Triangles are counted, not weighted by area, so a wide ground plane of few triangles or an isolated distant part
+    does not enlarge the box.
     """
     corners = faces.reshape(-1, 3)
-    whole = np.stack([corners.min(0), corners.max(0)])
+    bounds = np.stack([corners.min(0), corners.max(0)])
     if len(faces) < _FEW:
-        return whole
+        return bounds
     lower, upper = np.quantile(faces.mean(1), [_RARE, 1.0 - _RARE], axis=0)
     extent = upper - lower
     return np.stack(
         [
-            np.where(whole[0] >= lower - _FAR * extent, whole[0], lower - _AROUND * extent),
-            np.where(whole[1] <= upper + _FAR * extent, whole[1], upper + _AROUND * extent),
+            np.where(bounds[0] >= lower - _FAR * extent, bounds[0], lower - _AROUND * extent),
+            np.where(bounds[1] <= upper + _FAR * extent, bounds[1], upper + _AROUND * extent),
         ]
     )
 
 
-def within(faces: np.ndarray, box: np.ndarray) -> np.ndarray:
-    """(k, 3) float64: the corners of a sample that lie in a box; the box's own corners if there are none."""
+def within(faces: np.ndarray, box: np.ndarray) -> NDArray[np.float64]:
+    """(k, 3) float64: the sample's corners inside a box; the corners of the box itself if there are none."""
     corners = faces.reshape(-1, 3)
     inside = corners[((corners >= box[0]) & (corners <= box[1])).all(1)]
     return inside if len(inside) else corners_of(box)
 
 
-def corners_of(box: np.ndarray) -> np.ndarray:
+def corners_of(box: np.ndarray) -> NDArray[np.float64]:
     """(8, 3) float64: the corners of a box."""
     return np.stack([box[i, range(3)] for i in np.ndindex(2, 2, 2)])
 
 
 def guess_z_up(faces: np.ndarray) -> bool:
-    """Whether a sample of faces looks as if z pointed up.
+    """Whether a sample of faces suggests that z points up.
 
-    It does if the scene is lower along z than along y, and has far more level area facing z than facing y. Floors and
-    roofs are such areas, and at least about half of them face up.
+    This is the case if the scene is lower along z than deep along y, and has far more area perpendicular to z than to
+    y. Floors and roofs form such area, and about half of it or more must face up.
     """
     if len(faces) < _FEW:
         return False

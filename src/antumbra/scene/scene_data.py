@@ -1,6 +1,6 @@
-"""Scene data: triangles, cameras and lights as functions of time, city objects, and the notes of the loader.
+"""Scene data: triangles, cameras and lights as functions of time, city objects, and grouped loader notes.
 
-`SceneData` is the common base: `MemoryData` holds triangles in memory, `StoreData` on disk.
+`SceneData` is the common base class: `MemoryData` holds triangles in memory, `StoreData` on disk.
 """
 
 import re
@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, choice, instance, items, number, quoted, text, whole_number
 from ..errors import InputError, one_line
@@ -23,45 +24,45 @@ from .mesh import MeshInfo, ObjectInfo, Source
 from .scene_bounds import Survey, faces_of, frame_origin, objects_of
 from .triangles import Triangles
 
-# --- The contents of a CityJSON file beside its triangles: objects, and semantic surfaces of faces --------------------
+# --- City objects and semantic surfaces (CityJSON) --------------------------------------------------------------------
 
 
 class SemanticSurface(NamedTuple):
-    """A semantic surface, such as a roof. A polygon without semantics is a surface of its own."""
+    """A semantic surface, such as a roof. Each polygon without semantics forms its own surface."""
 
     object: int  # index into `CityModel.objects`
     type: str | None  # such as "RoofSurface"; None: the polygon has no semantics
     geometry: int  # index into the object's "geometry"
     semantic: int | None  # index into the geometry's "semantics.surfaces"; None: the polygon has no semantics
-    path: tuple[int, ...]  # indices into "boundaries" that lead to the first polygon of the surface
+    path: tuple[int, ...]  # nested indices in "boundaries" of the surface's first polygon
 
 
 class CityModel(NamedTuple):
-    """Which object and surface each face of a scene belongs to.
+    """The object and semantic surface of each face of a scene.
 
     `Scene.objects` has the same objects in the same order.
     """
 
     crs: str | None  # such as "EPSG:7415"; None: the file names none, or one without an EPSG code
     objects: list[str]  # ids of the objects with faces
-    object_of_face: np.ndarray  # (n,) int32, index into `objects`
-    surface_of_face: np.ndarray  # (n,) int32, index into `surfaces`
+    object_of_face: NDArray[np.int32]  # (n,) int32, index into `objects`
+    surface_of_face: NDArray[np.int32]  # (n,) int32, index into `surfaces`
     surfaces: list[SemanticSurface]  # those with faces
     types: list[str]  # type of each object, such as "BuildingPart"
-    parents: list[str]  # id of the outermost object that each one is a part of, such as the Building; "": none
-    lods: list[str]  # all levels of detail of surfaces in the file, in ascending order
+    parents: list[str]  # id of the outermost object that contains each object, such as the Building; "": none
+    lods: list[str]  # all levels of detail with surfaces in the file, ascending
 
-    def surface_types(self, faces) -> np.ndarray:
-        """(...) str: the type of the semantic surface of each face, such as "RoofSurface".
+    def surface_types(self, faces: "ArrayLike") -> NDArray[np.str_]:
+        """(...) str: the type of each face's semantic surface, such as "RoofSurface".
 
-        It is "" where the polygon has no semantics, and where the face is -1 (none).
+        "" for polygons without semantics, and for the face -1 (a miss).
 
         faces : (...) int, such as `Hit.face`
 
         Raises
         ------
         InputError
-            If a face is no face of the city.
+            If a face index is out of range.
         """
         faces, n = as_array(faces, "faces"), len(self.surface_of_face)
         if faces.dtype.kind == "f" or (faces.size and (faces.min() < -1 or faces.max() >= n)):
@@ -70,10 +71,10 @@ class CityModel(NamedTuple):
         return names[np.where(faces >= 0, self.surface_of_face[faces], len(self.surfaces))]
 
 
-# --- The common base of what scenes hold: `MemoryData` has triangles in memory, `StoreData` on disk -------------------
+# --- The common base class of scene data ------------------------------------------------------------------------------
 
 
-_GAP = 1e-5  # under a scene, as a share of its size: less than a picture shows, and more than float32 rounds
+_GAP = 1e-5  # between scene and ground, relative to the scene's size: invisible, above float32 rounding error
 
 
 class SceneData(ABC):
@@ -85,8 +86,8 @@ class SceneData(ABC):
     duration: float  # seconds
     meshes: list[MeshInfo]
     objects: list[ObjectInfo]
-    bounds: np.ndarray  # (2, 3) float64, world
-    origin: np.ndarray  # (3,) float64, world
+    bounds: NDArray[np.float64]  # (2, 3) float64, world
+    origin: NDArray[np.float64]  # (3,) float64, world
     city: CityModel | None = None  # of a CityJSON file
     crs: str | None = None  # coordinate reference system of the world coordinates, such as "EPSG:7415"
     _cameras: list[Camera]  # at time 0
@@ -98,12 +99,12 @@ class SceneData(ABC):
 
     @property
     def appearance(self) -> Appearance | None:
-        """Textures, colours of vertices, shading normals and alpha. A store has none."""
+        """Textures, vertex colours, shading normals and alpha; None for a store."""
         return None
 
     @property
     def cutouts(self) -> Cutouts | None:
-        """The faces with holes, which alpha cuts; None: all faces are solid, as those of a store."""
+        """The alpha-masked faces; None: all faces are solid, as in a store."""
         return None
 
     def ignore_alpha(self) -> None:
@@ -112,7 +113,7 @@ class SceneData(ABC):
 
     @property
     @abstractmethod
-    def object_of_face(self) -> np.ndarray:
+    def object_of_face(self) -> NDArray[np.int32]:
         """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it."""
 
     @abstractmethod
@@ -121,15 +122,15 @@ class SceneData(ABC):
 
     @abstractmethod
     def _cameras_at(self, time: float) -> list[Camera]:
-        """The cameras at a time within 0 .. `duration`."""
+        """The cameras at a time in [0, `duration`]."""
 
     @abstractmethod
     def _lights_at(self, time: float) -> list[Light]:
-        """The lights at a time within 0 .. `duration`."""
+        """The lights at a time in [0, `duration`]."""
 
     @property
     def animated(self) -> bool:
-        """Whether anything can change between time 0 and `duration`."""
+        """Whether `duration` is positive, so that the scene may change over time."""
         return self.duration > 0.0
 
     @property
@@ -144,42 +145,42 @@ class SceneData(ABC):
 
     def camera(self, index: int = 0, time: float = 0.0) -> Camera:
         """Camera `index` of the file at `time`."""
-        index = self._known("camera", index, len(self._cameras))
+        index = self._checked_index("camera", index, len(self._cameras))
         return self._cameras_at(self.clamped(time))[index]
 
     def light(self, index: int = 0, time: float = 0.0) -> Light:
         """Light `index` of the file at `time`."""
-        index = self._known("light", index, len(self._lights))
+        index = self._checked_index("light", index, len(self._lights))
         return self._lights_at(self.clamped(time))[index]
 
-    def _known(self, kind: str, index: int, count: int) -> int:
-        """The checked index of one of the scene's own cameras or lights."""
+    def _checked_index(self, kind: str, index: int, count: int) -> int:
+        """The checked index of a camera or light from the file."""
         with suppress(InputError):
             return whole_number(index, kind, 0, count - 1)
         raise InputError(f"{self.name}: there is no {kind} {quoted(index)}; the scene has {count}")
 
     def ground_height(self, time: float | None = None) -> float:
-        """The height, along the up axis, of a level ground just under the scene, in world units.
+        """The height along the up axis, in world units, of a horizontal ground plane just below the scene.
 
-        time : seconds; under the scene at this moment of an animation; None: at moments all over the animation
+        time : seconds: below the scene at this moment of an animation; None: below all sampled moments
         """
         gap = _GAP * float(np.linalg.norm(np.ptp(self.bounds, axis=0)))
         return self._lowest(None if time is None else self.clamped(time)) - gap
 
     def _lowest(self, time: float | None) -> float:
-        """The lowest height of the scene, world."""
+        """The lowest height of the scene in world units."""
         return float(self.bounds[0, "xyz".index(self.up)])
 
-    def clamped(self, time) -> float:
+    def clamped(self, time: float) -> float:
         """`time`, clamped to 0 .. `duration`. Raises InputError unless it is a number."""
         time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
         return min(max(time, 0.0), self.duration)
 
 
-# --- What a scene in memory holds: triangles, cameras and lights as a function of time --------------------------------
+# --- Scenes in memory -------------------------------------------------------------------------------------------------
 
 
-_MOMENTS = 25  # of an animation, at which its lowest point is looked for
+_MOMENTS = 25  # times of an animation at which the lowest point is sampled
 
 
 class MemoryData(SceneData):
@@ -225,14 +226,14 @@ class MemoryData(SceneData):
 
     @cached_property
     def _lowest_ever(self) -> float:
-        found = [self._lowest(0.0)]
+        heights = [self._lowest(0.0)]
         for time in np.linspace(0.0, self.duration, _MOMENTS)[1:]:
-            with suppress(InputError):  # a moment that has no triangles shows its error when it is rendered
-                found.append(self._lowest(time))
-        return min(found)
+            with suppress(InputError):  # an invalid moment reports its error when it is rendered
+                heights.append(self._lowest(time))
+        return min(heights)
 
     @property
-    def object_of_face(self) -> np.ndarray:
+    def object_of_face(self) -> NDArray[np.int32]:
         """(n,) int32: the index in `objects` of each face, in the order of `triangles`. Do not write to it.
 
         The first use evaluates the geometry once more, piece by piece.
@@ -243,9 +244,9 @@ class MemoryData(SceneData):
 
     @property
     def appearance(self) -> Appearance | None:
-        """Textures, colours of vertices, shading normals and alpha; None if each face has one colour and no more.
+        """Textures, vertex colours, shading normals and alpha; None if every face has a plain colour.
 
-        The first use evaluates the geometry once more, piece by piece. Textures are decoded when they are shown.
+        The first use evaluates the geometry once more, piece by piece. Textures are decoded on first use.
         """
         if self._looks and self._appearance is None:
             self._appearance = appearance_of(self.source, self.n_triangles)
@@ -253,7 +254,7 @@ class MemoryData(SceneData):
 
     @property
     def cutouts(self) -> Cutouts | None:
-        """The faces with holes, which alpha cuts; None: all faces are solid. The first use decodes their textures.
+        """The alpha-masked faces; None: all faces are solid. The first use decodes their textures.
 
         Raises
         ------
@@ -296,12 +297,13 @@ class MemoryData(SceneData):
     def _cameras_at(self, time: float) -> list[Camera]:
         return self.source.cameras(time)
 
-    def _lights_at(self, time: float) -> list:
+    def _lights_at(self, time: float) -> list[Light]:
         return self.source.lights(time)
 
 
 def check_up_axis(up: str) -> str:
-    return choice(up, "up", ("y", "z"))
+    axis: str = choice(up, "up", ("y", "z"))
+    return axis
 
 
 def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
@@ -316,25 +318,27 @@ def _survey(source: Source) -> tuple[np.ndarray, np.ndarray, bool, bool]:
     return survey.bounds(), np.concatenate(colours), looks, alpha
 
 
-# --- Notes of a loader, put together by kind: a scene with 62 missing textures has one thing to say, not 62 -----------
+# --- Loader notes, grouped by kind: 62 missing textures give one note -------------------------------------------------
 
 
 _QUOTED = re.compile(r"""'[^']*'|"[^"]*\"""")
 
 
 def group_notes(notes: Iterable[str], where: str = "Scene.notes has all") -> list[str]:
-    """The first note of each kind, with the number of further ones. Notes of a kind differ by names and numbers.
+    """The first note of each kind, with the number of further ones. Notes of a kind differ in names and numbers only.
 
-    where : says how to see all notes
+    where : tells the user where to find all notes
     """
     kinds: dict[tuple[str, ...], list[str]] = {}
     for note in notes:
         kinds.setdefault(_kind(note), []).append(note)
-    more = lambda found: f" (and {len(found) - 1} more of this kind; {where})" if len(found) > 1 else ""
-    return [found[0] + more(found) for found in kinds.values()]
+    return [
+        group[0] + (f" (and {len(group) - 1} more of this kind; {where})" if len(group) > 1 else "")
+        for group in kinds.values()
+    ]
 
 
 def _kind(note: str) -> tuple[str, ...]:
-    """The plain words of a note, without names, numbers and files."""
+    """The plain words of a note, without names, numbers and file names."""
     words = (word.strip("(),;:") for word in _QUOTED.sub("", note).split())
     return tuple(word for word in words if word.isalpha())

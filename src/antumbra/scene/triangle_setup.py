@@ -1,6 +1,11 @@
-"""Triangle setup: interpolate, recentre and gather the pieces of a scene in parallel; find triangles without area."""
+"""Triangle setup: interpolate, recentre, round and gather the pieces of a scene in parallel; find degenerate triangles.
+
+Kernels take addresses instead of arrays, so the same compiled kernels serve read-only, memory-mapped, float32 and
+float64 arrays, and no compilation happens while a frame is timed.
+"""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..kernels.exact.filters import has_area
@@ -11,14 +16,10 @@ from .mesh import Piece
 from .scene_bounds import MAX_EXTENT, NEAREST
 from .triangles import Triangles
 
-# --- Turn pieces of a scene into triangles: interpolate in time, recentre, round, and copy by face, on all cores ------
-#
-# Kernels take addresses, not arrays. So read-only, memory-mapped, float32 and float64 arrays all use the same kernels,
-# and none is compiled while a frame is timed.
-
-
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
+
+# --- Interpolation, recentring and gathering --------------------------------------------------------------------------
 
 
 _AT_A_TIME = 8192  # vertices, or faces
@@ -27,14 +28,14 @@ _LIMIT, _NEAREST, _ZERO = np.float32(MAX_EXTENT), np.float32(NEAREST), np.float3
 
 @inlined
 def _recentre_rows(first, last, a, b, share, origin, out):
-    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. True if all is finite and near.
+    """Write (1 - share) a + share b - origin, computed in float64 and rounded once. Coordinates below NEAREST become 0.
 
-    Coordinates below NEAREST become 0.
+    Returns whether all coordinates are finite and within MAX_EXTENT.
     """
-    rest, fine = 1.0 - share, True
+    share_of_a, fine = 1.0 - share, True
     for i in range(3 * first, 3 * last, 3):
         for k in range(3):
-            world = rest * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
+            world = share_of_a * np.float64(get(a, i + k)) + share * np.float64(get(b, i + k))
             local = np.float32(world - origin[k])
             local = _ZERO if abs(local) < _NEAREST else local
             put(out, i + k, local)
@@ -46,8 +47,8 @@ def _recentre_rows(first, last, a, b, share, origin, out):
 def _recentre(ticket, single, a, b, share, origin, out, faults):
     """Worker: recentre rows of vertices."""
     # In: a, b, addresses of (n, 3) vertices at two moments, float32 if `single`, else float64
-    # In: share, of b, float64; origin, (3,) float64
-    # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far
+    # In: share, weight of b, float64; origin, (3,) float64
+    # Out: out, address of (n, 3) float32; faults, (1,) bool, set if a vertex is not finite or too far away
     zero, p = (origin[0], origin[1], origin[2]), f32_at(out)
     for first, last in shares(ticket):
         if single:
@@ -60,7 +61,7 @@ def _recentre(ticket, single, a, b, share, origin, out, faults):
 
 @kernel
 def _gather(ticket, local, vertices, faces, n, out):
-    """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces a copy."""
+    """Worker: write the corners of each copy's faces; `local`, `faces`, `out` are addresses, n the faces per copy."""
     positions, indices, rows = f32_at(local), i32_at(faces), f32_at(out)
     for first, last in shares(ticket):
         copy, face = first // n, first % n
@@ -75,27 +76,27 @@ def _gather(ticket, local, vertices, faces, n, out):
 
 
 def gather(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> int:
-    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32), and return how many.
+    """Write the triangles of a piece to the front of `out` ((m, 3, 3) float32), and return their number.
 
     Raises
     ------
     InputError
-        If vertices are not finite, or too far from `origin`.
+        If vertices are not finite, or too far away from `origin`.
     """
     copies, n_vertices = piece.vertices.shape[:2]
     if piece.faces is None:
-        count = copies * n_vertices // 3
-        _recentred(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
+        count: int = copies * n_vertices // 3
+        _recentre_piece(piece, origin, out[:count].reshape(copies, n_vertices, 3), threads)
         return count
     local, faces = np.empty((copies, n_vertices, 3), np.float32), np.ascontiguousarray(piece.faces, np.int32)
-    _recentred(piece, origin, local, threads)
+    _recentre_piece(piece, origin, local, threads)
     count = copies * len(faces)
     args = local.ctypes.data, n_vertices, faces.ctypes.data, len(faces), out.ctypes.data
     run(_gather, threads, new_ticket(count, _AT_A_TIME), *args)
     return count
 
 
-def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
+def _recentre_piece(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) -> None:
     """Write the vertices of a piece ((k, v, 3)) as float32 in the frame at `origin`."""
     dtype = np.dtype(np.float32 if piece.vertices.dtype == np.float32 else np.float64)
     a = np.ascontiguousarray(piece.vertices, dtype)
@@ -109,37 +110,37 @@ def _recentred(piece: Piece, origin: np.ndarray, out: np.ndarray, threads: int) 
         )
 
 
-# --- Triangles without area. No ray meets them, so no tree holds them (docs/design/exactness.md) ----------------------
+# --- Degenerate triangles: no ray hits them, so trees omit them (docs/design/exactness.md) ----------------------------
 
 
 @kernel
-def _find_areas(ticket, corners, found, faults):
-    """Worker: whether each triangle has an area."""
-    # Out: found, (n,) bool; faults, (1,) bool, set if a triangle has none
+def _find_areas(ticket, corners, has_areas, faults):
+    """Worker: whether each triangle has nonzero area."""
+    # Out: has_areas, (n,) bool; faults, (1,) bool, set if a triangle has none
     v = ptr(corners)
     for first, last in shares(ticket):
         all_have = True
         for i in range(first, last):
             has = has_area(v, i)
-            found[i] = has
+            has_areas[i] = has
             all_have &= has
         if not all_have:
             faults[0] = True
 
 
-def rows_with_area(vertices: np.ndarray, threads: int) -> np.ndarray | None:
-    """(k,) int32, ascending: the triangles that have an area, by exact arithmetic; None: all have.
+def rows_with_area(vertices: NDArray[np.float32], threads: int) -> NDArray[np.int32] | None:
+    """(k,) int32, ascending: the triangles with nonzero area, in exact arithmetic; None: all triangles.
 
     vertices : (n, 3, 3) float32
     """
-    found, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
-    run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), found, faults)
-    return np.flatnonzero(found).astype(np.int32) if faults[0] else None
+    has_areas, faults = np.empty(len(vertices), np.bool_), np.zeros(1, np.bool_)
+    run(_find_areas, threads, new_ticket(len(vertices), _AT_A_TIME), vertices.reshape(-1, 9), has_areas, faults)
+    return np.flatnonzero(has_areas).astype(np.int32) if faults[0] else None
 
 
 @kernel
 def _copy_rows(ticket, corners, rows, out):
-    """Worker: copy the corners of some triangles to the front of `out`."""
+    """Worker: copy the corners of the triangles `rows` to the front of `out`."""
     source, target = ptr(corners), ptr(out)
     for i in items(ticket):
         row = np.int64(rows[i]) * 9
@@ -147,8 +148,8 @@ def _copy_rows(ticket, corners, rows, out):
         put(target, i * 9 + 8, get(source, row + 8))
 
 
-def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
-    """(k, 3, 3) float32: the triangles with an area and without a hole; without a copy if that is all of them."""
+def solid_vertices(triangles: Triangles, threads: int | None) -> NDArray[np.float32]:
+    """(k, 3, 3) float32: the triangles with nonzero area and without holes; not copied if these are all triangles."""
     if triangles.solid is None:
         return triangles.vertices
     out = np.empty((len(triangles.solid), 9), np.float32)
@@ -157,12 +158,12 @@ def solid_vertices(triangles: Triangles, threads: int | None) -> np.ndarray:
     return out.reshape(-1, 3, 3)
 
 
-def solid_faces(vertices: np.ndarray, own: np.ndarray | None, threads: int) -> np.ndarray | None:
-    """(k,) int32, ascending: the faces that have an area, among those without a hole; None: all faces.
+def solid_faces(vertices: np.ndarray, uncut: NDArray[np.int32] | None, threads: int) -> NDArray[np.int32] | None:
+    """(k,) int32, ascending: the faces with nonzero area and without holes; None: all faces.
 
-    own : (m,) int32, ascending: the faces without a hole; None: all
+    uncut : (m,) int32, ascending: the faces without holes; None: all faces
     """
-    found = rows_with_area(vertices, threads)
-    if found is None or own is None:
-        return own if found is None else found
-    return np.intersect1d(found, own, assume_unique=True)
+    with_area = rows_with_area(vertices, threads)
+    if with_area is None or uncut is None:
+        return uncut if with_area is None else with_area
+    return np.intersect1d(with_area, uncut, assume_unique=True)

@@ -1,18 +1,20 @@
 """Sort any number of triangles by Morton code, cut them into chunks along Morton cells, and build a tree for each.
 
-Sorting. If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their
-codes. These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the
-same first bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed
-by its next bits. The triangles alone decide the groups; the amount of memory does not.
+Triangles that do not fit in memory are distributed to buckets in files by the leading bits of their codes. A first pass
+counts the triangles of each cell, that is, of all codes that share these bits. A bucket is the largest cell with few
+enough triangles, and the counts give its place in the files. A cell that is still too large is distributed by its next
+bits. The groups depend on the triangles alone, not on the amount of memory.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import binned_sah
 from ..bvh.lbvh import cut_top
@@ -20,38 +22,33 @@ from ..bvh.morton_sort import Grid, radix_sort, write_codes
 from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
 from ..kernels.parallel import new_ticket, run
 from .staging_files import Batches, Buckets, TriangleColumns, empty_columns, palette_of
-from .store_file import Encoded, encode_chunk
+from .store_file import EncodedChunk, encode_chunk
 
-# --- Sorts any number of triangles by their Morton codes --------------------------------------------------------------
-#
-# If the triangles do not fit in memory, they are distributed to buckets in files, by the leading bits of their codes.
-# These bits are counted first, so the place of each bucket in the files is known. A cell is all codes with the same
-# first bits. A bucket is the largest cell with few enough triangles. A cell that is still too large is distributed by
-# its next bits. The triangles alone decide the groups; the amount of memory does not.
+# --- Sorting by Morton code -------------------------------------------------------------------------------------------
 
 
 AXIS_BITS = 21
 CODE_BITS = 3 * AXIS_BITS
-_LEVEL_BITS = 21  # bits that are counted at a time: 128 cells along each axis
+_LEVEL_BITS = 21  # bits per pass: 128 cells along each axis
 
 
 class Group(NamedTuple):
     """Triangles with consecutive codes."""
 
     triangles: TriangleColumns
-    codes: np.ndarray  # (n,) int64, ascending
-    order: np.ndarray  # (n,) int32: the index of each code's triangle
+    codes: NDArray[np.int64]  # (n,), ascending
+    order: NDArray[np.int32]  # (n,): the index of each code's triangle
 
 
-class Sorting(NamedTuple):
+class SortSettings(NamedTuple):
     """The settings of a sort."""
 
     grid: Grid
     folder: Path  # folder of temporary files
-    most: int  # most triangles in a group
-    batch: int  # triangles that are distributed at a time
+    max_triangles: int  # in a group
+    batch: int  # triangles distributed at a time
     threads: int
-    heard: Callable[[int], None]  # called with the number of triangles just counted or distributed
+    progress: Callable[[int], None]  # called with the number of triangles just counted or distributed
 
 
 def grid_over(box: np.ndarray) -> Grid:
@@ -63,141 +60,153 @@ def grid_over(box: np.ndarray) -> Grid:
     return Grid(origin, factor if np.isfinite(factor) else np.float32(0.0), np.int32(2**AXIS_BITS - 1))
 
 
-def groups(sorting: Sorting, batches: Batches, n: int, done: Callable[[], None], used: int = 0) -> Iterator[Group]:
-    """Yield at most `n` triangles in groups. Groups, and the triangles of each group, are in the order of their codes.
+def sorted_groups(
+    settings: SortSettings, batches: Batches, n: int, release: Callable[[], None], shared_bits: int = 0
+) -> Iterator[Group]:
+    """Yield at most `n` triangles in groups, sorted by code across and within groups. The sort is stable.
 
-    Triangles of equal codes keep their order. `done` is called when the batches are not needed any more. `used` is the
-    number of leading bits that the codes of all these triangles share.
+    release : called once the batches are no longer needed
+    shared_bits : number of leading bits that the codes of all these triangles share
     """
-    if n <= sorting.most or used == CODE_BITS:
-        for batch in [_joined(batches(), n)] if n <= sorting.most else batches():
-            yield _sorted(sorting, batch)
-        done()
+    if n <= settings.max_triangles or shared_bits == CODE_BITS:
+        for batch in [_concatenated(batches(), n)] if n <= settings.max_triangles else batches():
+            yield _sort(settings, batch)
+        release()
         return
-    shift = CODE_BITS - used - _LEVEL_BITS
-    counts = _counted(sorting, batches, shift)
-    cells = _cells(counts, sorting.most)
+    shift = CODE_BITS - shared_bits - _LEVEL_BITS
+    counts = _count_cells(settings, batches, shift)
+    cells = _cells(counts, settings.max_triangles)
     sizes = np.array([counts[first:last].sum() for first, last in cells])
-    buckets = Buckets(sorting.folder, sizes)
+    buckets = Buckets(settings.folder, sizes)
     try:
-        _distribute(sorting, batches, shift, cells, buckets)
-        done()
+        _distribute(settings, batches, shift, cells, buckets)
+        release()
         for k, size in enumerate(sizes.tolist()):
-            yield from groups(
-                sorting, lambda k=k: buckets.batches(k, sorting.most), size, lambda: None, used + _LEVEL_BITS
+            yield from sorted_groups(
+                settings,
+                partial(buckets.batches, k, settings.max_triangles),
+                size,
+                lambda: None,
+                shared_bits + _LEVEL_BITS,
             )
     finally:
         buckets.close()
 
 
-def _joined(batches: Iterator[TriangleColumns], n: int) -> TriangleColumns:
-    """All batches of at most `n` triangles as one."""
-    whole, at = empty_columns(n), 0
+def _concatenated(batches: Iterator[TriangleColumns], n: int) -> TriangleColumns:
+    """Concatenate batches of at most `n` triangles in total."""
+    columns, at = empty_columns(n), 0
     for batch in batches:
         if len(batch.ids) == n:
             return batch
-        for column, part in zip(whole, batch):
+        for column, part in zip(columns, batch):
             column[at : at + len(part)] = part
         at += len(batch.ids)
-    return whole.rows(slice(at))
+    return columns.rows(slice(at))
 
 
-def _codes(sorting: Sorting, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(codes, 0 to n - 1) of triangles."""
+def _codes(settings: SortSettings, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(codes, numbers from 0 to n - 1) of triangles."""
     codes, numbers = np.empty(len(corners), np.int64), np.empty(len(corners), np.int32)
     ticket = new_ticket(len(corners), TRIANGLES_PER_SHARE)
-    run(write_codes, sorting.threads, ticket, corners, sorting.grid, codes, numbers)
+    run(write_codes, settings.threads, ticket, corners, settings.grid, codes, numbers)
     return codes, numbers
 
 
-def _sorted(sorting: Sorting, triangles: TriangleColumns) -> Group:
-    codes, numbers = _codes(sorting, triangles.corners)
-    return Group(triangles, *radix_sort(codes, numbers, CODE_BITS, sorting.threads))
+def _sort(settings: SortSettings, triangles: TriangleColumns) -> Group:
+    codes, numbers = _codes(settings, triangles.corners)
+    return Group(triangles, *radix_sort(codes, numbers, CODE_BITS, settings.threads))
 
 
-def _counted(sorting: Sorting, batches: Batches, shift: int) -> np.ndarray:
-    """(2 ** _LEVEL_BITS,) int64: the number of triangles of each cell."""
+def _count_cells(settings: SortSettings, batches: Batches, shift: int) -> np.ndarray:
+    """(2 ** _LEVEL_BITS,) int64: the number of triangles in each cell."""
     counts = np.zeros(1 << _LEVEL_BITS, np.int64)
     for batch in batches():
-        codes, _ = _codes(sorting, batch.corners)
+        codes, _ = _codes(settings, batch.corners)
         counts += np.bincount(codes >> shift & (len(counts) - 1), minlength=len(counts))
-        sorting.heard(len(codes))
+        settings.progress(len(codes))
     return counts
 
 
-def _cells(counts: np.ndarray, most: int) -> list[tuple[int, int]]:
-    """The largest cells with at most `most` triangles, and the smallest cells that have more, in order.
+def _cells(counts: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
+    """The largest cells with at most `max_triangles` triangles, and the smallest cells that have more, in order.
 
-    Each is a pair of indices in `counts`: the first, and the one behind the last.
+    Each is a half-open range of indices in `counts`.
     """
     before = np.concatenate([[0], np.cumsum(counts)])
-    waiting, found = [(0, len(counts))], []
-    while waiting:
-        first, last = waiting.pop()
+    stack, cells = [(0, len(counts))], []
+    while stack:
+        first, last = stack.pop()
         n = before[last] - before[first]
-        if n > most and last - first > 1:
+        if n > max_triangles and last - first > 1:
             middle = (first + last) // 2
-            waiting += [(middle, last), (first, middle)]
+            stack += [(middle, last), (first, middle)]
         elif n:
-            found.append((first, last))
-    return found
+            cells.append((first, last))
+    return cells
 
 
-def _distribute(sorting: Sorting, batches: Batches, shift: int, cells: list[tuple[int, int]], buckets: Buckets):
+def _distribute(
+    settings: SortSettings, batches: Batches, shift: int, cells: list[tuple[int, int]], buckets: Buckets
+) -> None:
     """Write each triangle to the bucket of its cell. All codes have the same bits above those of the cells."""
     n_cells = 1 << _LEVEL_BITS
     bucket_of = np.zeros(n_cells, np.uint16 if len(cells) <= 1 << 16 else np.int32)  # 16 bits sort fast
     for k, (first, last) in enumerate(cells):
         bucket_of[first:last] = k
     for batch in batches():
-        codes, _ = _codes(sorting, batch.corners)
+        codes, _ = _codes(settings, batch.corners)
         bucket = bucket_of[codes >> shift & (n_cells - 1)]
         order = np.argsort(bucket, kind="stable")
         sizes = np.bincount(bucket, minlength=1)
         ends = np.cumsum(sizes)
         for k in np.flatnonzero(sizes).tolist():
             buckets.add(k, batch.rows(order[ends[k] - sizes[k] : ends[k]]))
-        sorting.heard(len(codes))
+        settings.progress(len(codes))
 
 
-# --- Cuts sorted triangles into chunks along Morton cells, and builds a tree for each chunk ---------------------------
+# --- Chunks -----------------------------------------------------------------------------------------------------------
 
 
-_TINY = 8  # a chunk with fewer than an 8th of the most triangles joins a neighbour that has room
+_TINY = 8  # a chunk of fewer than max_triangles // 8 triangles is merged with a neighbour if the limit allows
 
 
-def cut_chunks(codes: np.ndarray, most: int) -> list[tuple[int, int]]:
-    """Cut sorted codes into chunks: the largest Morton cells of at most `most` triangles.
+def cut_chunks(codes: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
+    """Cut sorted codes into chunks: the largest Morton cells of at most `max_triangles` triangles.
 
-    A tiny cell is joined to a neighbour if both together have at most `most` triangles. Each chunk is a pair: the index
-    of its first code, and the index behind its last one.
+    A tiny cell is merged with a neighbour if the two have at most `max_triangles` triangles in total. Each chunk is a
+    half-open range of indices of codes.
     """
     chunks: list[tuple[int, int]] = []
-    for first, last in cut_top(codes, np.int64(0), most)[1].tolist():
-        if chunks and last - chunks[-1][0] <= most and min(last - first, first - chunks[-1][0]) < most // _TINY:
+    for first, last in cut_top(codes, np.int64(0), max_triangles)[1].tolist():
+        if (
+            chunks
+            and last - chunks[-1][0] <= max_triangles
+            and min(last - first, first - chunks[-1][0]) < max_triangles // _TINY
+        ):
             first, _ = chunks.pop()
         chunks.append((first, last))
     return chunks
 
 
-def build_chunk(triangles: TriangleColumns, which: np.ndarray) -> Encoded:
-    """Make the chunk of the triangles `which`, with a tree by binned SAH [Wald 2007]."""
-    bvh = binned_sah.build(triangles.corners[which].reshape(-1, 3, 3), 1)
-    slots = which[bvh.prim_ids]
+def build_chunk(triangles: TriangleColumns, rows: np.ndarray) -> EncodedChunk:
+    """Build the chunk of the triangles `rows`, with a binned-SAH tree [Wald 2007]."""
+    bvh = binned_sah.build(triangles.corners[rows].reshape(-1, 3, 3), 1)
+    slots = rows[bvh.prim_ids]
     return encode_chunk(bvh._replace(prim_ids=triangles.ids[slots]), *palette_of(triangles.colours[slots]))
 
 
-def chunks_of(groups: Iterable[Group], most: int, threads: int) -> Iterator[Encoded]:
-    """Yield all chunks, in the order of the groups. One thread builds a chunk; `threads` are built at a time."""
-    waiting: deque[Future[Encoded]] = deque()
+def chunks_of(groups: Iterable[Group], max_triangles: int, threads: int) -> Generator[EncodedChunk, None, None]:
+    """Yield the chunks of all groups in order. Each chunk is built by one thread, up to `threads` of them at a time."""
+    futures: deque[Future[EncodedChunk]] = deque()
     with ThreadPoolExecutor(threads) as pool:
         try:
             for group in groups:
-                for first, last in cut_chunks(group.codes, most):
-                    waiting.append(pool.submit(build_chunk, group.triangles, group.order[first:last]))
-                    while len(waiting) > 2 * threads:
-                        yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
+                for first, last in cut_chunks(group.codes, max_triangles):
+                    futures.append(pool.submit(build_chunk, group.triangles, group.order[first:last]))
+                    while len(futures) > 2 * threads:
+                        yield futures.popleft().result()
+            while futures:
+                yield futures.popleft().result()
         finally:
             pool.shutdown(cancel_futures=True)

@@ -1,16 +1,18 @@
 """Staging files of a build: scene pieces in their own precision, then columns of triangles in the recentred frame.
 
-Columns stay in memory if they fit. Triangle colours are stored as indices into palettes: most scenes have few colours,
-so an index takes a byte.
+Columns stay in memory if they fit. Triangle colours are stored as indices into palettes. Most scenes have few colours,
+so an index takes one byte.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from io import BufferedIOBase
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import kernel
 from ..scene.mesh import Piece
@@ -18,7 +20,7 @@ from ..scene.scene_bounds import Survey, faces_of
 from ..scene.triangle_setup import gather, rows_with_area
 from .store_format import index_dtype
 
-# --- Palettes: colours of triangles as indices of rows. Most scenes have few colours, so an index takes a byte --------
+# --- Palettes ---------------------------------------------------------------------------------------------------------
 
 
 _NONE = np.int32(-1)
@@ -49,7 +51,7 @@ def _index(colours, table, palette, index):
 
 
 def palette_of(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(palette, index) of colours, (n, 3) float32. ``palette[index]`` equals the colours bit for bit."""
+    """(palette, index) of (n, 3) float32 colours. ``palette[index]`` equals the colours bit for bit."""
     n = len(colours)
     bits = np.ascontiguousarray(colours, np.float32).view(np.int32)
     table = np.full(1 << (2 * n).bit_length(), _NONE)
@@ -58,11 +60,11 @@ def palette_of(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return palette[:count].view(np.float32), index
 
 
-# --- Spools the pieces of scenes to a temporary file, in their own precision, until all pieces are known --------------
+# --- Scene pieces, staged in a temporary file until the bounds of all are known ---------------------------------------
 
 
-MOST = 1 << 18
-"""The most faces of a piece in the spool."""
+MAX_FACES = 1 << 18
+"""Limit on the faces of a staged piece."""
 
 
 class _Array(NamedTuple):
@@ -70,10 +72,10 @@ class _Array(NamedTuple):
 
     offset: int
     shape: tuple[int, ...]
-    dtype: np.dtype
+    dtype: np.dtype[Any]
 
 
-class _Spooled(NamedTuple):
+class _StoredPiece(NamedTuple):
     """A `Piece` whose arrays are in the file."""
 
     vertices: _Array
@@ -83,26 +85,26 @@ class _Spooled(NamedTuple):
 
 
 class StagingFile:
-    """Pieces in order, in a temporary file without a name, and their survey.
+    """Scene pieces in order, in an unnamed temporary file, and their survey.
 
-    Read them only when no piece is being added.
+    Do not read pieces while others are being added.
     """
 
     def __init__(self, folder: Path, file: str):
         self.survey = Survey(file)
         self._stream = TemporaryFile(dir=folder)  # noqa: SIM115 - closed by `close`
-        self._pieces: list[_Spooled] = []
+        self._pieces: list[_StoredPiece] = []
 
     @property
     def size(self) -> int:
-        """Bytes of the file."""
+        """Size of the file in bytes."""
         return self._stream.tell()
 
     def add(self, piece: Piece) -> None:
         """Write a piece; a large piece is split."""
         self.survey.add(piece)
-        for part in _parts(piece, MOST):
-            self._pieces.append(self._written(part))
+        for part in _split(piece, MAX_FACES):
+            self._pieces.append(self._store(part))
 
     def pieces(self) -> Iterator[Piece]:
         """Yield all pieces; large ones stay split."""
@@ -115,18 +117,18 @@ class StagingFile:
 
     def close(self) -> None:
         """Delete the file."""
-        with suppress(OSError):  # buffered data is not needed any more, so a full disk does not matter
+        with suppress(OSError):  # buffered data is no longer needed, so a full disk does not matter
             self._stream.close()
 
-    def _written(self, piece: Piece) -> _Spooled:
+    def _store(self, piece: Piece) -> _StoredPiece:
         dtype = np.float32 if piece.vertices.dtype == np.float32 else np.float64
         vertices = self._write(np.ascontiguousarray(piece.vertices, dtype))
         faces = None if piece.faces is None else self._write(np.ascontiguousarray(piece.faces, np.int32))
         if piece.colour.ndim == 1:
-            return _Spooled(vertices, faces, (self._write(piece.colour), None), piece.where)
+            return _StoredPiece(vertices, faces, (self._write(piece.colour), None), piece.where)
         palette, index = palette_of(piece.colour)
         index = index.astype(index_dtype(len(palette)))
-        return _Spooled(vertices, faces, (self._write(palette), self._write(index)), piece.where)
+        return _StoredPiece(vertices, faces, (self._write(palette), self._write(index)), piece.where)
 
     def _write(self, array: np.ndarray) -> _Array:
         place = _Array(self._stream.tell(), array.shape, array.dtype)
@@ -140,29 +142,29 @@ class StagingFile:
         return array
 
 
-def read_into(stream, array: np.ndarray) -> None:
-    """Fill a C-contiguous array from a stream; OSError if the stream is too short."""
+def read_into(stream: BufferedIOBase, array: np.ndarray) -> None:
+    """Fill a C-contiguous array from a stream. Raises OSError if the stream is too short."""
     if stream.readinto(array.reshape(-1).view(np.uint8).data) != array.nbytes:
-        raise OSError("a temporary file has lost its end")
+        raise OSError("a temporary file was truncated")
 
 
-def _parts(piece: Piece, most: int) -> Iterator[Piece]:
-    """Split a piece into pieces of at most `most` faces; faces keep their order."""
+def _split(piece: Piece, max_faces: int) -> Iterator[Piece]:
+    """Split a piece into pieces of at most `max_faces` faces; faces keep their order."""
     copies, n = len(piece.vertices), faces_of(piece)
     if n == 0:
         return
-    if n <= most:
-        step = most // n
+    if n <= max_faces:
+        step = max_faces // n
         for first in range(0, copies, step):
             yield piece._replace(vertices=piece.vertices[first : first + step])
         return
     for copy in range(copies):
-        for first in range(0, n, most):
-            yield _run(piece, copy, first, min(first + most, n))
+        for first in range(0, n, max_faces):
+            yield _face_range(piece, copy, first, min(first + max_faces, n))
 
 
-def _run(piece: Piece, copy: int, first: int, last: int) -> Piece:
-    """Faces `first` to `last` - 1 of a copy, with the vertices that they use."""
+def _face_range(piece: Piece, copy: int, first: int, last: int) -> Piece:
+    """Faces `first` to `last` - 1 of copy `copy`, with the vertices that they use."""
     vertices, colour = piece.vertices[copy], piece.colour
     if colour.ndim > 1:
         colour = colour[first:last]
@@ -172,19 +174,19 @@ def _run(piece: Piece, copy: int, first: int, last: int) -> Piece:
     return Piece(vertices[used][None], faces.reshape(-1, 3).astype(np.int32), colour, piece.where)
 
 
-# --- Columns of triangles while a store is built, in memory or in temporary files, in the recentred frame -------------
+# --- Columns of triangles, in memory or in temporary files ------------------------------------------------------------
 
 
 class TriangleColumns(NamedTuple):
-    """Some triangles. A row of each array belongs to the same triangle."""
+    """Triangles as columns: row i of each array belongs to triangle i."""
 
-    corners: np.ndarray  # (n, 9) float32, in the recentred frame
-    ids: np.ndarray  # (n,) int32: index in the whole scene
-    colours: np.ndarray  # (n, 3) float32
+    corners: NDArray[np.float32]  # (n, 9), in the recentred frame
+    ids: NDArray[np.int32]  # (n,): index in the whole scene
+    colours: NDArray[np.float32]  # (n, 3)
 
-    def rows(self, which) -> "TriangleColumns":
-        """The rows that an index or a slice chooses."""
-        return TriangleColumns(*(column[which] for column in self))
+    def rows(self, index: slice | np.ndarray) -> "TriangleColumns":
+        """The rows selected by an array of indices or a slice."""
+        return TriangleColumns(self.corners[index], self.ids[index], self.colours[index])
 
 
 def empty_columns(n: int) -> TriangleColumns:
@@ -192,19 +194,20 @@ def empty_columns(n: int) -> TriangleColumns:
 
 
 Batches = Callable[[], Iterator[TriangleColumns]]
-"""Returns a new iterator over batches of all triangles, in ascending order of their ids."""
+"""Returns a new iterator over all triangles in batches, in ascending order of ids."""
 
 
 def gather_triangles(
-    pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int, left_out: np.ndarray
+    pieces: Iterator[Piece], origin: np.ndarray, size: int, threads: int, excluded_box: np.ndarray
 ) -> Iterator[TriangleColumns]:
-    """Yield the triangles of pieces that have an area, in batches of at most `size`. No piece may have more.
+    """Yield the triangles of nonzero area in batches of at most `size`. No piece may have more.
 
-    The first triangle is always there, so that a store has a chunk. A batch is valid until the next one is taken.
+    The first triangle is included in any case, so that a store has a chunk. A batch is valid until the next one is
+    requested.
 
-    left_out : (2, 3) float32, a box that grows around the triangles without area
+    excluded_box : (2, 3) float32, a box that is extended by the zero-area triangles
     """
-    batch, n, first = empty_columns(size), 0, 0  # triangles in the batch, and the number of the next one
+    batch, n, first = empty_columns(size), 0, 0  # number of triangles in the batch, and the id of the next one
     for piece in pieces:
         faces = faces_of(piece)
         count = len(piece.vertices) * faces
@@ -215,33 +218,33 @@ def gather_triangles(
         gather(piece, origin, rows.corners.reshape(count, 3, 3), threads)
         rows.ids[:] = np.arange(first, first + count, dtype=np.int32)
         rows.colours.reshape(-1, faces, 3)[:] = piece.colour
-        n, first = n + _keep_areas(rows, first == 0, threads, left_out), first + count
+        n, first = n + _compact(rows, first == 0, threads, excluded_box), first + count
     if n:
         yield batch.rows(slice(n))
 
 
-def _keep_areas(rows: TriangleColumns, first: bool, threads: int, left_out: np.ndarray) -> int:
-    """Move the triangles that have an area to the front, and return their number; `first`: keep row 0, too."""
-    found = rows_with_area(rows.corners.reshape(-1, 3, 3), threads)
-    if found is None:
+def _compact(rows: TriangleColumns, first: bool, threads: int, excluded_box: np.ndarray) -> int:
+    """Move the triangles of nonzero area to the front and return their number; `first`: keep row 0 as well."""
+    indices = rows_with_area(rows.corners.reshape(-1, 3, 3), threads)
+    if indices is None:
         return len(rows.ids)
-    if first and not (len(found) and found[0] == 0):
-        found = np.insert(found, 0, 0)
-    corners = np.delete(rows.corners, found, axis=0).reshape(-1, 3)
-    left_out[0] = np.minimum(left_out[0], corners.min(axis=0, initial=np.inf))
-    left_out[1] = np.maximum(left_out[1], corners.max(axis=0, initial=-np.inf))
+    if first and not (len(indices) and indices[0] == 0):
+        indices = np.insert(indices, 0, 0)
+    corners = np.delete(rows.corners, indices, axis=0).reshape(-1, 3)
+    excluded_box[0] = np.minimum(excluded_box[0], corners.min(axis=0, initial=np.inf))
+    excluded_box[1] = np.maximum(excluded_box[1], corners.max(axis=0, initial=-np.inf))
     for column in rows:
-        column[: len(found)] = column[found]
-    return len(found)
+        column[: len(indices)] = column[indices]
+    return len(indices)
 
 
 class Buckets:
-    """Triangles in temporary files, in consecutive buckets. Their sizes are known beforehand."""
+    """Triangles in temporary files, in consecutive buckets whose sizes are known beforehand."""
 
     def __init__(self, folder: Path, sizes: np.ndarray):
         self._files = [TemporaryFile(dir=folder) for _ in TriangleColumns._fields]  # noqa: SIM115 - closed by `close`
         self._starts = np.cumsum(sizes) - sizes
-        self._ends = self._starts.copy()  # end of the triangles that have been written
+        self._ends = self._starts.copy()  # end of the triangles written so far
 
     def add(self, bucket: int, triangles: TriangleColumns) -> None:
         """Append triangles to a bucket."""
@@ -252,7 +255,7 @@ class Buckets:
         self._ends[bucket] += len(triangles.ids)
 
     def batches(self, bucket: int, size: int) -> Iterator[TriangleColumns]:
-        """Yield the triangles of a bucket in the order in which they were written, at most `size` at a time."""
+        """Yield the triangles of a bucket in the order in which they were added, at most `size` at a time."""
         end = int(self._ends[bucket])
         for first in range(int(self._starts[bucket]), end, size):
             batch = empty_columns(min(size, end - first))
@@ -264,7 +267,7 @@ class Buckets:
     def close(self) -> None:
         """Delete the files."""
         for file in self._files:
-            with suppress(OSError):  # buffered data is not needed any more, so a full disk does not matter
+            with suppress(OSError):  # buffered data is no longer needed, so a full disk does not matter
                 file.close()
 
 

@@ -1,17 +1,20 @@
 """Store files: write chunks, directory and header; open a store, and read and check its chunks.
 
-The directory at the end of the file, with the top tree over the chunks, stays in memory while the store is open.
+The directory at the end of the file holds the top tree, whose leaves are the chunks. It stays in memory while the store
+is open.
 """
 
 import hashlib
 import os
 import zlib
+from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 from threading import Lock
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import binned_sah
 from ..bvh.nodes import CHILDREN, EMPTY, Bvh, aligned_empty, boxes_of, bvh_leaf, bvh_link
@@ -20,6 +23,7 @@ from ..checks import quoted
 from ..errors import InputError
 from ..files import checked_file
 from ..scene.camera import Camera
+from ..scene.lights import Light
 from ..scene.mesh import MeshInfo, ObjectInfo
 from ..scene.scene_bounds import check_extent
 from ..scene.scene_data import SceneData
@@ -44,21 +48,20 @@ from .store_format import (
     pages,
 )
 
-# --- The top tree, over the chunks. It stays in memory ----------------------------------------------------------------
+# --- The top tree -----------------------------------------------------------------------------------------------------
 
 
 class TopTree(NamedTuple):
-    """A tree whose leaves are chunks. Nodes are as in `Bvh`, but a link < 0 is ``~(8 * chunk)``, or EMPTY."""
+    """A tree whose leaves are chunks. Nodes are as in `Bvh`, but a link < 0 is ``~(8 * chunk)`` or EMPTY."""
 
-    nodes: np.ndarray  # (m, 16) float32, 64-byte aligned
-    links: np.ndarray  # (m, 16) int32, the same memory
+    nodes: NDArray[np.float32]  # (m, 16), 64-byte aligned
+    links: NDArray[np.int32]  # (m, 16), the same memory
 
 
 def top_tree(boxes: np.ndarray, threads: int) -> TopTree:
-    """Build the tree over boxes of chunks, (k, 6) float32: binned SAH, then insertion-based optimisation
-    [Bittner et al. 2013].
+    """Build the tree over (k, 6) float32 boxes by binned SAH and insertion-based optimisation [Bittner et al. 2013].
 
-    Builders take triangles. So each box becomes a triangle without area that has the same bounds.
+    Since builders take triangles, each box is replaced by a zero-area triangle with the same bounds.
     """
     lower, upper = boxes[:, :3], boxes[:, 3:]
     bvh = binned_sah.build(np.stack([lower, upper, lower], axis=1), threads, max_leaf=1)
@@ -69,26 +72,26 @@ def top_tree(boxes: np.ndarray, threads: int) -> TopTree:
     return TopTree(bvh.nodes, bvh.links)
 
 
-# --- The directory at the end of a store. It stays in memory while the store is open ----------------------------------
+# --- The directory ----------------------------------------------------------------------------------------------------
 
 
 class Directory(NamedTuple):
     """The contents of the directory."""
 
-    meta: Meta  # the scene, besides its triangles
+    meta: Meta  # the scene without its triangles
     chunks: Chunks  # the table of all chunks
     top: TopTree  # the tree over the chunks
 
 
 def encode_directory(table: np.ndarray, top: TopTree, meta: Meta) -> bytes:
-    """The bytes of a directory, filled up with zeros to a whole page; `table` is (k,) TABLE."""
-    told = meta_to_json(meta)
-    data = COUNTS.pack(len(table), len(top.nodes), len(told)) + table.tobytes() + top.nodes.tobytes() + told
+    """The bytes of a directory, padded with zeros to whole pages; `table` is (k,) TABLE."""
+    meta_json = meta_to_json(meta)
+    data = COUNTS.pack(len(table), len(top.nodes), len(meta_json)) + table.tobytes() + top.nodes.tobytes() + meta_json
     return data.ljust(pages(len(data)), b"\0")
 
 
 def decode_directory(data: bytes) -> Directory:
-    """The directory from the bytes that `encode` returned."""
+    """The directory from the bytes that `encode_directory` returned."""
     k, m, length = COUNTS.unpack_from(data)
     table = np.frombuffer(data, TABLE, k, COUNTS.size)
     chunks = Chunks(*(np.ascontiguousarray(table[name]) for name in Chunks._fields))
@@ -99,20 +102,20 @@ def decode_directory(data: bytes) -> Directory:
     return Directory(meta_from_json(data[at : at + length]), chunks, TopTree(nodes, nodes.view(np.int32)))
 
 
-# --- Writes a store: the chunks one after the other, then the directory, then the header ------------------------------
+# --- Writing: the chunks one after the other, then the directory, then the header -------------------------------------
 
 
-class Encoded(NamedTuple):
+class EncodedChunk(NamedTuple):
     """A chunk as bytes of the file."""
 
-    data: np.ndarray  # (bytes,) uint8
+    data: NDArray[np.uint8]  # (bytes,)
     row: np.ndarray  # () TABLE: the chunk's row of the directory; the writer sets the offset
 
 
-def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> Encoded:
-    """Encode a chunk: a BVH and the colours of its slots. Its prim_ids are indices in the whole scene.
+def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> EncodedChunk:
+    """Encode a chunk: a BVH, whose prim_ids are indices in the whole scene, and the colours of its slots.
 
-    `palette` is (p, 3) float32, `index` is (n,) of any integer type.
+    `palette` is (p, 3) float32; `index` is (n,) of any integer type.
     """
     n, m, p = len(bvh.prim_ids), len(bvh.nodes), len(palette)
     data = np.zeros(pages(chunk_places(n, m, p).end), np.uint8)
@@ -121,33 +124,33 @@ def encode_chunk(bvh: Bvh, palette: np.ndarray, index: np.ndarray) -> Encoded:
         target[...] = source
     row = np.zeros((), TABLE)
     row["bytes"], row["triangles"], row["nodes"], row["colours"] = len(data), n, m, p
-    row["crc"], row["root"] = zlib.crc32(data), bvh.nodes[0]
+    row["crc"], row["root"] = zlib.crc32(data.data), bvh.nodes[0]
     row["box"] = boxes_of(bvh.nodes[:1])[0].reshape(6)
-    return Encoded(data, row)
+    return EncodedChunk(data, row)
 
 
-class Writer:
-    """Writes a store to an empty file that is open for writing."""
+class StoreWriter:
+    """Writes a store to an empty file."""
 
     def __init__(self, stream: BinaryIO):
         self._stream, self._end = stream, PAGE
         self._rows: list[np.ndarray] = []
         stream.seek(PAGE)  # the header stays zeros until `finish`
 
-    def add(self, chunk: Encoded) -> None:
+    def add(self, chunk: EncodedChunk) -> None:
         """Write the next chunk."""
         chunk.row["offset"] = self._end
-        self._stream.write(chunk.data)
+        self._stream.write(chunk.data.data)
         self._rows.append(chunk.row)
         self._end += len(chunk.data)
 
     @property
     def table(self) -> np.ndarray:
-        """(k,) TABLE: the directory's rows of all chunks so far."""
+        """(k,) TABLE: the directory rows of the chunks written so far."""
         return np.stack(self._rows)
 
     def finish(self, top: TopTree, meta: Meta) -> int:
-        """Write the directory, then the header, which completes the store. Return the size of the file."""
+        """Write the directory, then the header, which marks the store as complete. Return the size of the file."""
         directory = encode_directory(self.table, top, meta)
         self._stream.write(directory)
         self._sync()
@@ -160,29 +163,29 @@ class Writer:
         return size
 
     def _sync(self) -> None:
-        """Wait until the disk has all data. Some systems report a full disk only then."""
+        """Flush all data to the disk. Some systems do not report a full disk before."""
         self._stream.flush()
         os.fsync(self._stream.fileno())
 
 
-# --- Opens a store, and reads its chunks into memory, checked each time -----------------------------------------------
+# --- Reading: chunks are checked each time they are read --------------------------------------------------------------
 
 
-_AGAIN = "copy the file again, or build it again"
+_REMEDY = "copy the file again, or build it again"
 
 
 class Store:
-    """A store that is open for reading. Many processes and threads may read a store at the same time.
+    """A store that is open for reading. Any number of processes and threads may read a store at the same time.
 
-    A pickle holds the path. To read it opens the file again, which must have the same contents.
+    A pickle holds the path; unpickling opens the file again, which must have the same contents.
 
     Attributes
     ----------
     path : Path
     meta : Meta
     chunks : Chunks
-    top : Top
-        The tree over the chunks. It is in memory, like `chunks`.
+    top : TopTree
+        The tree over the chunks; in memory, like `chunks`.
     """
 
     def __init__(self, path: Path, stream: FileIO, directory: Directory, digest: str):
@@ -199,28 +202,29 @@ class Store:
         return len(self.chunks.offset)
 
     def chunk(self, k: int, memory: np.ndarray | None = None) -> Chunk:
-        """Read chunk `k` and check it. The arrays are views of `memory`, and stay valid after `close`.
+        """Read chunk `k` and check it. The arrays are views of `memory` and stay valid after `close`.
 
         Parameters
         ----------
         memory : (n,) uint8 or None
-            At least as large as the chunk; None: new memory.
+            A buffer at least as large as the chunk; None: a new one.
 
         Raises
         ------
         InputError
-            If a byte has changed, the file ends too early, or it cannot be read. It names the file and the chunk.
+            If a byte has changed, the file is truncated, or it cannot be read. The message names the file and the
+            chunk.
         """
         c = self.chunks
         size = int(c.bytes[k])
         data = aligned_empty((size,), "u1") if memory is None else memory[:size]
         try:
-            got = self._read(data, int(c.offset[k]))
+            n_read = self._read(data, int(c.offset[k]))
         except OSError as error:
             raise self._damaged(k, f"cannot be read ({error.strerror or error})") from None
-        if got < size:
+        if n_read < size:
             raise self._damaged(k, "is cut short")
-        if zlib.crc32(data) != c.crc[k]:
+        if zlib.crc32(data.data) != c.crc[k]:
             raise self._damaged(k, "is damaged")
         return chunk_views(data, int(c.triangles[k]), int(c.nodes[k]), int(c.colours[k]))
 
@@ -229,36 +233,36 @@ class Store:
         self.chunk(k, memory)
 
     def memory(self) -> np.ndarray:
-        """(n,) uint8: memory for any chunk."""
+        """(n,) uint8: a new buffer, large enough for any chunk."""
         return aligned_empty((int(self.chunks.bytes.max(initial=0)),), "u1")
 
     def close(self) -> None:
         """Close the file."""
         self._stream.close()
 
-    def __reduce__(self):
-        return _opened_again, (self._absolute, self.path, self._digest)
+    def __reduce__(self) -> tuple[Callable[[Path, Path, str], "Store"], tuple[Path, Path, str]]:
+        return _reopen, (self._absolute, self.path, self._digest)
 
     def __enter__(self) -> "Store":
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, {self.n_triangles} triangles in {len(self)} chunks)"
 
     def _read(self, data: np.ndarray, offset: int) -> int:
-        """Fill `data` with the bytes of the file from `offset` on. Return how many there were."""
+        """Fill `data` with bytes of the file from `offset` on. Return the number of bytes read."""
         if self._stream.closed:
             raise InputError(f"{self.path.name}: is closed; open it again")
-        view, done = memoryview(data), 0
-        while done < len(view):
-            got = self._read_some(view[done:], offset + done)
-            if not got:
+        view, n_done = data.data, 0
+        while n_done < len(view):
+            n_read = self._read_some(view[n_done:], offset + n_done)
+            if not n_read:
                 break
-            done += got
-        return done
+            n_done += n_read
+        return n_done
 
     def _read_some(self, view: memoryview, offset: int) -> int:
         if hasattr(os, "preadv"):
@@ -269,35 +273,35 @@ class Store:
 
     def _damaged(self, k: int, what: str) -> InputError:
         first, end = int(self.chunks.offset[k]), int(self.chunks.offset[k] + self.chunks.bytes[k])
-        return InputError(f"{self.path.name}: chunk {k} of {len(self)} (bytes {first} to {end - 1}) {what}; {_AGAIN}")
+        return InputError(f"{self.path.name}: chunk {k} of {len(self)} (bytes {first} to {end - 1}) {what}; {_REMEDY}")
 
 
-def open_store(path) -> Store:
-    """Open a store. This reads and checks its header and its directory, and reads no chunk.
+def open_store(path: str | os.PathLike[str]) -> Store:
+    """Open a store: read and check its header and directory, but no chunk.
 
     Raises
     ------
     InputError
-        If the file is missing, is no store, has another version, or its build was not finished. Also if it is cut
-        short, or if its header or directory is damaged.
+        If the file is missing, is not a store, has another version, is incomplete or truncated, or has a damaged header
+        or directory.
     """
     path = Path(path)
     checked_file(path, path.name or str(path))
     stream = FileIO(path)
     try:
-        place, size, crc = _read_header(stream.read(PAGE), os.fstat(stream.fileno()).st_size, path.name)
-        stream.seek(place)
+        offset, size, crc = _read_header(stream.read(PAGE), os.fstat(stream.fileno()).st_size, path.name)
+        stream.seek(offset)
         directory = stream.read(size)
         if zlib.crc32(directory) != crc:
-            raise InputError(f"{path.name}: the directory of its chunks is damaged; {_AGAIN}")
+            raise InputError(f"{path.name}: its chunk directory is damaged; {_REMEDY}")
         return Store(path, stream, decode_directory(directory), hashlib.sha256(directory).hexdigest())
     except BaseException:
         stream.close()
         raise
 
 
-def _opened_again(absolute: Path, path: Path, digest: str) -> Store:
-    """The store of a pickle. Raises InputError if its file is missing, or has other contents by now."""
+def _reopen(absolute: Path, path: Path, digest: str) -> Store:
+    """Open the store of a pickle. Raises InputError if its file is missing or its contents have changed."""
     store = open_store(absolute)
     if store._digest != digest:  # the directory has the checksums of all chunks
         store.close()
@@ -313,21 +317,23 @@ def _read_header(header: bytes, actual: int, name: str) -> tuple[int, int, int]:
     if not header.startswith(MAGIC):
         raise InputError(f"{name}: is not a store; make one by antumbra build SCENE -o FILE{STORE_SUFFIX}")
     if len(header) < PAGE:
-        raise InputError(f"{name}: is cut short in the header; {_AGAIN}")
+        raise InputError(f"{name}: is cut short in the header; {_REMEDY}")
     if zlib.crc32(header[:HEADER_CRC]) != int.from_bytes(header[HEADER_CRC:], "little"):
-        raise InputError(f"{name}: the header is damaged; {_AGAIN}")
-    _, version, complete, size, place, length, crc = HEADER.unpack_from(header)
+        raise InputError(f"{name}: the header is damaged; {_REMEDY}")
+    _, version, complete, size, offset, length, crc = HEADER.unpack_from(header)
     if version != VERSION:
-        raise InputError(f"{name}: is a store of version {version}, and only {VERSION} is read; build it again")
+        raise InputError(
+            f"{name}: is a store of version {version}; only version {VERSION} is supported; build it again"
+        )
     if complete != COMPLETE:
         raise InputError(f"{name}: its build was not finished; build it again")
     if actual != size:
-        wrong = "is cut short" if actual < size else "has something behind its end"
-        raise InputError(f"{name}: {wrong} ({actual} bytes instead of {size}); {_AGAIN}")
-    return place, length, crc
+        wrong = "is cut short" if actual < size else "has extra bytes after its end"
+        raise InputError(f"{name}: {wrong} ({actual} bytes instead of {size}); {_REMEDY}")
+    return offset, length, crc
 
 
-# --- What a scene in a store holds; only the chunks in use are in memory ----------------------------------------------
+# --- Scene data -------------------------------------------------------------------------------------------------------
 
 
 class StoreData(SceneData):
@@ -350,7 +356,7 @@ class StoreData(SceneData):
 
     @property
     def object_of_face(self) -> np.ndarray:
-        """(n,) int32, all 0, read-only and without memory of its own: a store is one object."""
+        """(n,) int32, all 0, a read-only broadcast array: a store is one object."""
         return np.broadcast_to(np.int32(0), self.n_triangles)
 
     @property
@@ -366,13 +372,13 @@ class StoreData(SceneData):
         """The error raised by methods that need all triangles."""
         return InputError(
             f"{self.store.path.name}: is a store, and its {self.n_triangles:,} triangles are never all in memory; "
-            "ask a scene in memory for this"
+            "use a scene in memory for this"
         )
 
     def _cameras_at(self, time: float) -> list[Camera]:
         return self._cameras
 
-    def _lights_at(self, time: float) -> list:
+    def _lights_at(self, time: float) -> list[Light]:
         return self._lights
 
 

@@ -1,23 +1,23 @@
 """The file format of a store, version 1, and its metadata. All numbers are little-endian.
 
-The metadata is the scene without its triangles, as JSON. Floats survive it bit for bit.
-
 ::
 
     header      one page of 4096 bytes: `HEADER`, zeros, and the CRC-32 of all this in the last four bytes
     chunks      each begins on a page: nodes, corners, prim_ids, palette, index, zeros up to the next page
     directory   begins on a page: `COUNTS`, a `TABLE` row for each chunk, the top tree's nodes, metadata (JSON), zeros
 
-CRC-32 sums include the zeros, so they find a changed byte anywhere. The header is written last. So a file whose writing
-was interrupted begins with zeros.
+CRC-32 checksums cover the padding, so they detect a changed byte anywhere. The header is written last, so a file whose
+build was interrupted begins with zeros. The metadata describes the scene without its triangles as JSON, from which
+floats are restored bit for bit.
 """
 
 import json
 import struct
 from dataclasses import fields
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.nodes import Bvh
 from ..scene import lights as lights_module
@@ -25,22 +25,12 @@ from ..scene.camera import Camera
 from ..scene.light_lists import DirectionalLights, PointLights
 from ..scene.lights import Light
 
-# --- The file format of a store, version 1. All numbers are little-endian ---------------------------------------------
-#
-# ::
-#
-#     header      one page of 4096 bytes: `HEADER`, zeros, and the CRC-32 of all this in the last four bytes
-#     chunks      each begins on a page: nodes, corners, prim_ids, palette, index, zeros up to the next page
-#     directory   begins on a page: `COUNTS`, a `TABLE` row for each chunk, the top tree's nodes, metadata (JSON),
-#     zeros
-#
-# CRC-32 sums include the zeros, so they find a changed byte anywhere. The header is written last. So a file whose
-# writing was interrupted begins with zeros.
+# --- File layout ------------------------------------------------------------------------------------------------------
 
 
 STORE_SUFFIX = ".antumbra"
 PAGE = 4096
-NODE_BYTES = 64  # of a node in a chunk
+NODE_BYTES = 64  # bytes of a BVH node in a chunk
 MAGIC = b"ANTUMBRA"
 VERSION = 1
 COMPLETE = 1
@@ -48,7 +38,7 @@ HEADER = struct.Struct("<8sIIQQQI")
 """Magic, version, COMPLETE, size of the file, and the directory's offset, size and CRC-32."""
 HEADER_CRC = PAGE - 4  # offset of the header's own CRC-32, in every version
 COUNTS = struct.Struct("<QQQ")
-"""Numbers of chunks, of nodes of the top tree, and of bytes of metadata."""
+"""Number of chunks, number of nodes of the top tree, and size of the metadata in bytes."""
 
 TABLE = np.dtype(
     [
@@ -66,35 +56,35 @@ TABLE = np.dtype(
 
 
 class Chunks(NamedTuple):
-    """The table of all chunks of a store, a column for each field. It is always in memory."""
+    """The table of all chunks of a store, one column per field. It is always in memory."""
 
-    offset: np.ndarray  # (k,) int64: where the chunk begins in the file, a multiple of PAGE
-    bytes: np.ndarray  # (k,) int64: length of the chunk with its padding, a multiple of PAGE
-    triangles: np.ndarray  # (k,) int64: number of triangles
-    nodes: np.ndarray  # (k,) int64: number of nodes of the chunk's BVH
-    colours: np.ndarray  # (k,) int64: number of rows of the chunk's palette
-    crc: np.ndarray  # (k,) uint32: CRC-32 of all bytes of the chunk
-    box: np.ndarray  # (k, 6) float32: lower, then upper corner; the exact bounds of the chunk's triangles
-    root: np.ndarray  # (k, 16) float32: a copy of the chunk's root node
+    offset: NDArray[np.int64]  # (k,): where the chunk begins in the file, a multiple of PAGE
+    bytes: NDArray[np.int64]  # (k,): length of the chunk with its padding, a multiple of PAGE
+    triangles: NDArray[np.int64]  # (k,): number of triangles
+    nodes: NDArray[np.int64]  # (k,): number of nodes of the chunk's BVH
+    colours: NDArray[np.int64]  # (k,): number of rows of the chunk's palette
+    crc: NDArray[np.uint32]  # (k,): CRC-32 of all bytes of the chunk
+    box: NDArray[np.float32]  # (k, 6): lower, then upper corner; the exact bounds of the chunk's triangles
+    root: NDArray[np.float32]  # (k, 16): a copy of the chunk's root node
 
 
 class Chunk(NamedTuple):
-    """A chunk of a scene: views of the memory that it was read into."""
+    """A chunk of a scene: views of the buffer that it was read into."""
 
     bvh: Bvh  # BVH of the chunk's triangles; prim_ids are indices in the whole scene
-    palette: np.ndarray  # (p, 3) float32: the base colours that occur, each once
-    index: np.ndarray  # (n,) uint8, uint16 or uint32: slot -> row of the palette
+    palette: NDArray[np.float32]  # (p, 3): the distinct base colours
+    palette_rows: NDArray[Any]  # (n,) uint8, uint16 or uint32: slot -> row of the palette
 
 
-class ChunkPlace(NamedTuple):
+class ChunkLayout(NamedTuple):
     """Offsets of a chunk's arrays, in bytes from the chunk's first byte. An array ends where the next one begins."""
 
     nodes: int
     corners: int
     prim_ids: int
     palette: int
-    index: int
-    end: int  # end of the index, without the padding
+    palette_rows: int
+    end: int  # end of the last array, without the padding
 
 
 def pages(n_bytes: int) -> int:
@@ -102,21 +92,21 @@ def pages(n_bytes: int) -> int:
     return -(-n_bytes // PAGE) * PAGE
 
 
-def index_dtype(colours: int) -> np.dtype:
-    """The dtype of an index into a palette of `colours` rows."""
-    return np.dtype("u1" if colours <= 1 << 8 else "<u2" if colours <= 1 << 16 else "<u4")
+def index_dtype(n_colours: int) -> np.dtype[Any]:
+    """The dtype of indices into a palette of `n_colours` rows."""
+    return np.dtype("u1" if n_colours <= 1 << 8 else "<u2" if n_colours <= 1 << 16 else "<u4")
 
 
-def chunk_places(triangles: int, nodes: int, colours: int) -> ChunkPlace:
+def chunk_places(triangles: int, nodes: int, colours: int) -> ChunkLayout:
     """The offsets of a chunk's arrays."""
     corners = NODE_BYTES * nodes
     prim_ids = corners + 36 * triangles
     palette = prim_ids + 4 * triangles
-    index = palette + 12 * colours
-    return ChunkPlace(0, corners, prim_ids, palette, index, index + triangles * index_dtype(colours).itemsize)
+    rows = palette + 12 * colours
+    return ChunkLayout(0, corners, prim_ids, palette, rows, rows + triangles * index_dtype(colours).itemsize)
 
 
-def chunk_views(data: np.ndarray, triangles: int, nodes: int, colours: int) -> Chunk:
+def chunk_views(data: NDArray[np.uint8], triangles: int, nodes: int, colours: int) -> Chunk:
     """The arrays of a chunk as views of its bytes, (m,) uint8."""
     at = chunk_places(triangles, nodes, colours)
     lines = data[at.nodes : at.corners]
@@ -126,11 +116,11 @@ def chunk_views(data: np.ndarray, triangles: int, nodes: int, colours: int) -> C
         data[at.prim_ids : at.palette].view(np.int32),
         data[at.corners : at.prim_ids].view(np.float32).reshape(triangles, 9),
     )
-    palette = data[at.palette : at.index].view(np.float32).reshape(colours, 3)
-    return Chunk(bvh, palette, data[at.index : at.end].view(index_dtype(colours)))
+    palette = data[at.palette : at.palette_rows].view(np.float32).reshape(colours, 3)
+    return Chunk(bvh, palette, data[at.palette_rows : at.end].view(index_dtype(colours)))
 
 
-# --- The metadata of a store: the scene without its triangles, as JSON. Floats survive it bit for bit -----------------
+# --- Metadata ---------------------------------------------------------------------------------------------------------
 
 
 _CAMERA = ("position", "target", "up", "vfov", "width", "height", "projection", "extent")
@@ -142,51 +132,51 @@ class Meta(NamedTuple):
     name: str  # name of the scene
     up: str  # "y" or "z"
     n_triangles: int
-    bounds: np.ndarray  # (2, 3) float64, world space
-    origin: np.ndarray  # (3,) float64: origin of the recentred frame, in world space
-    box: np.ndarray  # (2, 3) float32: exact bounds of all vertices in the recentred frame
+    bounds: NDArray[np.float64]  # (2, 3), world space
+    origin: NDArray[np.float64]  # (3,): origin of the recentred frame, in world space
+    box: NDArray[np.float32]  # (2, 3): exact bounds of all vertices in the recentred frame
     cameras: list[Camera]
     lights: list[Light]
-    notes: tuple[str, ...]  # notes of the loaders that read the sources
-    built: dict  # how the store was built: names and values
+    notes: tuple[str, ...]  # notes of the loaders that read the source files
+    built: dict[str, Any]  # the settings of the build
     crs: str | None = None  # of the world coordinates
 
 
 def meta_to_json(meta: Meta) -> bytes:
     """The metadata as JSON."""
-    told = meta._asdict()
+    record = meta._asdict()
     if meta.crs is None:
-        del told["crs"]  # so that earlier versions read the store
-    told["bounds"], told["origin"], told["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
-    told["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
-    told["lights"] = [_light_fields(light) for light in meta.lights]
-    return json.dumps(told).encode()
+        del record["crs"]  # so that earlier versions read the store
+    record["bounds"], record["origin"], record["box"] = (_plain(a) for a in (meta.bounds, meta.origin, meta.box))
+    record["cameras"] = [{name: _plain(getattr(c, name)) for name in _CAMERA} for c in meta.cameras]
+    record["lights"] = [_light_fields(light) for light in meta.lights]
+    return json.dumps(record).encode()
 
 
 def meta_from_json(data: bytes) -> Meta:
-    """The metadata from JSON that `as_json` wrote."""
-    told = json.loads(data)
-    told["bounds"], told["origin"] = np.array(told["bounds"]), np.array(told["origin"])
-    told["box"] = np.array(told["box"], np.float32)
-    told["cameras"] = [Camera(**values) for values in told["cameras"]]
-    told["lights"] = [_light(values) for values in told["lights"]]
-    told["notes"] = tuple(told["notes"])
-    return Meta(**told)
+    """The metadata from JSON that `meta_to_json` wrote."""
+    record = json.loads(data)
+    record["bounds"], record["origin"] = np.array(record["bounds"]), np.array(record["origin"])
+    record["box"] = np.array(record["box"], np.float32)
+    record["cameras"] = [Camera(**values) for values in record["cameras"]]
+    record["lights"] = [_light(values) for values in record["lights"]]
+    record["notes"] = tuple(record["notes"])
+    return Meta(**record)
 
 
-def _plain(value):
+def _plain(value: object) -> object:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _light_fields(light: Light) -> dict:
+def _light_fields(light: Light) -> dict[str, Any]:
     named = {"name": light.name} if light.name else {}
     return {"type": type(light).__name__} | named | {f.name: _plain(getattr(light, f.name)) for f in fields(light)}
 
 
-def _light(values: dict) -> Light:
+def _light(values: dict[str, Any]) -> Light:
     kind, name, values["colour"] = values.pop("type"), values.pop("name", ""), tuple(values["colour"])
     kinds = {kind.__name__: kind for kind in (PointLights, DirectionalLights)}
-    light = (kinds.get(kind) or getattr(lights_module, kind))(**values)
+    light: Light = (kinds.get(kind) or getattr(lights_module, kind))(**values)
     for key, value in values.items():  # overwrite: normalising a direction again could change its last bit
         object.__setattr__(light, key, np.array(value) if isinstance(getattr(light, key), np.ndarray) else value)
     return light.named(name)

@@ -1,6 +1,6 @@
-"""System resources: free disk space, resident memory of this process, and reused pages for chunks.
+"""System resources: free disk space, resident memory of this process, and reused buffers for chunks.
 
-Reading into reused memory is faster: clearing new pages would take the system longer than a read.
+Reading into a reused buffer is faster: the system would take longer to clear new pages than to read a chunk.
 """
 
 import ctypes
@@ -12,24 +12,25 @@ from pathlib import Path
 from threading import Lock
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 
-# --- The room on a disk that a build takes ----------------------------------------------------------------------------
+# --- Disk space -------------------------------------------------------------------------------------------------------
 
 
 TRIANGLE_BYTES = 130
-"""Bytes on the disk for each triangle, at most: 75 of the store, and 55 of temporary files."""
+"""Upper bound on the disk space per triangle of a build: 75 bytes in the store and 55 in temporary files."""
 
 
-def check_space(folder: Path, file: str, triangles: int, written: int = 0) -> None:
-    """Raise an InputError if a folder has no room to build a store of so many triangles.
+def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0) -> None:
+    """Raise InputError unless the disk of `folder` has enough free space to build a store of `triangles` triangles.
 
-    written : bytes of temporary files that are there already
+    written : bytes of temporary files that are already there
     """
     try:
         free = shutil.disk_usage(folder).free
-    except OSError:  # some file systems do not tell
+    except OSError:  # some file systems do not report it
         return
     need = TRIANGLE_BYTES * triangles - written
     if need > free:
@@ -39,7 +40,7 @@ def check_space(folder: Path, file: str, triangles: int, written: int = 0) -> No
         )
 
 
-# --- The memory of this process ---------------------------------------------------------------------------------------
+# --- Memory of this process -------------------------------------------------------------------------------------------
 
 
 def peak_resident() -> int | None:
@@ -52,8 +53,8 @@ def peak_resident() -> int | None:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
-def resident() -> int:
-    """Resident memory of this process in bytes; its peak where the system does not report it."""
+def resident_memory() -> int:
+    """Resident memory of this process in bytes; its peak where the system does not report the current size."""
     try:
         with open("/proc/self/statm") as stream:
             return int(stream.read().split()[1]) * mmap.PAGESIZE
@@ -62,44 +63,46 @@ def resident() -> int:
 
 
 def release_freed() -> None:
-    """Give memory that was freed, but that the C library keeps, back to the system, where it can (glibc)."""
+    """Return freed memory that the C library still holds to the system, where that is possible (glibc)."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Memory for chunks, used again when a chunk leaves: the system would clear new pages for longer than a read takes.
+# --- Reused buffers ---------------------------------------------------------------------------------------------------
 
 
-class Pool:
-    """Pieces of memory that no chunk uses now. Several threads may use it at the same time."""
+class BufferPool:
+    """Free buffers for chunks. It is thread-safe."""
 
-    def __init__(self):
-        self._free: list[np.ndarray] = []
+    def __init__(self) -> None:
+        self._free: list[NDArray[np.uint8]] = []
         self._lock = Lock()
 
     @property
     def bytes(self) -> int:
-        """Bytes of the free memory."""
+        """Total size of the free buffers."""
         return sum(map(len, self._free))
 
-    def take(self, size: int, most: int) -> np.ndarray:
-        """(n,) uint8 with `size` <= n <= `most`: a free piece, or new memory; then as much free memory is released."""
+    def acquire(self, size: int, max_size: int) -> NDArray[np.uint8]:
+        """A buffer of (n,) uint8 with `size` <= n <= `max_size`.
+
+        It is a free one if one fits. Otherwise it is new, and free buffers of at least that size in total are dropped.
+        """
         with self._lock:
-            fits = [i for i, piece in enumerate(self._free) if size <= len(piece) <= most]
+            fits = [i for i, buffer in enumerate(self._free) if size <= len(buffer) <= max_size]
             if fits:
                 return self._free.pop(min(fits, key=lambda i: len(self._free[i])))
-            released = 0
-            while self._free and released < size:
-                released += len(self._free.pop())
+            dropped = 0
+            while self._free and dropped < size:
+                dropped += len(self._free.pop())
         return np.frombuffer(mmap.mmap(-1, max(size, 1)), np.uint8)
 
-    def give(self, piece: np.ndarray) -> None:
-        """Keep a piece for a chunk that comes later."""
+    def release(self, buffer: NDArray[np.uint8]) -> None:
+        """Return a buffer to the pool for a later chunk."""
         with self._lock:
-            self._free.append(piece)
+            self._free.append(buffer)
 
     def clear(self) -> None:
-        """Release all free memory."""
+        """Drop all free buffers."""
         with self._lock:
             self._free.clear()

@@ -1,21 +1,20 @@
-"""Alpha testing: rays that no solid triangle stops are tested against faces with holes in their textures.
+"""Alpha testing: rays that no solid triangle blocks are tested against alpha-masked faces, the *cut-outs*.
 
-Alpha-masked faces have a tree of their own, which is traced after everything else. A ray passes where the texel that it
-hits is a hole.
-
-The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree of
-their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts what
-they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-out's
-triangle, and if nothing solid blocks it.
+A ray passes through a cut-out if the texel that it hits is transparent. The solid triangles of a scene are in the
+plan's own tree, whose tracer reads no textures. Cut-outs are in a separate tree, the same for every plan, which is
+traced after the solid triangles. `add_shadows` adds the segments that cut-outs block to a tracer's bits, and
+`add_nearest` replaces hits on solid triangles by nearer hits on cut-outs. A shadow ray reads texels only if shafts have
+determined that it may meet a cut-out, and nothing solid blocks it.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh import binned_sah
 from ..bvh.block_tree import BlockTree, block_tree
-from ..bvh.nodes import Bvh, tree_of
+from ..bvh.nodes import LEFT_FIRST, Bvh, tree_of
 from ..kernels.exact.filters import BEYOND, is_nearer, single_weights, weights
 from ..kernels.exact.predicate import ray_along, segment
 from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
@@ -24,19 +23,19 @@ from ..kernels.simd import get, lowest_bit, ptr
 from ..kernels.vec3 import scalars
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
-from ..query.shadow_query import new_bits, patch_of, query_pointers, sample_of, set_bit
+from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
 from ..scene.materials import CLAMP, MIRROR
 from ..scene.triangle_setup import rows_with_area
 from ..scene.triangles import Triangles
 from .frusta.multi_frusta import trace_shadow
 from .rays.ray_hits import intersections
-from .rays.ray_traversal import CLOSEST, LEFT_FIRST, passed, triangle_hit, walk
+from .rays.ray_traversal import CLOSEST, ignores_hit, triangle_hit, walk
 
-# --- Texels of cut-outs in kernels: does a ray that meets a face pass through a hole of its texture? ------------------
+# --- Texels of cut-outs -----------------------------------------------------------------------------------------------
 
 
 class AlphaTexels(NamedTuple):
-    """What the slots of a tree of cut-outs need to find texels: see `scene.alpha_masks.Cutouts`."""
+    """The data by which slots of a cut-out tree find their texels: see `scene.alpha_masks.Cutouts`."""
 
     uv: np.ndarray  # (m, 6) float32, slot -> texture coordinates of the three corners
     mask: np.ndarray  # (m,) int32, slot -> mask
@@ -46,7 +45,7 @@ class AlphaTexels(NamedTuple):
 
 
 class TexelPointers(NamedTuple):
-    """Pointers to the arrays of `Texels`, which must outlive them."""
+    """Pointers to the arrays of `AlphaTexels`, which must outlive them."""
 
     uv: F32Ptr  # float32 *
     mask: I32Ptr  # int32 *
@@ -57,15 +56,13 @@ class TexelPointers(NamedTuple):
 
 @inlined
 def texel_pointers(texels):
-    """`TexelPointers` of `Texels`."""
-    return TexelPointers(
-        ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels)
-    )  # fmt: skip
+    """`TexelPointers` of `AlphaTexels`."""
+    return TexelPointers(ptr(texels.uv), ptr(texels.mask), ptr(texels.shapes), ptr(texels.first), ptr(texels.texels))
 
 
 @inlined
 def _wrapped(x, size, wrap):
-    """The texel 0 .. size - 1 that stands at place x of the endless texture."""
+    """The texel, 0 to size - 1, at coordinate x of the repeated texture."""
     if wrap == CLAMP:
         return min(max(x, np.int64(0)), size - 1)
     if wrap == MIRROR:
@@ -76,7 +73,7 @@ def _wrapped(x, size, wrap):
 
 @inlined
 def _inside(weight):
-    """A weight, which rounding may have moved beyond 0 or 1."""
+    """The weight, clamped to 0 .. 1, which rounding may have exceeded."""
     return min(max(weight, np.float64(0.0)), np.float64(1.0))
 
 
@@ -88,7 +85,7 @@ def _texture_coordinate(uv, slot, axis, b, c):
 
 @kernel
 def is_hole(texels, ray, corners, slot):
-    """Is the texel clear where the ray meets the cut-out in `slot`? One fixed float64 expression finds the texel."""
+    """True if the texel is transparent where the ray meets the cut-out in `slot`. One float64 expression defines it."""
     b, c = weights(ray, corners, slot)
     b, c = _inside(b), _inside(c)
     k = np.int64(get(texels.mask, slot))
@@ -100,23 +97,18 @@ def is_hole(texels, ray, corners, slot):
     return np.int64(byte) >> (x & 7) & 1 == 0
 
 
-@overload(passed)
-def _passed(listener, ray, corners, slot, prim):
-    if getattr(listener, "instance_class", None) is TexelPointers:
-        return lambda listener, ray, corners, slot, prim: is_hole(listener, ray, corners, slot)
+@overload(ignores_hit)
+def _ignores_hit(hit_filter, ray, corners, slot, prim):
+    if getattr(hit_filter, "instance_class", None) is TexelPointers:
+        return lambda hit_filter, ray, corners, slot, prim: is_hole(hit_filter, ray, corners, slot)
     return None
 
 
-# --- Cut-outs after everything else: rays that no solid triangle stops are tested against faces with holes ------------
-#
-# The solid triangles of a scene are in the plan's own tree, and its tracer knows of no texture. Cut-outs are in a tree
-# of their own, the same for every plan. `add_shadows` adds what they block to a tracer's bits, and `add_nearest` puts
-# what they show before the nearest solid surfaces. A shadow ray reads texels only if shafts found that it meets a cut-
-# out's triangle, and if nothing solid blocks it.
+# --- Tracing cut-outs after the solid triangles -----------------------------------------------------------------------
 
 
 class CutoutTree(NamedTuple):
-    """The cut-outs of a scene at one moment; triangles have their indices in the whole scene."""
+    """The cut-outs of a scene at one time; triangle indices are those of the whole scene."""
 
     bvh: Bvh
     blocks: BlockTree
@@ -125,15 +117,15 @@ class CutoutTree(NamedTuple):
 
 def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree | None:
     """The `CutoutTree` of a scene's triangles; None if it has no cut-outs."""
-    own = triangles.cutouts
-    if own is None or not len(own.faces):
+    cutouts = triangles.cutouts
+    if cutouts is None or not len(cutouts.faces):
         return None
-    vertices = triangles.vertices[own.faces]
+    vertices = triangles.vertices[cutouts.faces]
     areas = rows_with_area(vertices, thread_count(threads))
     bvh = binned_sah.build(vertices if areas is None else vertices[areas], threads)
     at = bvh.prim_ids if areas is None else areas[bvh.prim_ids]
-    bvh = bvh._replace(prim_ids=own.faces[at])
-    texels = AlphaTexels(own.uv[at].reshape(-1, 6), own.mask[at], own.shapes, own.first, own.texels)
+    bvh = bvh._replace(prim_ids=cutouts.faces[at])
+    texels = AlphaTexels(cutouts.uv[at].reshape(-1, 6), cutouts.mask[at], cutouts.shapes, cutouts.first, cutouts.texels)
     return CutoutTree(bvh, block_tree(bvh, threads), texels)
 
 
@@ -144,8 +136,8 @@ def _ray_to(query, patch, i, s):
 
 
 @inlined
-def _stopper(tree, holes, ray, skip, cull_faces, last):
-    """The slot of a cut-out that stops the ray, or -1. `last`, which stopped the ray before, is tested first."""
+def _blocking_cutout(tree, holes, ray, skip, cull_faces, last):
+    """The slot of a cut-out that blocks the ray, or -1; `last`, which blocked the previous ray, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
@@ -158,26 +150,26 @@ def _stopper(tree, holes, ray, skip, cull_faces, last):
 
 @kernel
 def _shadows(ticket, bvh, texels, query, met, bits):
-    """Worker: set the bits of segments in `met` that a solid texel stops, unless they are set."""
-    tree, holes, asked = tree_of(bvh), texel_pointers(texels), query_pointers(query)
-    found, out, last = ptr(met), ptr(bits), np.int64(-1)
+    """Worker: set the bits of segments in `met` that an opaque texel blocks, unless they are already set."""
+    tree, holes, pointers = tree_of(bvh), texel_pointers(texels), query_pointers(query)
+    candidates, out, last = ptr(met), ptr(bits), np.int64(-1)
     for i in items(ticket):
-        skip = np.int64(get(asked.ids, i))
-        for k in range(asked.words):
-            left = get(found, i * asked.words + k) & ~get(out, i * asked.words + k)
-            if left == 0:
+        skip = np.int64(get(pointers.ids, i))
+        for k in range(pointers.words):
+            words = get(candidates, i * pointers.words + k) & ~get(out, i * pointers.words + k)
+            if words == 0:
                 continue
-            patch = patch_of(asked, i)
-            while left != 0:
-                s = 64 * k + lowest_bit(left)
-                left &= left - np.uint64(1)
-                slot = _stopper(tree, holes, _ray_to(asked, patch, i, s), skip, asked.facing, last)
+            patch = patch_of(pointers, i)
+            while words != 0:
+                s = 64 * k + lowest_bit(words)
+                words &= words - np.uint64(1)
+                slot = _blocking_cutout(tree, holes, _ray_to(pointers, patch, i, s), skip, pointers.facing, last)
                 if slot >= 0:
                     last = slot
-                    set_bit(asked, out, i, s)
+                    set_bit(pointers, out, i, s)
 
 
-def add_shadows(tree: CutoutTree, query, bits: np.ndarray, threads: int | None = None) -> None:
+def add_shadows(tree: CutoutTree, query: ShadowQuery, bits: NDArray[np.uint64], threads: int | None = None) -> None:
     """Set bit s of ``bits[y, x]`` where a cut-out occludes sample s.
 
     bits : (h, w, ceil(spp / 64)) uint64, the answer of a tracer over the solid triangles
@@ -192,7 +184,7 @@ class CutoutRays(NamedTuple):
     """Rays in the recentred frame."""
 
     origins: np.ndarray  # (m, 3) float32
-    directions: np.ndarray  # (m, 3) float32; zero: no ray; or the targets of segments
+    directions: np.ndarray  # (m, 3) float32; zero: no ray; for segments, their targets
     skip: np.ndarray  # (m,) int32, a triangle that is not tested; -1: none
     tmin: np.ndarray  # (m,) float64
     tmax: np.ndarray  # (m,) float64
@@ -208,8 +200,8 @@ def rays_of_pass(rays: RayPass) -> CutoutRays:
 
 def rays_of_arguments(rays: RayArrays, cull_faces: int) -> CutoutRays:
     """`CutoutRays` of a checked ray list."""
-    ends = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
-    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), *ends, cull_faces, rays.segments)
+    tmin, tmax = (np.ascontiguousarray(end[:, 0], np.float64) for end in (rays.tmin, rays.tmax))
+    return CutoutRays(*rays.local(), np.ascontiguousarray(rays.skip[:, 0]), tmin, tmax, cull_faces, rays.segments)
 
 
 @kernel
@@ -234,16 +226,22 @@ def _nearest(ticket, bvh, texels, rays, out):
 
 
 def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int | None = None) -> None:
-    """Replace hits by those on cut-outs that are nearer.
+    """Replace hits by nearer hits on cut-outs.
 
-    out : face, t, u and v of the nearest solid triangles: -1 and inf on a miss
+    out : face, t, u and v of the nearest solid triangles; face -1 and t inf on a miss
     """
     ticket = new_ticket(len(rays.origins), 1024)
     run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
 
 
-def show_cutouts(tree: CutoutTree | None, rays: RayPass, face, t, threads: int | None = None) -> None:
-    """Replace the hits of a pass of rays, face (m,) int32 and t (m,) float64, by those on cut-outs that are nearer."""
+def show_cutouts(
+    tree: CutoutTree | None,
+    rays: RayPass,
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    threads: int | None = None,
+) -> None:
+    """Replace the hits of a pass, face (m,) int32 and t (m,) float64, by nearer hits on cut-outs."""
     if tree is not None:
         add_nearest(tree, rays_of_pass(rays), _hits(face, t), threads)
 
@@ -255,7 +253,7 @@ def _hits(face: np.ndarray, t: np.ndarray) -> HitArrays:
 def add_hits(
     tree: CutoutTree, rays: RayArrays, cull_faces: int, any_hit: bool, out: HitArrays, threads: int | None = None
 ) -> None:
-    """Add the hits on cut-outs to those of a checked ray list on solid triangles."""
+    """Add hits on cut-outs to the hits of a checked ray list on solid triangles."""
     if not any_hit:
         add_nearest(tree, rays_of_arguments(rays, cull_faces), out, threads)
         return
@@ -266,20 +264,26 @@ def add_hits(
 
 
 @kernel
-def _stops(ticket, bvh, texels, origins, ends, rays, slots, stops):
-    """Worker: whether segments that meet cut-outs meet solid texels."""
+def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
+    """Worker: whether segments that meet cut-outs hit opaque texels."""
     tree, holes = tree_of(bvh), texel_pointers(texels)
     for k in items(ticket):
         o, e = origins[rays[k]], ends[rays[k]]
         stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
 
 
-def all_stops(tree: CutoutTree, origins, ends, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of a segment and a cut-out that stops it: (segment, triangle), (k,) each; see `intersections`."""
+def all_stops(
+    tree: CutoutTree,
+    origins: NDArray[np.float32],
+    ends: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """All pairs of a segment and a cut-out that blocks it: (segment, triangle), (k,) each; see `intersections`."""
     met = intersections(tree.bvh, origins, ends, skip, threads)
     rays = np.repeat(np.arange(len(origins)), np.diff(met.first))
     order = np.argsort(tree.bvh.prim_ids)
     slots, stops = order[np.searchsorted(tree.bvh.prim_ids[order], met.prims)], np.empty(len(rays), np.bool_)
     ticket = new_ticket(len(rays), 1024)
-    run(_stops, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
+    run(_find_blocking, thread_count(threads), ticket, tree.bvh, tree.texels, origins, ends, rays, slots, stops)
     return rays[stops], met.prims[stops]

@@ -1,17 +1,15 @@
-"""Descent from leaf to leaf: 16 shafts or rays traverse a binary tree with one stack of links and masks.
+"""Leaf-to-leaf traversal of a binary tree by 16 shafts or rays, with one stack of links and masks.
 
-The slab tests compare one box with 16 lanes at once.
-
-Slab tests. A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high
-bound the origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does
-the same for the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So
-the shaft meets the slab [low, high] of a node's box at t if
+Slab tests compare one box with 16 lanes at once. A *shaft* contains all segments from a box of origins to a box of
+targets. Along each axis, o_low and o_high bound the origins. d_low leads from the lower bound of the origins to the
+lower bound of the targets, and d_high from upper bound to upper bound. At parameter t the shaft's points lie between
+o_low + t d_low and o_high + t d_high. So the shaft meets the slab [low, high] of a node's box at t if
 
     o_high + t d_high >= low     and     o_low + t d_low <= high
 
-Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
-they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one.
-Its two conditions both bound t from below.
+Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0; otherwise
+they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds one:
+both of its conditions bound t from below.
 
 If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
 [Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
@@ -21,13 +19,14 @@ The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d 
 - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
 - Rounding k adds 4u |k|, and the fma adds u |t|.
 - `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
-- *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t| of
-  an entry and 9u |t| of an exit.
+- *Endless* shafts have no upper limit of t. They add 12u |k| to k, and multiply r and k of an exit by `GROW`, which
+  covers the errors 7u |t| of an entry and 9u |t| of an exit.
 
-A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
+A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the exact
+one.
 
-Order of children. Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer
-child first (`next_block`).
+Child order: any-hit lanes visit children in the tree's order (`next_leaf`), closest-hit lanes the nearer child first
+(`next_block`).
 """
 
 from typing import NamedTuple
@@ -55,37 +54,12 @@ from ..kernels.simd import (
 from .counters import BOX_TESTS, NODES, count
 from .triangle_tests import fetch
 
-# --- Slab tests of 16 shafts at once: one box against 16 lanes --------------------------------------------------------
-#
-# A *shaft* contains all segments from a box of origins to a box of targets. Along each axis, o_low and o_high bound
-# the origins. d_low leads from the lower bound of the origins to the lower bound of the targets, and d_high does the
-# same for the upper bounds. At parameter t the shaft's points lie between o_low + t d_low and o_high + t d_high. So
-# the shaft meets the slab [low, high] of a node's box at t if
-#
-#     o_high + t d_high >= low     and     o_low + t d_low <= high
-#
-# Each condition bounds t on one side. The first bounds t from below if d_high > 0, the second if d_low < 0. Otherwise
-# they bound t from above. An interval of directions that contains zero needs no special test, though the paper adds
-# one. Its two conditions both bound t from below.
-#
-# If the origin box is a point, the shaft is the frustum of multi-frusta tracing, and this is its interval slab test
-# [Benthin and Wald 2009, Sec. 4.1; Boulos et al. 2006]. If both boxes are points, the shaft is a ray.
-#
-# The test is conservative in float32. A bound is fma(plane, r, k) with r = 1 / d and k = -o r; u is the unit roundoff.
-#
-# - Rounding d and r adds an error of 3u |plane r|, at most 3u (|t| + |k|).
-# - Rounding k adds 4u |k|, and the fma adds u |t|.
-# - `_PAD` = 12u of (1 + |k|), added to k once, outwards, covers these errors for all t up to 1.
-# - *Endless* shafts have no last t. They add 12u |k| to k, and `GROW` multiplies r and k of an exit. It covers 7u |t|
-#   of
-#   an entry and 9u |t| of an exit.
-#
-# A tiny |d| is replaced by a limit, with the sign that bounds t from below. The bound is never tighter than the truth.
+# --- Slab tests of 16 shafts ------------------------------------------------------------------------------------------
 
 
 GROW = np.float32(1.0 + 2.0**-19)  # 32u
 _PAD = np.float32(12 * 2.0**-24)
-_LOW = np.float32(1e-7)  # directions below this share of the longest count as zero
+_LOW = np.float32(1e-7)  # directions below this fraction of the longest count as zero
 _ZERO, _ONE, _INFINITE = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 
@@ -114,7 +88,7 @@ class Bound(NamedTuple):
 
 
 class Uniform(NamedTuple):
-    """Slabs of one axis along which all lanes go the same way: bounds of entry and exit, and their planes."""
+    """Slabs of one axis along which all lanes have the same sign of direction: entry and exit bounds and planes."""
 
     near: Bound
     far: Bound
@@ -142,7 +116,7 @@ def _bounds(o, d, endless):
 
 @inlined
 def _choose(there, bound, otherwise):
-    """A bound in the lanes in `there`; in the other lanes the constant t `otherwise`."""
+    """The bound in the lanes of `there`, and the constant t `otherwise` in the other lanes."""
     return Bound(select(there, bound.r, splat16(_ZERO)), select(there, bound.k, splat16(otherwise)))
 
 
@@ -159,24 +133,24 @@ def mixed_axis(o_low, o_high, d_low, d_high, limit, endless):
 
 
 @inlined
-def way_of(d_low, d_high, limit, lanes):
-    """1 if all `lanes` (bits) go up along an axis, -1 if all go down, else 0."""
+def direction_sign(d_low, d_high, limit, lanes):
+    """Common sign of direction of `lanes` (bits) along an axis: 1, -1, or 0 if they differ or are near zero."""
     if bits(d_low >= limit) & lanes == lanes:
         return 1
     return -1 if bits(d_high <= -limit) & lanes == lanes else 0
 
 
 @inlined
-def uniform_axis(o_low, o_high, d_low, d_high, limit, way, endless):
-    """`Uniform` of one axis whose `way_of` is 1 or -1."""
+def uniform_axis(o_low, o_high, d_low, d_high, limit, sign, endless):
+    """`Uniform` of one axis; sign: its `direction_sign`, 1 or -1."""
     # Eq. (1) of docs/design/multifrusta.md
-    up = way > 0
-    # dead lanes may hold anything: keep their reciprocals finite
+    up = sign > 0
+    # dead lanes may hold any value: keep their reciprocals finite
     high, low = maximum(absolute(d_high), limit), maximum(absolute(d_low), limit)
     first, last = (o_high, o_low) if up else (o_low, o_high)
     enters, leaves = (high, low) if up else (-low, -high)
-    near, far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
-    return Uniform(near, far, 0 if up else 2, 2 if up else 0)
+    t_near, t_far = _bounds(first, enters, endless)[0], _bounds(last, leaves, endless)[1]
+    return Uniform(t_near, t_far, 0 if up else 2, 2 if up else 0)
 
 
 @inlined
@@ -196,46 +170,46 @@ def _at(bound, plane):
 @inlined
 def span_uniform(nodes, at, x, y, z, end):
     """(entry t, exit t) f32x16 of the shafts in a box, between 0 and `end`; at: index in `nodes` of its lower x."""
-    near = maximum(
+    t_near = maximum(
         maximum(
             _at(x.near, broadcast16(nodes, at + x.near_plane)), _at(y.near, broadcast16(nodes, at + 4 + y.near_plane))
         ),
         maximum(_at(z.near, broadcast16(nodes, at + 8 + z.near_plane)), splat16(_ZERO)),
     )
-    far = minimum(
+    t_far = minimum(
         minimum(_at(x.far, broadcast16(nodes, at + x.far_plane)), _at(y.far, broadcast16(nodes, at + 4 + y.far_plane))),
         minimum(_at(z.far, broadcast16(nodes, at + 8 + z.far_plane)), end),
     )
-    return near, far
+    return t_near, t_far
 
 
 @inlined
-def _narrow(axis, low, high, near, far):
-    """The interval (near, far) of t, narrowed by one axis."""
-    near = maximum(near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
-    return near, minimum(far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
+def _narrow(axis, low, high, t_near, t_far):
+    """The interval (t_near, t_far), narrowed by one axis."""
+    t_near = maximum(t_near, maximum(_at(axis.near_low, low), _at(axis.near_high, high)))
+    return t_near, minimum(t_far, minimum(_at(axis.far_low, low), _at(axis.far_high, high)))
 
 
 @inlined
 def span_mixed(nodes, at, x, y, z, end):
     """`span_uniform` for lanes of any direction."""
-    near, far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
-    near, far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), near, far)
-    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), near, far)
+    t_near, t_far = _narrow(x, broadcast16(nodes, at), broadcast16(nodes, at + 2), splat16(_ZERO), end)
+    t_near, t_far = _narrow(y, broadcast16(nodes, at + 4), broadcast16(nodes, at + 6), t_near, t_far)
+    return _narrow(z, broadcast16(nodes, at + 8), broadcast16(nodes, at + 10), t_near, t_far)
 
 
 @inlined
 def meets_uniform(nodes, at, x, y, z):
     """mask16 of the lanes whose shaft meets a box; at: index in `nodes` of its lower x."""
-    near, far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
-    return near <= far
+    t_near, t_far = span_uniform(nodes, at, x, y, z, splat16(_ONE))
+    return t_near <= t_far
 
 
 @inlined
 def meets_mixed(nodes, at, x, y, z):
     """`meets_uniform` for lanes of any direction."""
-    near, far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
-    return near <= far
+    t_near, t_far = span_mixed(nodes, at, x, y, z, splat16(_ONE))
+    return t_near <= t_far
 
 
 @inlined
@@ -250,18 +224,15 @@ def children_mixed(nodes, node, x, y, z):
     return bits(meets_mixed(nodes, box_at(node, 0), x, y, z)), bits(meets_mixed(nodes, box_at(node, 1), x, y, z))
 
 
-# --- Descent from leaf to leaf: 16 shafts, or rays, down a binary tree with a stack of links and masks ----------------
-#
-# Any-hit lanes visit children in the tree's order (`next_leaf`). Closest-hit lanes visit the nearer child first
-# (`next_block`).
+# --- Traversal from leaf to leaf --------------------------------------------------------------------------------------
 
 
-NOWHERE = -2  # place of a walk that has not begun
+NOT_STARTED = -2  # place of a traversal that has not begun
 WAITING_INTS, WAITING_FLOATS = 2 * MAX_DEPTH, 16 * MAX_DEPTH
 
 
 class Slabs(NamedTuple):
-    """16 shafts prepared for slab tests. The `Uniform` axes are valid only if all live lanes go the same ways."""
+    """16 shafts prepared for slab tests. The `Uniform` axes are valid only if `uniform` is true."""
 
     uniform: bool
     ux: Uniform
@@ -272,13 +243,13 @@ class Slabs(NamedTuple):
     mz: Mixed
 
 
-class At(NamedTuple):
-    """The state of a walk. The lanes in `mask` are about to visit `link`; mask 0: the walk is over."""
+class Traversal(NamedTuple):
+    """The state of a traversal. The lanes in `mask` are about to visit `link`; mask 0: the traversal is complete."""
 
     link: int
     place: int  # where the link is stored: `links.link_at`; -1: the root
     mask: int
-    height: int  # int32 on the stack: place and mask, alternating
+    height: int  # number of int32 on the stack: place and mask, alternating
 
 
 @inlined
@@ -302,9 +273,9 @@ def endless_slabs_of(s, alive):
 @inlined
 def _slabs(s, alive, endless):
     limit = least_direction(s)
-    wx = way_of(s.dx_low, s.dx_high, limit, alive)
-    wy = way_of(s.dy_low, s.dy_high, limit, alive)
-    wz = way_of(s.dz_low, s.dz_high, limit, alive)
+    wx = direction_sign(s.dx_low, s.dx_high, limit, alive)
+    wy = direction_sign(s.dy_low, s.dy_high, limit, alive)
+    wz = direction_sign(s.dz_low, s.dz_high, limit, alive)
     return Slabs(
         wx != 0 and wy != 0 and wz != 0,
         uniform_axis(s.ox_low, s.ox_high, s.dx_low, s.dx_high, limit, wx, endless),
@@ -331,33 +302,33 @@ def entry(nodes, at, slabs, far):
     at : index in `nodes` of the box's lower x
     """
     if slabs.uniform:
-        near, end = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
+        t_near, t_far = span_uniform(nodes, at, slabs.ux, slabs.uy, slabs.uz, far)
     else:
-        near, end = span_mixed(nodes, at, slabs.mx, slabs.my, slabs.mz, far)
-    return bits(near <= end), near
+        t_near, t_far = span_mixed(nodes, at, slabs.mx, slabs.my, slabs.mz, far)
+    return bits(t_near <= t_far), t_near
 
 
 @inlined
 def root(alive):
-    """The start of a walk of the lanes in `alive`."""
-    return At(np.int64(0), np.int64(-1), alive, np.int64(0))
+    """The initial state of a traversal by the lanes in `alive`."""
+    return Traversal(np.int64(0), np.int64(-1), alive, np.int64(0))
 
 
 @inlined
-def nowhere():
-    """The state of a walk that has not begun."""
-    return At(np.int64(0), np.int64(NOWHERE), np.int64(0), np.int64(0))
+def not_started():
+    """The state of a traversal that has not begun."""
+    return Traversal(np.int64(0), np.int64(NOT_STARTED), np.int64(0), np.int64(0))
 
 
 @inlined
 def left(at):
-    """The state of a walk after a leaf."""
-    return At(at.link, at.place, np.int64(0), at.height)
+    """The state of a traversal after a leaf."""
+    return Traversal(at.link, at.place, np.int64(0), at.height)
 
 
 @inlined
 def save(memory, at):
-    """Write the state of a walk to 4 int32."""
+    """Write the state of a traversal to 4 int32."""
     put(memory, 0, at.link)
     put(memory, 1, at.place)
     put(memory, 2, at.mask)
@@ -366,57 +337,59 @@ def save(memory, at):
 
 @inlined
 def saved(memory, alive):
-    """The saved state of a walk, without the lanes that have died since."""
-    return At(
+    """The saved state of a traversal, without the lanes that are no longer alive."""
+    return Traversal(
         np.int64(get(memory, 0)), np.int64(get(memory, 1)), np.int64(get(memory, 2)) & alive, np.int64(get(memory, 3))
     )
 
 
 @inlined
 def popped(links, at, stack, alive):
-    """If `at` has no lanes left, pop the stack up to an entry with a lane in `alive`."""
+    """If `at` has no lanes left, pop the stack until an entry has a lane in `alive`."""
     link, place, mask, height = at.link, at.place, at.mask, at.height
     while mask == 0 and height > 0:
         height -= 2
         place, mask = np.int64(get(stack, height)), np.int64(get(stack, height + 1)) & alive
         link = np.int64(get(links, place))
-    return At(link, place, mask, height)
+    return Traversal(link, place, mask, height)
 
 
 @inlined
-def entered(links, at, left, right, stack):
-    """Go to the left child first, and push the right one. left, right: bits of the lanes that meet each."""
-    return entered_first(links, at, link_at(at.link, 0), left, right, stack)
+def entered(links, at, left_lanes, right_lanes, stack):
+    """Go to the left child and push the right one; `left_lanes`, `right_lanes`: bits of the lanes that meet them."""
+    return entered_first(links, at, link_at(at.link, 0), left_lanes, right_lanes, stack)
 
 
 @inlined
 def entered_first(links, at, first, one, other, stack):
-    """Go to the child at the place `first`, and push its sibling. one, other: bits of the lanes that meet each."""
+    """Go to the child at the place `first` and push its sibling; one, other: bits of the lanes that meet them."""
     height = at.height
     if one != 0 and other != 0:
         put(stack, height, sibling_at(first))
         put(stack, height + 1, other)
         height += 2
     place = first if one != 0 else sibling_at(first)
-    return At(np.int64(get(links, place)), place, one if one != 0 else other, height)
+    return Traversal(np.int64(get(links, place)), place, one if one != 0 else other, height)
 
 
 @inlined
 def next_leaf(tree, slabs, at, stack, alive, counters):
-    """Walk from `at` to the next leaf that a lane in `alive` meets."""
+    """Traverse from `at` to the next leaf that a lane in `alive` meets."""
     at = popped(tree.links, at, stack, alive)
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
-        for child in range(2):  # before it is known which of them are met; the links of leaves are no addresses
+        for child in range(2):  # before the test; links of leaves are harmless prefetch addresses
             prefetch(tree.nodes, line_at(np.int64(get(tree.links, link_at(at.link, child)))))
-        left, right = children(tree.nodes, at.link, slabs)
-        at = popped(tree.links, entered(tree.links, at, left & at.mask, right & at.mask, stack), stack, alive)
+        left_lanes, right_lanes = children(tree.nodes, at.link, slabs)
+        at = popped(
+            tree.links, entered(tree.links, at, left_lanes & at.mask, right_lanes & at.mask, stack), stack, alive
+        )
     return at
 
 
 class Near(NamedTuple):
-    """The state of a closest-hit walk. The lanes in `mask` are about to visit `link`; mask 0: they have visited it."""
+    """The state of a closest-hit traversal. The lanes in `mask` are about to visit `link`; mask 0: already visited."""
 
     link: int
     mask: int
@@ -424,7 +397,7 @@ class Near(NamedTuple):
 
 
 class Waiting(NamedTuple):
-    """Pointers to the stack of a closest-hit walk."""
+    """Pointers to the stack of a closest-hit traversal."""
 
     links: I32Ptr  # int32, WAITING_INTS: link and mask, alternating
     entries: F32Ptr  # float32, WAITING_FLOATS: entry t of each lane
@@ -432,7 +405,7 @@ class Waiting(NamedTuple):
 
 @inlined
 def _popped_near(at, waiting, far):
-    """If `at` has no lanes, pop the stack up to a link whose box some lane still enters before `far`."""
+    """If `at` has no lanes, pop the stack until some lane enters the box of a link before `far`."""
     link, mask, height = at
     while mask == 0 and height > 0:
         height -= 1
@@ -444,41 +417,41 @@ def _popped_near(at, waiting, far):
 
 @inlined
 def visited(at):
-    """The state of a closest-hit walk after a link."""
+    """The state of a closest-hit traversal after a link."""
     return Near(at.link, np.int64(0), at.height)
 
 
 @inlined
 def _nearer_child(tree, slabs, at, waiting, far, counters):
-    """Go to the child whose box most lanes enter first. Push the other child if some lane enters it before `far`."""
+    """Go to the child that most lanes enter first. Push the other child if some lane enters it before `far`."""
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, 2)
-    left, a = entry(tree.nodes, box_at(at.link, 0), slabs, far)
-    right, b = entry(tree.nodes, box_at(at.link, 1), slabs, far)
-    left &= at.mask
-    right &= at.mask
-    if left | right == 0:
+    left_lanes, a = entry(tree.nodes, box_at(at.link, 0), slabs, far)
+    right_lanes, b = entry(tree.nodes, box_at(at.link, 1), slabs, far)
+    left_lanes &= at.mask
+    right_lanes &= at.mask
+    if left_lanes | right_lanes == 0:
         return visited(at)
     first = np.int64(get(tree.links, link_at(at.link, 0)))
     second = np.int64(get(tree.links, link_at(at.link, 1)))
-    if left != 0:
+    if left_lanes != 0:
         fetch(tree, first)
-    if right == 0:
-        return Near(first, left, at.height)
+    if right_lanes == 0:
+        return Near(first, left_lanes, at.height)
     fetch(tree, second)
-    if left == 0:
-        return Near(second, right, at.height)
-    both = left & right
+    if left_lanes == 0:
+        return Near(second, right_lanes, at.height)
+    both = left_lanes & right_lanes
     swap = 2 * popcount(bits(b < a) & both) > popcount(both)
     put(waiting.links, 2 * at.height, first if swap else second)
-    put(waiting.links, 2 * at.height + 1, left if swap else right)
+    put(waiting.links, 2 * at.height + 1, left_lanes if swap else right_lanes)
     store(waiting.entries, 16 * at.height, a if swap else b)
-    return Near(second if swap else first, right if swap else left, at.height + 1)
+    return Near(second if swap else first, right_lanes if swap else left_lanes, at.height + 1)
 
 
 @inlined
 def next_block(tree, slabs, at, waiting, far, counters):
-    """Walk from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
+    """Traverse from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
     at = _popped_near(at, waiting, far)
     while at.mask != 0 and (at.link >= 0 or block_leaf(at.link).count == 0):
         at = _nearer_child(tree, slabs, at, waiting, far, counters) if at.link >= 0 else visited(at)

@@ -1,4 +1,8 @@
-"""The receivers' own surfaces against a tile's samples. Samples below the surface are blocked before tracing."""
+"""Horizon tests: a receiver's own surface blocks the samples below it before tracing.
+
+Planes are tested in float32 against the bounds of the whole light first, then against each sample. Undecided tests are
+deferred.
+"""
 
 from typing import NamedTuple
 
@@ -34,16 +38,16 @@ PLANES = 8 * 16  # float32 of scratch memory
 
 
 class SurfacePlane(NamedTuple):
-    """A receiver's own surface; float32."""
+    """The plane of a receiver's own surface; float32."""
 
     point: Vec3
     normal: Vec3
-    size: float  # scale of the error of a height over the plane
+    size: float  # scale of the error of a height above the plane
 
 
 @inlined
 def _plane_of_face(corners, face):
-    """The `Plane` of a triangle."""
+    """The `SurfacePlane` of a triangle."""
     v, p, q, n, _ = triangle_in(corners, face)
     size = abs(p.x) + abs(p.y) + abs(p.z) + abs(q.x) + abs(q.y) + abs(q.z)
     return SurfacePlane(v, n, size * size)
@@ -51,7 +55,7 @@ def _plane_of_face(corners, face):
 
 @inlined
 def _plane_at(chunk, at, is_free):
-    """The `Plane` through a receiver without a triangle, at right angles to its normal. A free receiver has none."""
+    """The `SurfacePlane` of a receiver without a triangle, perpendicular to its normal; zero normal if it is free."""
     n = Vec3(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
         x, y, z = scalars(chunk.query.normals, 3 * at, 1)
@@ -79,7 +83,7 @@ def _put_everywhere(planes, p):
 
 @kernel
 def _gather_planes(chunk, y0, x0, valid, tile, planes):
-    """Write the rows of `planes`: a point of each receiver's plane (3), its normal (3), the seen side, its `size`."""
+    """Write the rows of `planes`: a point on each receiver's plane (3), normal (3), visible side, and `size`."""
     first = get(tile.faces, lowest_bit(valid))
     together = first >= 0 and bits(load16(tile.faces, 0) == first) & valid == valid
     if together:
@@ -99,7 +103,7 @@ def _gather_planes(chunk, y0, x0, valid, tile, planes):
 
 @inlined
 def _height(planes, lx, ly, lz):
-    """(height of light points over the lanes' planes on the seen side, error bound of the height)."""
+    """(height of light points above the lanes' planes on the visible side, error bound of the height)."""
     ax, ay, az = lx - load16(planes, 0), ly - load16(planes, 16), lz - load16(planes, 32)
     h = load16(planes, 48) * ax + load16(planes, 64) * ay + load16(planes, 80) * az
     reach = maximum(maximum(absolute(ax), absolute(ay)), absolute(az))
@@ -114,7 +118,7 @@ def _whole_light(tile, k):
 
 @inlined
 def _by_whole_light(tile, planes, sided):
-    """Of the receivers in `sided` (bits), those surely above no sample, and those that float32 must test by samples."""
+    """(receivers in `sided` with all samples surely below their plane, those to be tested sample by sample); bits."""
     lx, rx = _whole_light(tile, 0)
     ly, ry = _whole_light(tile, 1)
     lz, rz = _whole_light(tile, 2)
@@ -127,19 +131,19 @@ def _by_whole_light(tile, planes, sided):
 
 @kernel
 def apply_horizon(chunk, y0, x0, valid, tile, planes, deferred, counters):
-    """Start `dead`: a receiver's own surface blocks the segments to samples that are not above it.
+    """Initialise `dead`: a receiver's own surface blocks the segments to samples that are not above it.
 
-    Tests that float32 cannot decide are deferred.
+    Defer the tests that float32 cannot decide.
     """
-    count(counters, RAYS, chunk.count * popcount(valid))
+    count(counters, RAYS, chunk.n_samples * popcount(valid))
     _gather_planes(chunk, y0, x0, valid, tile, planes)
     under, crossing = _by_whole_light(tile, planes, bits(load16(planes, 96) != _F(0.0)) & valid)
-    asked = iota16() < splat16(np.int32(chunk.count))
-    store(tile.dead, 0, select(asked, splat16(np.int32(under)), splat16(np.int32(-1))))
-    count(counters, BELOW_HORIZON, chunk.count * popcount(under))
+    has_sample = iota16() < splat16(np.int32(chunk.n_samples))
+    store(tile.dead, 0, select(has_sample, splat16(np.int32(under)), splat16(np.int32(-1))))
+    count(counters, BELOW_HORIZON, chunk.n_samples * popcount(under))
     if crossing == 0:
         return
-    for s in range(chunk.count):
+    for s in range(chunk.n_samples):
         at = s * 48
         h, error = _height(planes, load16(tile.points, at), load16(tile.points, at + 16), load16(tile.points, at + 32))
         below = bits(h < -error) & crossing

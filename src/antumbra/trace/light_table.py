@@ -1,13 +1,14 @@
 """The light table: a query's light samples, arranged in strata for tiles of 16 receivers.
 
-A *chunk* is 16 samples. *Stratum* s of a chunk holds sample s of all 16 sample sets. These samples are near each other
-on the light, because each set is in Z order of its cells. Aligned runs of 2, 4, 8 and 16 strata are *groups*. The
-groups form a heap: stratum s is group 16 + s, and group g holds groups 2g and 2g + 1. Group 1 is the whole chunk.
+A *chunk* is 16 samples. *Stratum* s of a chunk holds sample s of all 16 sample sets, which are near each other on the
+light, because the cells of each set are in Z order. Aligned runs of 2, 4, 8 and 16 strata are *groups*. Groups form a
+heap: stratum s is group 16 + s, and group g contains groups 2g and 2g + 1. Group 1 is the whole chunk.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import (
@@ -25,19 +26,21 @@ from ..kernels.simd import (
 )
 from ..kernels.vec3 import Vec3, keep, middles_and_halves, rows
 from ..query.light_samples import patch_at, sample_point
+from ..query.shadow_query import ShadowQuery
 from ..scene.lights import FIXED, LIST
 
 STRATA = 16
-POINTS = STRATA * 48  # float32 of a chunk: for each stratum x, y, z of 16 lanes
+POINTS = STRATA * 48  # float32 per chunk: for each stratum x, y, z of 16 lanes
 ALL_GROUPS = 32  # group 0 is a copy of group 1
 GROUPS = 6 * ALL_GROUPS  # float32: rows of the groups' lower x, y, z, then of the upper ones
 TARGETS = 6 * 16  # float32: rows of the middles x, y, z of each lane's samples, then of their half extents
 
 
 class LightTable(NamedTuple):
-    """All samples of a light, as a tile's lanes take them.
+    """All samples of a light, arranged for the lanes of tiles.
 
-    If the light moves with the receiver, of the first four fields only the shapes are meaningful, else of the last two.
+    For a light that moves with the receiver, only the shapes of the first four fields are meaningful; for other lights,
+    only the shapes of the last two.
     """
 
     points: np.ndarray  # (chunks, 16, 3, 16) float32: stratum, axis, lane
@@ -45,18 +48,18 @@ class LightTable(NamedTuple):
     targets: np.ndarray  # (chunks, 6, 16) float32: boxes of each lane's samples
     by_lane: np.ndarray  # (chunks, 16, 3, 16) float32: `points` transposed: lane, axis, stratum
     samples: np.ndarray  # (chunks, 16, 3, 16) float64: stratum, (a, b, c), lane
-    turned: np.ndarray  # (chunks, 16, 3, 16) float64: `samples` transposed: lane, (a, b, c), stratum
+    samples_by_lane: np.ndarray  # (chunks, 16, 3, 16) float64: `samples` transposed: lane, (a, b, c), stratum
 
 
 @inlined
-def stays(light):
-    """Are a LightPatch's samples the same for all receivers? Then one table serves them all."""
+def is_fixed(light):
+    """True if a LightPatch has the same samples for all receivers, which then share one table."""
     return light.kind == FIXED or light.kind == LIST
 
 
 @inlined
 def group_of(strata):
-    """The smallest group that holds all of the `strata` (bits, at least one)."""
+    """The smallest group that contains all `strata` (bits, at least one)."""
     low, high = 16 + lowest_bit(strata), 16 + highest_bit(strata)
     return low >> (highest_bit(low ^ high) + 1)
 
@@ -87,7 +90,7 @@ def bound_groups(points, groups, count):
 
 @kernel
 def bound_strata(by_lane, groups):
-    """Fill the groups of one chunk from its points lane by lane (pointers): minima of lanes need no reductions."""
+    """Fill the groups of one chunk from its points by lane (pointers), which takes minima of vectors, no reductions."""
     low = high = rows(by_lane, 0, 16)
     for lane in range(1, 16):
         p = rows(by_lane, lane * 48, 16)
@@ -113,7 +116,7 @@ def bound_targets(points, targets, count):
 
 
 @kernel
-def turn_points(points, by_lane, count):
+def transpose_points(points, by_lane, count):
     """Write the points of a chunk lane by lane; strata from `count` on repeat the last one."""
     for lane in range(16):
         for k in range(3):
@@ -139,23 +142,22 @@ def _fixed_table(light, samples, sets, table):
             count,
         )
         bound_targets(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.targets), chunk * TARGETS), count)
-        turn_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
+        transpose_points(ptr_at(ptr(table.points), chunk * POINTS), ptr_at(ptr(table.by_lane), chunk * POINTS), count)
 
 
-def light_table(query, sets) -> LightTable:
-    """The table of a query; lane i of its tiles uses sample set ``sets[i]``."""
+def light_table(query: ShadowQuery, sets: NDArray[np.int64]) -> LightTable:
+    """The light table of a query; lane i of its tiles uses sample set ``sets[i]``."""
     chunks = -(-query.samples.shape[1] // STRATA)
     f32 = [
         np.zeros((chunks, *shape), np.float32) for shape in ((STRATA, 3, 16), (6, ALL_GROUPS), (6, 16), (16, 3, STRATA))
     ]
-    if query.light.kind in (FIXED, LIST):  # `stays`
+    if query.light.kind in (FIXED, LIST):  # `is_fixed`
         unused = np.zeros((chunks, 1, 1, 1))
-        table = LightTable(*f32, unused, unused)
+        table = LightTable._make((*f32, unused, unused))
         _fixed_table(query.light, query.samples, sets, table)
         return table
-    known = np.minimum(
-        np.arange(chunks * STRATA), query.samples.shape[1] - 1
-    )  # strata without a sample repeat the last
+    # strata without a sample repeat the last one
+    known = np.minimum(np.arange(chunks * STRATA), query.samples.shape[1] - 1)
     samples = query.samples[sets][:, known].reshape(16, chunks, STRATA, 3)
     both = (np.ascontiguousarray(samples.transpose(order)) for order in ((1, 2, 3, 0), (1, 0, 3, 2)))
-    return LightTable(*f32, *both)
+    return LightTable._make((*f32, *both))

@@ -1,35 +1,36 @@
 """Shafts, beams and segments of a tile, and their tests against the box of a block.
 
-Shafts. Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative
-to c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
-hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
-support of the two boxes
+Shafts. A tile has one shaft to each group of strata. Let c be the centre of the receivers' box and rx its half extents.
+Let D be the centre of a group's box relative to c, and ry its half extents. All segments of the shaft lie in the convex
+hull of the two boxes, which four planes bound sideways. Let m be perpendicular to D and to one of the axes. A plane has
+the normal w = +-m - k D and the support of the two boxes
 
     b = max(|w| . rx, w . D + |w| . ry)
 
 so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes, up
-to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four planes.
-Planes at its two ends cull few more, because the block's box has been tested.
+to second order, but any k is correct. The shaft misses a triangle that lies entirely beyond one of the four planes.
+Planes at its two ends would cull few more, because the block's box has been tested before.
 
-Beams. These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
-they are narrower than shafts, which start from the box of all receivers. Next to the light they are wider. Lanes are
-receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box. Take the
-edge functions of `frusta.shaft_culling` along D. At a sample D + y they differ by y . N, so by at most h . |N|.
+Beams. These are the frusta of multi-frusta tracing [Benthin and Wald 2009], from one receiver each to the box of all
+its samples; lanes are receivers. Near the receivers they are narrower than shafts, which start from the box of all
+receivers; near the light they are wider. Let D be the vector from the receiver to the centre of the box, and h the half
+extents of the box. At a sample D + y, the edge functions of `frusta.shaft_culling` along D change by y . N, so by at
+most h . |N|.
 
-Segments. Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
-``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes of
-o, o + d and c -+ e, and u the unit roundoff.
+Segments. Slab tests use reciprocals that are stored for all blocks. A segment from o along d is in the slab of a box
+with centre c and half extent e where ``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e /
+|d|. Let R be at least all magnitudes of o, o + d and c -+ e, and u the unit roundoff.
 
-- d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point is
-  as far off.
-- (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
+- d is rounded, and a component below 8u R is replaced by 4u R. So its error is at most 12u R, as is that of a point
+  with t up to 1.
+- (c - o) / d accumulates four roundings of at most 2R / |d|, and the sums with e / |d| less than 6u R / |d|.
 
-e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+Widening e by 32u R covers both. A quotient that overflows only keeps a segment.
 
-Separating axes. The axes are the three axes of the box, and their cross products with the segments. A segment may meet
-the box if no axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most
-4u of the coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of
-numbers that underflow.
+Separating axes. The axes are the three axes of the box and their cross products with the segments. A segment may meet
+the box if no axis separates them. The errors of a segment's midpoint and of its distance from the box's centre are at
+most 4u of the coordinates. `_PAD` covers them eight times over, `_TINY` covers underflow, and `_SURE` covers quotients
+of numbers that underflow.
 """
 
 from typing import NamedTuple
@@ -70,28 +71,17 @@ from ..kernels.vec3 import (
 )
 from .light_table import ALL_GROUPS, POINTS
 
-# --- The shafts of a tile: from the box of its receivers to the box of each group of strata ---------------------------
-#
-# Let c be the centre of the receivers' box and rx its half extents. Let D be the centre of a group's box relative to
-# c, and ry its half extents. All segments of the shaft lie in the convex hull of the two boxes. Four planes bound the
-# hull sideways. Let m be at right angles to D and to one of the axes. A plane has the normal w = +-m - k D and the
-# support of the two boxes
-#
-#     b = max(|w| . rx, w . D + |w| . ry)
-#
-# so that w . x <= b in the whole hull. The choice k = (|m| . ry - |m| . rx) / D . D makes the plane touch both boxes,
-# up to second order, but any k is correct. The whole shaft misses a triangle that lies wholly beyond one of the four
-# planes. Planes at its two ends cull few more, because the block's box has been tested.
+# --- Shafts -----------------------------------------------------------------------------------------------------------
 
 
 _F = np.float32
 _ROUNDING = _F(24 * 2.0**-24)
-_TINY = _F(1e-37)  # more than the error of a sum of products by underflow
-N = ALL_GROUPS  # a row's length
+_TINY = _F(1e-37)  # more than the underflow error of a sum of products
+N = ALL_GROUPS  # length of a row
 D, HALF, TWIST, SPAN, LEVER, PLANES = 0, 3 * N, 6 * N, 7 * N, 8 * N, 9 * N
-PLANE = 5 * N  # rows of a plane: w (3), b, error for each unit of a corner's largest coordinate
+PLANE = 5 * N  # rows of a plane: w (3), b, error per unit of a corner's largest coordinate
 SHAFT_FLOATS = PLANES + 4 * PLANE
-_MADE = 12  # word of a tile's `info`: 1 if its shafts are written
+_MADE = 12  # word of a tile's `info`: 1 if its shafts have been computed
 
 
 class Axis(NamedTuple):
@@ -118,7 +108,7 @@ def axis_of(shafts, group):
 
 @inlined
 def _sideways(d, axis):
-    """d turned by 90 degrees around an axis: at right angles to d and to the axis."""
+    """d rotated by 90 degrees around an axis: perpendicular to d and to the axis."""
     zero = splat16(_F(0.0))
     if axis == 0:
         return Vec3(zero, -d.z, d.y)
@@ -138,14 +128,14 @@ def _bound_plane(shafts, at, w, d, receivers, half, size):
 
 
 @inlined
-def forget_shafts(tile):
-    """Note that the tile's receivers or samples are new."""
+def invalidate_shafts(tile):
+    """Mark the tile's shafts as outdated, because its receivers or samples are new."""
     put(tile.info, _MADE, _F(0.0))
 
 
 @inlined
-def have_shafts(tile):
-    """Write the shafts of a tile, unless that has been done. Many tiles meet no block, and need none."""
+def ensure_shafts(tile):
+    """Compute the shafts of a tile on first use. Many tiles meet no block and need none."""
     if get(tile.info, _MADE) == _F(0.0):
         make_shafts(tile.info, tile.groups, tile.shafts)
         put(tile.info, _MADE, _F(1.0))
@@ -184,13 +174,7 @@ def make_shafts(info, groups, shafts):
             at += PLANE
 
 
-# --- The beams of a tile: from each of its 16 receivers to the box of all of its samples ------------------------------
-#
-# These are the frusta of multi-frusta tracing [Benthin and Wald 2009], with one origin each. Next to the receivers
-# they are narrower than `shafts`, which start from the box of all receivers. Next to the light they are wider. Lanes
-# are receivers. Let D be the vector from the receiver to the middle of the box, and h the half extents of the box.
-# Take the edge functions of `multifrusta.shaftcull` along D. At a sample D + y they differ by y . N, so by at most h .
-# |N|.
+# --- Beams ------------------------------------------------------------------------------------------------------------
 
 
 _D, _H = 0, 48
@@ -199,7 +183,7 @@ BEAM_FLOATS = 96
 
 @inlined
 def widened(d, half):
-    """Half extents of the box at the end of d that cover the rounding of d."""
+    """Half extents of the box at the end of d, widened to cover the rounding of d."""
     off = splat16(_F(2.0**-23))
     return Vec3(fma(absolute(d.x), off, half.x), fma(absolute(d.y), off, half.y), fma(absolute(d.z), off, half.z))
 
@@ -215,7 +199,7 @@ def make_beams(tile):
 
 @inlined
 def beams_of(tile):
-    """(directions to the middles of the boxes, their half extents)."""
+    """(directions to the centres of the boxes, half extents of the boxes)."""
     return rows(tile.beams, _D, 16), rows(tile.beams, _H, 16)
 
 
@@ -227,9 +211,10 @@ def beam_of(tile, r):
 
 @inlined
 def is_near(s, i, c):
-    """Are beams narrower than the shafts of strata at a point? Towards the light, beams widen and shafts narrow.
+    """True if beams are narrower than shafts of strata at a point. Towards the light, beams widen and shafts narrow.
 
-    s, i, c : the shafts of a `Tile`, its `info`, and the point
+    s, i : shafts and `info` of a `Tile`
+    c : the point
     """
     dx, dy, dz = get(s, D + 1), get(s, D + N + 1), get(s, D + 2 * N + 1)
     along = (get(c, 0) - get(i, 0)) * dx + (get(c, 1) - get(i, 1)) * dy + (get(c, 2) - get(i, 2)) * dz
@@ -237,27 +222,14 @@ def is_near(s, i, c):
     return along * light < (dx * dx + dy * dy + dz * dz - along) * (get(i, 3) + get(i, 4) + get(i, 5))
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Slab tests of a tile's segments against the box of a block, with reciprocals that are kept from block to block.
-#
-# Let a segment lead from o along d. It is in the slab of a box with middle c and half extent e at t where
-# ``|o + t d - c| <= e``, so between (c - o) / d - e / |d| and (c - o) / d + e / |d|. Let R be at least all magnitudes
-# of
-# o, o + d and c -+ e, and u the unit roundoff.
-#
-# - d is rounded, and a component below 8u R counts as 4u R. So it is wrong by at most 12u R, and for t up to 1 a point
-#   is
-#   as far off.
-# - (c - o) / d collects four roundings of at most 2R / |d|, and the sums with e / |d| collect less than 6u R / |d|.
-#
-# e is widened by 32u R, which covers both. A quotient that overflows only leaves a segment in.
+# --- Slab tests of segments -------------------------------------------------------------------------------------------
 
 
 _PAD = _F(32 * 2.0**-24)
 _LOW = _F(4 * 2.0**-24)
 _SEGMENT_TINY = _F(1e-35)
 _READY, _REACH, _ROWS = 0, 16, 32
-"""int32: bits of the strata whose numbers are filled. float32: R of each; then three rows of reciprocals of each."""
+"""int32: bits of the strata whose reciprocals are filled. float32: R per stratum, then three rows of reciprocals."""
 INVERSE_FLOATS = _ROWS + POINTS
 
 
@@ -271,19 +243,19 @@ class Box(NamedTuple):
 
 @inlined
 def box_at(bounds):
-    """The `Box` of a block; bounds: pointer to its middle and its half extents."""
+    """The `Box` of a block; bounds: pointer to its centre and half extents."""
     c, e = broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1)
     return Box(c, e, largest(c) + largest(e))
 
 
 @inlined
-def forget_inverses(tile):
-    """Note that the tile's receivers or samples are new."""
+def invalidate_inverses(tile):
+    """Mark the tile's reciprocals as outdated, because its receivers or samples are new."""
     put(as_i32(tile.inverses), _READY, 0)
 
 
 @inlined
-def keep_inverses(memory, at, o, l):
+def store_inverses(memory, at, o, l):
     """Write the reciprocals of 16 segments from o to l to three rows of `memory`. Return R."""
     reach = reduce_max(maximum(largest(o), largest(l)))
     low, d = splat16(reach * _LOW + _SEGMENT_TINY), minus(l, o)
@@ -296,7 +268,7 @@ def keep_inverses(memory, at, o, l):
 @kernel
 def _fill_inverses(tile, s):
     """Write the reciprocals of the segments to stratum s."""
-    reach = keep_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
+    reach = store_inverses(tile.inverses, _ROWS + 48 * s, rows(tile.origins, 0, 16), rows(tile.points, s * 48, 16))
     put(tile.inverses, _REACH + s, reach)
     ready = as_i32(tile.inverses)
     put(ready, _READY, np.int64(get(ready, _READY)) | np.int64(1) << s)
@@ -320,21 +292,19 @@ def rays_in_box(tile, s, box):
 
 @inlined
 def segments_in_box(o, inverse, reach, box):
-    """Bits of the segments from o that meet a `Box`; inverse, reach: as `keep_inverses` gives them."""
+    """Bits of the segments from o that meet a `Box`; inverse, reach: as `store_inverses` computes them."""
     c, pad = box.middle, fma(maximum(reach, box.reach), splat16(_PAD), splat16(_SEGMENT_TINY))
     x0, x1 = _span(c.x, o.x, inverse.x, box.half.x + pad)
     y0, y1 = _span(c.y, o.y, inverse.y, box.half.y + pad)
     z0, z1 = _span(c.z, o.z, inverse.z, box.half.z + pad)
-    near, far = maximum(maximum(x0, y0), maximum(z0, splat16(_F(0.0)))), minimum(minimum(x1, y1), minimum(z1, _F(1.0)))
-    return bits(near > far) ^ 0xFFFF
+    t_near, t_far = (
+        maximum(maximum(x0, y0), maximum(z0, splat16(_F(0.0)))),
+        minimum(minimum(x1, y1), minimum(z1, _F(1.0))),
+    )
+    return bits(t_near > t_far) ^ 0xFFFF
 
 
-# --- Separating-axis tests of a tile's shafts and beams against the box of a block ------------------------------------
-#
-# The axes are the three axes of the box, and their cross products with the segments. A segment may meet the box if no
-# axis separates them. The middle of a segment and its distance from the box's middle are wrong by at most 4u of the
-# coordinates. `_PAD` covers this error eight times over. `_TINY` covers underflow. `_SURE` covers quotients of numbers
-# that underflow.
+# --- Separating-axis tests --------------------------------------------------------------------------------------------
 
 
 _SURE = _F(1e-35)
@@ -343,7 +313,7 @@ _ZERO, _ONE = _F(0.0), _F(1.0)
 
 @inlined
 def _in_box(m, v, e):
-    """Bits of the segments along v that meet a box. m: its middle relative to their starts; e: its half extents."""
+    """Bits of the segments along v that meet a box; m: its centre relative to their origins; e: its half extents."""
     half, tiny = _F(0.5), splat16(_TINY)
     d = Vec3(v.x * half, v.y * half, v.z * half)
     m = minus(m, d)
@@ -356,24 +326,24 @@ def _in_box(m, v, e):
 
 
 @inlined
-def shafts_in_box(o, v, near, far, c, e):
-    """Bits of the shafts from o along v that may meet the box with middle c and half extents e.
+def shafts_in_box(o, v, start_half, end_half, c, e):
+    """Bits of the shafts from o along v that may meet the box with centre c and half extents e.
 
-    A point of the box has a parameter along the shaft of at most
+    With s = start_half and f = end_half, a point of the box has a parameter along the shaft of at most
 
-        t = (|v| . e + |v| . near + v . (c - o)) / (v . v + |v| . (near - far))
+        t = (|v| . e + |v| . s + v . (c - o)) / (v . v + |v| . (s - f))
 
-    Up to t the shaft is no wider than near + t far.
+    Up to t, the half extents of the shaft are at most s + t f.
 
-    near, far : half extents of the shaft at its start and at its end
+    start_half, end_half : half extents of the shaft at its start and at its end
     """
     m, size = minus(c, o), magnitudes(v)
     pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
-    start, square = dot(size, near), dot(v, v)
-    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, far))
+    start, square = dot(size, start_half), dot(v, v)
+    reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, end_half))
     t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
-    width = plus(near, Vec3(t * far.x, t * far.y, t * far.z))
+    width = plus(start_half, Vec3(t * end_half.x, t * end_half.y, t * end_half.z))
     return _in_box(m, v, Vec3(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
 
 

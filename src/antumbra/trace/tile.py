@@ -1,14 +1,14 @@
-"""A tile: 16 receivers and a chunk of up to 16 light samples per receiver, prepared for tracing.
+"""Tiles: 16 receivers and a chunk of up to 16 light samples per receiver, prepared for tracing.
 
-Queries are cut into tiles and chunks; this is the form in which the hot kernels read them.
-
-Lane i of a tile is a receiver. Its segments are traced stratum by stratum. The 16 segments to one stratum start and end
-near each other, so they lie in one shaft.
+Queries are cut into tiles and chunks, the form in which hot kernels read them. Lane i of a tile is a receiver. Its
+segments are traced stratum by stratum. The 16 segments to one stratum start and end near each other, so they lie in one
+shaft.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bvh.nodes import middle_and_half
 from ..kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
@@ -33,11 +33,11 @@ from ..kernels.simd import (
     to_f32,
 )
 from ..query.receivers import NOTHING
-from ..query.shadow_query import QueryPointers, patch_of, query_pointers
-from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, stays
+from ..query.shadow_query import QueryPointers, ShadowQuery, patch_of, query_pointers
+from .light_table import ALL_GROUPS, GROUPS, POINTS, STRATA, TARGETS, bound_strata, bound_targets, is_fixed
 from .shafts import BEAM_FLOATS, INVERSE_FLOATS, SHAFT_FLOATS
 
-# --- A query in the form of the hot kernels: cut into tiles of 16 receivers and chunks of 16 samples ------------------
+# --- Queries as tiles and chunks --------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -45,48 +45,49 @@ _LIGHT = _F(2.0**-6)
 
 
 class TileShape(NamedTuple):
-    """How receivers are cut into tiles: 4 x 4 pixels, or 16 of a row."""
+    """How receivers are cut into tiles: 4 x 4 pixels, or 16 receivers of a row."""
 
-    width: int  # receivers in a row of a tile
+    width: int  # receivers per row of a tile
     height: int  # rows of receivers in a tile
-    columns: int  # tiles in a row
+    columns: int  # tiles per row
     rows: int  # rows of tiles
 
 
-def tile_shape(query) -> TileShape:
+def tile_shape(query: ShadowQuery) -> TileShape:
     """The `TileShape` of a query: 4 x 4 pixels, or 16 receivers if they form a single row."""
     h, w = query.sides.shape
     width, height = (4, 4) if h > 1 else (16, 1)
     return TileShape(width, height, -(-w // width), -(-h // height))
 
 
-def sets_of(shape) -> np.ndarray:
+def sets_of(shape: TileShape) -> NDArray[np.int64]:
     """(16,) int: the sample set of each lane of a tile."""
     lane = np.arange(16)
-    return (lane % shape.width & 3) + 4 * (lane // shape.width)
+    sets: NDArray[np.int64] = (lane % shape.width & 3) + 4 * (lane // shape.width)
+    return sets
 
 
 class QueryChunk(NamedTuple):
-    """A query's chunk for hot kernels."""
+    """A chunk of a query for hot kernels."""
 
     query: QueryPointers
     points: F32Ptr  # float32 * into the chunk's light table, like the next three; unused if the light moves
     groups: F32Ptr  # float32 *
     targets: F32Ptr  # float32 *
     by_lane: F32Ptr  # float32 *
-    samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light stays
-    turned: F64Ptr  # float64 *
+    samples: F64Ptr  # float64 * into the chunk's light table, like the next; unused if the light is fixed
+    samples_by_lane: F64Ptr  # float64 *
     fixed: bool  # the light does not move with the receiver
     shape: TileShape
     first: int  # first sample
-    count: int  # number of samples
-    light: float  # a small part of the sum of the light's extents
+    n_samples: int
+    light: float  # a small fraction of the sum of the light's extents
 
 
 @inlined
 def query_chunk_of(query, table, shape, chunk, n_samples):
-    """The `QueryChunk` of a chunk of a query."""
-    groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), stays(query.light)
+    """The `QueryChunk` of one chunk of a query."""
+    groups, light, fixed = ptr_at(ptr(table.groups), chunk * GROUPS), _F(0.0), is_fixed(query.light)
     moving = 0 if fixed else POINTS
     if fixed:
         for k in range(3):
@@ -94,7 +95,7 @@ def query_chunk_of(query, table, shape, chunk, n_samples):
     return QueryChunk(
         query_pointers(query), ptr_at(ptr(table.points), chunk * POINTS), groups,
         ptr_at(ptr(table.targets), chunk * TARGETS), ptr_at(ptr(table.by_lane), chunk * POINTS),
-        ptr_at(ptr(table.samples), chunk * moving), ptr_at(ptr(table.turned), chunk * moving), fixed, shape,
+        ptr_at(ptr(table.samples), chunk * moving), ptr_at(ptr(table.samples_by_lane), chunk * moving), fixed, shape,
         chunk * STRATA, n_samples, light * _LIGHT,
     )  # fmt: skip
 
@@ -107,16 +108,13 @@ def place_of(chunk, y0, x0, lane):
     return (y0 + (lane >> 2)) * chunk.query.w + x0 + (lane & 3)  # a division by the width would take longer
 
 
-# --- A tile: 16 receivers and a chunk of light samples, prepared for tracing ------------------------------------------
-#
-# Lane i of a tile is a receiver. Its segments are traced stratum by stratum. The 16 segments to one stratum start and
-# end near each other, so they lie in one shaft.
+# --- The tile ---------------------------------------------------------------------------------------------------------
 
 
 _INFO, _FACES, _DEAD, _SHAFTS = 48, 64, 80, 96
 _BEAMS = _SHAFTS + SHAFT_FLOATS
-_OWN = _BEAMS + BEAM_FLOATS  # floats of a tile besides its light samples
-_INVERSES = _OWN + 2 * POINTS + GROUPS + TARGETS
+_SAMPLES = _BEAMS + BEAM_FLOATS  # offset of the light samples
+_INVERSES = _SAMPLES + 2 * POINTS + GROUPS + TARGETS
 TILE_FLOATS = _INVERSES + INVERSE_FLOATS
 SPLIT = _F(0.75)
 
@@ -128,22 +126,26 @@ class Tile(NamedTuple):
     origins: F32Ptr  # float32: x, y, z of 16 receivers; lanes without a receiver repeat another one
     info: F32Ptr  # float32: 0..2 centre, 3..5 half extents, 6..8, 9..11 corners of the receivers' box; 12: see `shafts`
     faces: I32Ptr  # int32: the receivers' own triangles, by the trees' indices
-    dead: I32Ptr  # int32, one a stratum: bits of the receivers whose segment is blocked; all bits if it has no sample
-    shafts: F32Ptr  # float32, see `shafts`
-    beams: F32Ptr  # float32, see `beams`
-    points: F32Ptr  # float32, see `lighttable`, like the next three
+    dead: I32Ptr  # int32, one per stratum: bits of receivers whose segment is blocked; all bits if it has no sample
+    shafts: F32Ptr  # float32, see `shafts`, like the beams
+    beams: F32Ptr  # float32
+    points: F32Ptr  # float32, see `light_table`, like the next three
     groups: F32Ptr  # float32
     targets: F32Ptr  # float32
     by_lane: F32Ptr  # float32
-    inverses: F32Ptr  # float32, see `segmentbox`
+    inverses: F32Ptr  # float32, reciprocals of segments, see `shafts`
 
 
 @inlined
 def tile_at(scratch, g, chunk):
     """`Tile` number g of a bundle."""
-    own = ptr_at(scratch, g * TILE_FLOATS)
-    points, groups, targets = ptr_at(own, _OWN), ptr_at(own, _OWN + POINTS), ptr_at(own, _OWN + POINTS + GROUPS)
-    by_lane = ptr_at(own, _OWN + POINTS + GROUPS + TARGETS)
+    memory = ptr_at(scratch, g * TILE_FLOATS)
+    points, groups, targets = (
+        ptr_at(memory, _SAMPLES),
+        ptr_at(memory, _SAMPLES + POINTS),
+        ptr_at(memory, _SAMPLES + POINTS + GROUPS),
+    )
+    by_lane = ptr_at(memory, _SAMPLES + POINTS + GROUPS + TARGETS)
     if chunk.fixed:
         points, groups, targets, by_lane = (
             chunk.points,
@@ -152,8 +154,8 @@ def tile_at(scratch, g, chunk):
             chunk.by_lane,
         )
     return Tile(
-        np.int64(g), own, ptr_at(own, _INFO), as_i32(ptr_at(own, _FACES)), as_i32(ptr_at(own, _DEAD)),
-        ptr_at(own, _SHAFTS), ptr_at(own, _BEAMS), points, groups, targets, by_lane, ptr_at(own, _INVERSES),
+        np.int64(g), memory, ptr_at(memory, _INFO), as_i32(ptr_at(memory, _FACES)), as_i32(ptr_at(memory, _DEAD)),
+        ptr_at(memory, _SHAFTS), ptr_at(memory, _BEAMS), points, groups, targets, by_lane, ptr_at(memory, _INVERSES),
     )  # fmt: skip
 
 
@@ -165,7 +167,7 @@ def first_pixel(pixels, g):
 
 @inlined
 def fetch_receivers(chunk, y0, x0):
-    """Prefetch what `load_receivers` reads. A tile's rows are far apart in memory."""
+    """Prefetch what `load_receivers` reads, because the rows of a tile are far apart in memory."""
     for y in range(y0, y0 + chunk.shape.height):
         at = y * chunk.query.w + x0
         prefetch(chunk.query.sides, at)
@@ -176,7 +178,7 @@ def fetch_receivers(chunk, y0, x0):
 
 @kernel
 def load_receivers(chunk, y0, x0, tile):
-    """Fill origins and faces. Return bits of the lanes that hold a receiver."""
+    """Fill origins and faces. Return bits of the lanes with a receiver."""
     valid, lane = np.int64(0), np.int64(0)
     for y in range(y0, y0 + chunk.shape.height):
         for x in range(x0, x0 + chunk.shape.width):
@@ -193,7 +195,7 @@ def load_receivers(chunk, y0, x0, tile):
 
 @inlined
 def bound_receivers(tile, valid):
-    """Fill `info` from the `valid` lanes, at least one. The other lanes then repeat one of them."""
+    """Fill `info` from the `valid` lanes, at least one. Copy one of them to the other lanes."""
     there, any_lane = mask_from_bits16(valid), lowest_bit(valid)
     for k in range(3):
         o = select(there, load16(tile.origins, 16 * k), broadcast16(tile.origins, 16 * k + any_lane))
@@ -209,14 +211,14 @@ def bound_receivers(tile, valid):
 
 @inlined
 def _extent(tile, lanes, k):
-    """(lower, upper bound) of the receivers in some lanes along axis k."""
+    """(lower, upper bound) of the receivers in `lanes` (bits) along axis k."""
     o, there = load16(tile.origins, 16 * k), mask_from_bits16(lanes)
     return reduce_min(select(there, o, splat16(_F(np.inf)))), reduce_max(select(there, o, splat16(_F(-np.inf))))
 
 
 @kernel
 def _size_and_halves(tile, lanes):
-    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along its longest axis)."""
+    """(sum of the extents of the receivers' box, bits of the lanes in its lower half along the longest axis)."""
     size, longest, at, middle = _F(0.0), _F(-1.0), 0, _F(0.0)
     for k in range(3):
         low, high = _extent(tile, lanes, k)
@@ -230,8 +232,8 @@ def _size_and_halves(tile, lanes):
 def coherent_part(tile, lanes, light):
     """Bits of the receivers to trace together with the first of `lanes`: all, or those near it.
 
-    The receivers' box of size s and the light's box of size l give one shaft of width s + l. The box is halved while
-    the two shafts of its halves are clearly narrower together. Receivers on one triangle need no halves.
+    A receivers' box of size s and a light's box of size l span a shaft of width s + l. The box is halved as long as the
+    shafts of its two halves are clearly narrower in sum. Receivers on one triangle are not divided.
     """
     face = get(tile.faces, lowest_bit(lanes))
     if face >= 0 and bits(load16(tile.faces, 0) == face) & lanes == lanes:
@@ -250,7 +252,7 @@ def coherent_part(tile, lanes, light):
 
 @inlined
 def _patches_of(chunk, y0, x0, valid, patches):
-    """Write the patches of a tile's receivers: rows of base, u, v, w, 16 lanes each. Other lanes repeat a valid one."""
+    """Write the patches of a tile's receivers: rows of base, u, v, w of 16 lanes. Other lanes repeat a valid one."""
     for lane in range(16):
         there = lane if valid >> lane & 1 else lowest_bit(valid)
         patch = patch_of(chunk.query, place_of(chunk, y0, x0, there))
@@ -267,46 +269,46 @@ def _points(samples, at, p, u, v, w):
 
 @kernel
 def move_light(chunk, y0, x0, valid, tile):
-    """Write the samples of a light that moves with the receiver to the tile's own memory.
+    """Write the sample points of a light that moves with the receiver to the tile's own memory.
 
-    Each point is computed twice, for its stratum and for its lane: a transposition would take longer. The sums are
-    those of `sample_point`.
+    Each point is computed twice, by stratum and by lane, because a transposition would take longer. The sums are those
+    of `sample_point`.
     """
     patches = stack_f64(12 * 16)
     _patches_of(chunk, y0, x0, valid, patches)
     for k in range(3):
         p, u = load16(patches, 16 * k), load16(patches, 16 * (3 + k))
         v, w = load16(patches, 16 * (6 + k)), load16(patches, 16 * (9 + k))
-        for at in range(0, 48 * chunk.count, 48):
+        for at in range(0, 48 * chunk.n_samples, 48):
             store(tile.points, at + 16 * k, _points(chunk.samples, at, p, u, v, w))
     for lane in range(16):
         for k in range(3):
             p, u = broadcast16(patches, 16 * k + lane), broadcast16(patches, 16 * (3 + k) + lane)
             v, w = broadcast16(patches, 16 * (6 + k) + lane), broadcast16(patches, 16 * (9 + k) + lane)
-            store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.turned, 48 * lane, p, u, v, w))
+            store(tile.by_lane, 48 * lane + 16 * k, _points(chunk.samples_by_lane, 48 * lane, p, u, v, w))
     bound_strata(tile.by_lane, tile.groups)
-    bound_targets(tile.points, tile.targets, chunk.count)
+    bound_targets(tile.points, tile.targets, chunk.n_samples)
 
 
 @inlined
 def with_blocked(dead, lanes, one):
     """A row of `dead` with the bits `one` (splat) added in some lanes (bits).
 
-    Whole rows are written, never single numbers of them: a row that is read next would wait until they are in memory.
+    Rows are written as a whole, never number by number: reading the row next would stall on the narrow stores.
     """
     return dead | select(mask_from_bits16(lanes), one, splat16(np.int32(0)))
 
 
 @inlined
 def finished_strata(tile, valid):
-    """Bits of the strata to which the segments from all `valid` receivers (bits) are blocked."""
+    """Bits of the strata to which all segments from `valid` receivers (bits) are blocked."""
     v = splat16(np.int32(valid))
     return bits((load16(tile.dead, 0) & v) == v)
 
 
 @inlined
-def turn_bits(source, target):
-    """Transpose 16 x 16 bits, kept as 16 int32."""
+def transpose_bits(source, target):
+    """Transpose 16 x 16 bits, stored as 16 int32."""
     words = splat16(np.int32(0))
     for r in range(16):
         there = mask_from_bits16(np.int64(get(source, r)))
@@ -316,14 +318,14 @@ def turn_bits(source, target):
 
 @kernel
 def read_bits(chunk, y0, x0, valid, tile, known):
-    """Start `dead` from the segments of a chunk known to be blocked, receivers -> strata: the inverse of `write_bits`.
+    """Initialise `dead` from the known blocked segments of a chunk, receivers -> strata: the inverse of `write_bits`.
 
     known : pointer to the bits of all receivers
     """
     shift, word, absent = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        ~((np.int64(1) << chunk.count) - 1),
+        ~((np.int64(1) << chunk.n_samples) - 1),
     )
     store(tile.dead, 0, splat16(np.int32(-1)))
     while valid != 0:
@@ -331,7 +333,7 @@ def read_bits(chunk, y0, x0, valid, tile, known):
         valid &= valid - 1
         at = place_of(chunk, y0, x0, lane) * chunk.query.words + word
         put(tile.dead, lane, np.int64(get(known, at) >> shift) & 0xFFFF | absent)
-    turn_bits(tile.dead, tile.dead)
+    transpose_bits(tile.dead, tile.dead)
 
 
 @kernel
@@ -343,11 +345,11 @@ def write_bits(chunk, y0, x0, valid, tile, out):
     shift, word, known = (
         np.uint64(chunk.first & 63),
         chunk.first >> 6,
-        (np.int64(1) << chunk.count) - 1,
+        (np.int64(1) << chunk.n_samples) - 1,
     )
     if bits((load16(tile.dead, 0) & splat16(np.int32(valid))) != 0) & known == 0:
         return
-    turn_bits(tile.dead, tile.dead)
+    transpose_bits(tile.dead, tile.dead)
     while valid != 0:
         lane = lowest_bit(valid)
         valid &= valid - 1

@@ -1,9 +1,10 @@
-"""Ray-triangle tests in float32, 16 rays at a time, and the deferred tests that float32 cannot decide.
+"""Ray-triangle tests in float32, 16 rays at a time, and deferred tests for what float32 cannot decide.
 
-Overflow. Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite
-bound decides nothing. docs/design/exactness.md derives the bounds.
+A test is decided only beyond the error bounds of `predicate.filters`. Coordinates are not limited, so bounds are
+arranged to overflow before any number that they bound, and an infinite bound leaves the test undecided.
+docs/design/exactness.md derives the bounds.
 
-Deferred tests. They are settled when their tile is done or their memory runs low. So the exact code stays out of the
+Undecided tests are deferred until their tile is finished or their memory runs low, which keeps exact code out of the
 hot kernels. A ray that another triangle blocks in the meantime needs no exact test.
 """
 
@@ -37,18 +38,15 @@ from .counters import TRIANGLE_TESTS, UNCERTAIN, count
 from .rays.ray_traversal import settle
 from .tile import first_pixel, place_of, tile_at
 
-# --- One triangle against 16 rays in float32. It decides only beyond the error bounds of `predicate.filters` ----------
-#
-# Nothing limits the coordinates here. So each bound overflows before any number that it bounds. An infinite bound
-# decides nothing. docs/design/exactness.md derives the bounds.
+# --- One triangle against 16 rays -------------------------------------------------------------------------------------
 
 
 _F = np.float32
 UNITS = 80  # units of 2^-24 in the error bounds: errors of an edge function and of D together, see `decide_signs`
-_ROOM = _F(8.0)  # a product times this is at least every sum made of such products
+_ROOM = _F(8.0)  # a product times this is at least any sum of such products
 _U = _F(UNITS * 2.0**-24 / 8.0)  # relative error bound, for products multiplied by _ROOM
 _TINY = _F(1e-37)
-LANES = 12 * 16  # float32 of kept `Lanes`
+LANES = 12 * 16  # float32 of stored `Lanes`
 
 
 class Triangle(NamedTuple):
@@ -106,7 +104,7 @@ def error_bounds(reach, size, span):
     """(error bound of the edge functions, error bound of the distances from the plane), f32x16.
 
     reach, size : at least the largest component of v0 - origin, and of the edges at v0
-    span : at least the sum of the magnitudes of a ray's components
+    span : at least the sum of the magnitudes of a direction's components
     """
     # Eq. (12) to (14) of docs/design/exactness.md
     room, wide = size * _ROOM, maximum(reach, size)
@@ -117,7 +115,7 @@ def error_bounds(reach, size, span):
 
 @inlined
 def seen_from(origins, span, triangle):
-    """`Lanes` of a triangle for 16 origins; span: f32x16, at least the sum of the magnitudes of a ray's components."""
+    """`Lanes` of a triangle for 16 origins; span: as in `error_bounds`, f32x16."""
     a = Vec3(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
     e, te = error_bounds(largest(a), splat16(triangle.size), span)
     n = triangle.n
@@ -127,13 +125,13 @@ def seen_from(origins, span, triangle):
 
 @inlined
 def length1(d):
-    """Sum of the components' magnitudes, rounded up."""
+    """Sum of the magnitudes of the components, rounded up."""
     return total(d) * _F(1.0 + 2.0**-21)
 
 
 @inlined
 def decide_signs(e1, e2, dn, t, e, te, facing):
-    """(bits of the lanes whose ray surely meets its triangle, bits of the lanes that float32 cannot decide).
+    """(bits of the lanes whose ray surely meets its triangle, bits of the lanes undecided in float32).
 
     e1, e2 : two edge functions
     dn, t : the ray's direction times the triangle's normal, and the distance of the ray's start from its plane
@@ -142,16 +140,16 @@ def decide_signs(e1, e2, dn, t, e, te, facing):
     # Eq. (15) of docs/design/exactness.md
     e1, e2, t, size = flip_sign(e1, dn), flip_sign(e2, dn), flip_sign(t, dn), absolute(dn)
     low, inside = minimum(minimum(e1, e2), size - e1 - e2), minimum(t, size - t)
-    hit, left = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
+    hit, undecided = bits((low > e) & (inside > te)), bits((low < -e) | (inside < -te)) ^ 0xFFFF
     if facing != 0:
         wrong = bits((low > e) & (flip_sign(splat16(_F(facing)), dn) > _F(0.0)))
-        return hit & ~wrong, left & ~hit & ~wrong
-    return hit, left & ~hit
+        return hit & ~wrong, undecided & ~hit & ~wrong
+    return hit, undecided & ~hit
 
 
 @inlined
 def decide(d, lanes, facing):
-    """(bits of the rays along d that surely meet the triangle, bits of the rays that float32 cannot decide)."""
+    """(bits of the rays along d that surely meet the triangle, bits of the rays undecided in float32)."""
     # Eq. (7) of docs/design/exactness.md
     e1, e2, dn = dot(d, lanes.qc), dot(d, lanes.cp), dot(d, lanes.n)
     return decide_signs(e1, e2, dn, lanes.t, lanes.e, lanes.te, facing)
@@ -170,22 +168,26 @@ def keep_lanes(memory, lanes):
 
 @inlined
 def kept_lane(memory, k):
-    """Lane k of kept `Lanes`, in all lanes."""
+    """Lane k of stored `Lanes`, in all lanes."""
     return Lanes(
-        broadcasts(memory, k, 16), broadcasts(memory, 48 + k, 16), broadcasts(memory, 96 + k, 16),
-        broadcast16(memory, 144 + k), broadcast16(memory, 160 + k), broadcast16(memory, 176 + k),
-    )  # fmt: skip
+        broadcasts(memory, k, 16),
+        broadcasts(memory, 48 + k, 16),
+        broadcasts(memory, 96 + k, 16),
+        broadcast16(memory, 144 + k),
+        broadcast16(memory, 160 + k),
+        broadcast16(memory, 176 + k),
+    )
 
 
 @inlined
 def ray_meets(o, d, numbers, facing, limit):
     """Test a ray from o along d against the 16 triangles of a block.
 
-    Return (bits of the triangles that it surely meets, bits of the triangles that float32 cannot decide).
+    Return (bits of the triangles that it surely meets, bits of the triangles undecided in float32).
 
     o, d : the same ray in all lanes
     numbers : the block's corners and edges
-    limit : triangles surely beyond it are left out; None: there is no limit
+    limit : t beyond which triangles are ignored if they surely lie there; None: no limit
     """
     # Eq. (6) and (7) of docs/design/exactness.md
     a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
@@ -199,17 +201,14 @@ def ray_meets(o, d, numbers, facing, limit):
     return hit & ~beyond, unsure & ~beyond
 
 
-# --- Deferred tests: rays that float32 cannot decide, noted while tracing and settled later ---------------------------
-#
-# They are settled when their tile is done or their memory runs low. So the exact code stays out of the hot kernels. A
-# ray that another triangle blocks in the meantime needs no exact test.
+# --- Deferred tests ---------------------------------------------------------------------------------------------------
 
 
-DEFERRED = 16 * 16 * 16  # most tests that one block and one tile defer: triangles * strata * receivers
+DEFERRED = 16 * 16 * 16  # most tests that one block and one tile can defer: triangles * strata * receivers
 
 
-def deferred_ints(tiles):
-    """int32 of memory for DEFERRED tests, and for all tests of one more block with `tiles` tiles.
+def deferred_ints(tiles: int) -> int:
+    """Size of the memory, in int32, for DEFERRED tests and all tests of one more block with `tiles` tiles.
 
     Layout: the count, an unused word, then slot and place of each test.
     """
@@ -218,10 +217,10 @@ def deferred_ints(tiles):
 
 @inlined
 def defer(deferred, slot, place, step, unsure):
-    """Note the triangle in `slot` for the `unsure` lanes (bits) of a row. Lane i is at ``place + i step``.
+    """Defer the tests of the triangle in `slot` against the `unsure` lanes (bits) of a row.
 
-    A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 stands for the receiver's own surface: is the sample
-    above it?
+    Lane i is at ``place + i step``. A place is ``tile << 8 | stratum << 4 | receiver``. Slot -1 stands for the horizon
+    test of the receiver's own surface.
     """
     n = np.int64(get(deferred, 0))
     while unsure != 0:
@@ -233,12 +232,12 @@ def defer(deferred, slot, place, step, unsure):
 
 
 @inlined
-def defer_triangles(deferred, tree, block, own, place, unsure):
-    """Note the triangles of a block (bits) that may block the ray at `place`, except its receiver's `own` triangle."""
+def defer_triangles(deferred, tree, block, face, place, unsure):
+    """Defer the tests of a block's triangles (bits) against the ray at `place`, except the receiver's own, `face`."""
     while unsure != 0:
         slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(unsure))))
         unsure &= unsure - 1
-        if get(tree.prim_ids, slot) != own:
+        if get(tree.prim_ids, slot) != face:
             defer(deferred, slot, place, 0, np.int64(1))
 
 
@@ -273,11 +272,11 @@ def resolve_deferred(corners, chunk, tiles, pixels, deferred, counters):
     put(deferred, 0, 0)
 
 
-# --- A block of triangles: the block as tests see it, its prefetch, and the test of one ray against it ----------------
+# --- Blocks of triangles ----------------------------------------------------------------------------------------------
 
 
 class Block(NamedTuple):
-    """A block, and everything else that its tests against a tile's segments need."""
+    """A block, with the data that its tests against a tile's segments need."""
 
     tree: BlockPointers
     number: int
@@ -285,12 +284,12 @@ class Block(NamedTuple):
     valid: int  # bits of the tile's receivers
     facing: int  # a value of CULL_FACES
     work: F32Ptr | None  # float32 scratch memory; None: no test needs it
-    deferred: I32Ptr  # int32, see `deferred`
+    deferred: I32Ptr  # int32, deferred tests, see `deferred_ints`
 
 
 @inlined
 def fetch(tree, link):
-    """Prefetch the node or the block behind a link. In large scenes, waiting for memory takes longest."""
+    """Prefetch the node or block behind a link. In large scenes, memory latency dominates."""
     if link >= 0:
         prefetch(tree.nodes, line_at(link))
         return
@@ -307,20 +306,20 @@ def numbers_of(b):
 
 @inlined
 def slot_of(b, i):
-    """The slot of triangle i: its place in the BVH's arrays."""
+    """The slot of triangle i: its index in the BVH's arrays."""
     return np.int64(get(b.tree.slots, slot_at(b.number, i)))
 
 
 @inlined
-def blocks_ray(b, o, d, own, place, counters):
-    """Does a triangle of a block surely block the ray from o along d, given in all lanes?
+def blocks_ray(b, o, d, face, place, counters):
+    """True if a triangle of a block surely blocks the ray from o along d, the same in all lanes.
 
-    If not, tests that float32 cannot decide are deferred for the ray's `place`, except the receiver's `own` triangle.
+    Otherwise, defer the undecided tests at the ray's `place`, except that of the receiver's triangle `face`.
     """
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = ray_meets(o, d, numbers_of(b), b.facing, None)
     if hit & b.present != 0:
         return True
     if unsure & b.present != 0:
-        defer_triangles(b.deferred, b.tree, b.number, own, place, unsure & b.present)
+        defer_triangles(b.deferred, b.tree, b.number, face, place, unsure & b.present)
     return False

@@ -1,19 +1,20 @@
-"""The control panel of the page: sliders that change the model, and text on pictures and clicked points."""
+"""The control panel of the page: sliders that change the model, and text about pictures and clicked points."""
 
 from collections.abc import Callable
 from datetime import date
+from functools import partial
 from html import escape
 from typing import Any
 
 from ..scene.lights import DirectionalLight
-from .gizmos import Face, Probe
+from .gizmos import Face, Probe, Sight
 from .progressive_pictures import TracedPicture
 from .viewer_model import BOX_TESTS, LIGHT_SHARE, SHADED, sun_angles
 
-_HINT = "Click a surface: the panel says which lights it sees, and what blocks them."
+_HINT = "Click a surface to see which lights reach it and what blocks the others."
 _STYLE = "margin: 0 1em; font-size: 0.8em; text-align: left"
-_UNBROKEN = "white-space: nowrap"
-_STOPS = 6.0  # of exposure, each way
+_NOWRAP = "white-space: nowrap"
+_STOPS = 6.0  # range of the exposure slider, in both directions
 
 
 class Controls:
@@ -28,16 +29,16 @@ class Controls:
         self._sliders: dict[str, Any] = {}
         self._status = self._gui.add_markdown("preparing the first picture")
         self._legend: Any = None
-        self._furnish_point()
-        self._furnish_picture()
+        self._add_point()
+        self._add_picture()
         if self._model.scene.animated:
-            self._furnish_time()
+            self._add_time()
         if self._model.sun is not None:
-            self._furnish_sun()
-        self._furnish_lights()
+            self._add_sun()
+        self._add_lights()
 
-    def tell(self, picture: TracedPicture) -> None:
-        """Say what the picture is that the browser shows."""
+    def show_picture(self, picture: TracedPicture) -> None:
+        """Describe the picture that the browser shows."""
         speed = f"{picture.rays / max(picture.seconds, 1e-9) / 1e6:.1f} M rays/s"
         text = f"{picture.step}: {1000 * picture.seconds:.0f} ms, {speed}"
         self.say(f"{text}; {picture.note}" if picture.note else text)
@@ -51,12 +52,12 @@ class Controls:
         """Show a line at the top of the panel."""
         self._status.content = text
 
-    def describe(self, found: Probe | None) -> None:
+    def describe(self, point: Probe | None) -> None:
         """Show what a clicked point sees."""
-        self._point.content = describe_point(found)
+        self._point.content = describe_point(point)
 
     def refresh(self) -> None:
-        """Set the sliders to what the model has."""
+        """Set the sliders from the model."""
         sun = self._model.sun
         if sun is not None and "elevation" in self._sliders:
             bearing, elevation = sun_angles(sun.light, self._model.scene.up)
@@ -65,37 +66,39 @@ class Controls:
                 if abs(self._sliders[name].value - value) > 0.1:
                     self._sliders[name].value = value
 
-    def _furnish_point(self) -> None:
+    def _add_point(self) -> None:
         with self._gui.add_folder("Point"):
             self._point = self._gui.add_html(describe_point(None))
 
-    def _furnish_picture(self) -> None:
+    def _add_picture(self) -> None:
         model, gui = self._model, self._gui
-        kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.lamps), BOX_TESTS]
+        kinds = [SHADED, *(LIGHT_SHARE + lamp.name for lamp in model.editable_lights), BOX_TESTS]
         with gui.add_folder("Picture"):
-            show = gui.add_dropdown("show", kinds, initial_value=model.looks.show)
-            plan = gui.add_text("plan", model.looks.plan, hint="the plan whose box tests are shown")
-            stops = gui.add_slider("exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="in stops, beyond the automatic one")
-            anew = gui.add_button("expose anew")
-        self._follow(show, lambda value: self._look(show=value))
-        self._follow(plan, lambda value: self._look(plan=value))
-        self._follow(stops, lambda value: self._look(stops=value))
+            show = gui.add_dropdown("show", kinds, initial_value=model.display.show)
+            plan = gui.add_text("plan", model.display.plan, hint="plan whose box tests are shown")
+            stops = gui.add_slider(
+                "exposure", -_STOPS, _STOPS, 0.1, 0.0, hint="in stops, relative to the automatic exposure"
+            )
+            reset = gui.add_button("reset exposure")
+        self._bind(show, lambda value: self._set_display(show=value))
+        self._bind(plan, lambda value: self._set_display(plan=value))
+        self._bind(stops, lambda value: self._set_display(stops=value))
 
-        @anew.on_click
-        @self._page.heard
-        async def _(event: Any) -> None:
-            model.expose_anew()
+        async def reset_exposure(event: Any) -> None:
+            model.reset_exposure()
             stops.value = 0.0
             self._page.changed()
 
-    def _furnish_time(self) -> None:
+        reset.on_click(self._page.listener(reset_exposure))
+
+    def _add_time(self) -> None:
         model = self._model
         with self._gui.add_folder("Time"):
             length = model.scene.duration
             slider = self._gui.add_slider("seconds", 0.0, length, length / 1000.0, model.time)
-        self._follow(slider, model.go_to)
+        self._bind(slider, model.go_to)
 
-    def _furnish_sun(self) -> None:
+    def _add_sun(self) -> None:
         model, gui, sliders = self._model, self._gui, self._sliders
         assert isinstance(model.sun.light, DirectionalLight)
         bearing, elevation = sun_angles(model.sun.light, model.scene.up)
@@ -104,57 +107,57 @@ class Controls:
                 day = gui.add_text("day", date.today().isoformat())
                 hour = gui.add_slider("hour", 0.0, 24.0, 0.1, 12.0)
                 for each in day, hour:
-                    self._follow(each, lambda _: model.aim_sun_at(day.value, hour.value))
-            hint = "degrees, clockwise from the scene's north: +Y if +Z is up, else -Z"
+                    self._bind(each, lambda _: model.aim_sun_at(day.value, hour.value))
+            hint = "degrees clockwise from the scene's north: +Y if +Z is up, else -Z"
             sliders["bearing"] = gui.add_slider("bearing", 0.0, 360.0, 0.5, round(bearing, 1), hint=hint)
             sliders["elevation"] = gui.add_slider("elevation", -90.0, 90.0, 0.5, round(elevation, 1), hint="degrees")
         aim = lambda _: model.aim_sun(sliders["bearing"].value, sliders["elevation"].value)
-        self._follow(sliders["bearing"], aim)
-        self._follow(sliders["elevation"], aim)
+        self._bind(sliders["bearing"], aim)
+        self._bind(sliders["elevation"], aim)
 
-    def _furnish_lights(self) -> None:
+    def _add_lights(self) -> None:
         model = self._model
         with self._gui.add_folder("Lights"):
             handles = self._gui.add_checkbox("handles", True)
-            boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.lamps}
+            boxes = {lamp.name: self._gui.add_checkbox(lamp.name, lamp.on) for lamp in model.editable_lights}
         for name, box in boxes.items():
-            self._follow(box, lambda value, name=name: model.switch(name, value))
+            self._bind(box, partial(model.switch, name))
 
-        @handles.on_update
-        @self._page.heard
-        async def _(event: Any) -> None:
-            self._page.marks.show_handles(handles.value)
+        async def show_handles(event: Any) -> None:
+            self._page.gizmos.show_handles(handles.value)
 
-    def _look(self, **changes: Any) -> None:
-        self._model.looks = self._model.looks._replace(**changes)
+        handles.on_update(self._page.listener(show_handles))
 
-    def _follow(self, control: Any, change: Callable[[Any], Any]) -> None:
-        """Let a control change the model whenever a user, and not this program, moves it."""
+    def _set_display(self, **changes: Any) -> None:
+        self._model.display = self._model.display._replace(**changes)
 
-        @control.on_update
-        @self._page.heard
-        async def _(event: Any) -> None:
+    def _bind(self, control: Any, change: Callable[[Any], Any]) -> None:
+        """Change the model whenever the user, rather than this program, moves a control."""
+
+        async def update(event: Any) -> None:
             if event.client is not None:
                 change(control.value)
                 self._page.changed()
 
+        control.on_update(self._page.listener(update))
 
-def describe_point(found: Probe | None) -> str:
-    """HTML about a point: the surface, and a row for each light."""
-    if found is None:
+
+def describe_point(point: Probe | None) -> str:
+    """HTML about a point: its surface, and a row per light."""
+    if point is None:
         return f"<div style='{_STYLE}'>{_HINT}</div>"
-    place = ", ".join(f"{c:.6g}" for c in found.position)
+    place = ", ".join(f"{c:.6g}" for c in point.position)
     rows = "".join(
-        f"<tr><td>{escape(sight.name)}</td><td style='{_UNBROKEN}'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
+        f"<tr><td>{escape(sight.name)}</td><td style='{_NOWRAP}'>{100.0 * sight.share:.3g} % of {sight.samples}</td>"
         f"<td>{_blocked(sight)}</td></tr>"
-        for sight in found.sights
+        for sight in point.sights
     )
     head = "<tr><th>light</th><th>seen</th><th>its centre</th></tr>"
     table = f"<table style='border-spacing: 0.5em 0.1em; margin-left: -0.5em'>{head}{rows}</table>"
-    return f"<div style='{_STYLE}'>{_face(found.face)}<br>at {place}{table}</div>"
+    return f"<div style='{_STYLE}'>{_face(point.face)}<br>at {place}{table}</div>"
 
 
-def _blocked(sight) -> str:
+def _blocked(sight: Sight) -> str:
     if sight.end is None:
         return "has none"
     return "seen" if sight.blocker is None else f"behind {_face(sight.blocker)}"

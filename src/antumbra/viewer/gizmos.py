@@ -1,54 +1,54 @@
 """Gizmos over the pictures: light handles, and sightlines from a clicked point to the lights and their blockers."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine.point_visibility import visibility
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
 from ..query.receivers import point_receivers
-from ..scene.lights import DirectionalLight
-from . import viewer_model as lamps
-from .viewer_model import FAR, Model
+from ..scene.lights import DirectionalLight, Light
+from .viewer_model import FAR, EditableLight, Model, handle_position, light_outline
 
-# --- What a point of a surface sees of each light, and what blocks it -------------------------------------------------
+# --- Visibility of each light from a surface point --------------------------------------------------------------------
 
 
-_SPP = 256  # rays to each light
+_SPP = 256  # rays per light
 
 
 class Face(NamedTuple):
     """A triangle of the scene."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     object: str  # its name
-    corners: np.ndarray  # (3, 3) float64, world
+    corners: NDArray[np.float64]  # (3, 3), world
 
 
 class Sight(NamedTuple):
-    """What a point sees of one light."""
+    """Visibility of one light from a point."""
 
     name: str
-    share: float  # of the samples, in [0, 1]
+    share: float  # visible share of the samples, in [0, 1]
     samples: int
-    end: np.ndarray | None  # (3,) float64, world: the centre of the light; None: it has none
-    blocker: Face | None  # the first triangle on the way to the centre
-    at: np.ndarray | None  # (3,) float64, world: where the blocker is met
+    end: NDArray[np.float64] | None  # (3,), world: the centre of the light; None: no centre
+    blocker: Face | None  # the first triangle towards the centre
+    at: NDArray[np.float64] | None  # (3,), world: the point on the blocker
 
 
 class Probe(NamedTuple):
-    """What a point of a surface sees."""
+    """Visibility of the lights from a surface point."""
 
-    position: np.ndarray  # (3,) float64, world
-    normal: np.ndarray  # (3,) float64, unit, towards the viewer
+    position: NDArray[np.float64]  # (3,), world
+    normal: NDArray[np.float64]  # (3,), unit, towards the viewer
     face: Face
     sights: list[Sight]  # one for each light that is on
 
 
-def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | None:
-    """What the first point on a ray sees of the lights; None if the ray meets nothing.
+def probe(model: Model, origin: NDArray[np.float64], direction: NDArray[np.float64]) -> Probe | None:
+    """Visibility of the lights from the first point on a ray; None if the ray hits nothing.
 
     origin, direction : (3,) float64, world
     """
@@ -57,38 +57,46 @@ def probe(model: Model, origin: np.ndarray, direction: np.ndarray) -> Probe | No
     if not hit.mask:
         return None
     normal = hit.normal * (-1.0 if hit.normal @ direction > 0.0 else 1.0)
-    position, lamps = hit.position, model.shining
-    found = visibility(
-        scene, position, [lamp.light for lamp in lamps], normal, spp=_SPP, plan=model.plan, time=time,
+    position, lamps = hit.position, model.active_lights
+    result = visibility(
+        scene,
+        position,
+        [lamp.light for lamp in lamps],
+        normal,
+        spp=_SPP,
+        plan=model.plan,
+        time=time,
         threads=model.threads,
-    )  # fmt: skip
+    )
     face = _face(model, int(hit.face), hit.corners, int(hit.object))
     sights = []
-    for lamp, share, samples in zip(lamps, found.fraction.tolist(), found.samples.tolist()):
-        seen = Sight(lamp.name, share, samples, None, None, None)
+    for lamp, share, samples in zip(lamps, result.fraction.tolist(), result.samples.tolist()):
+        sight = Sight(lamp.name, share, samples, None, None, None)
         sights.append(
-            _with_blocker(model, seen, lamp.light, position, normal, face) if has_centre(lamp.light) else seen
+            _with_blocker(model, sight, lamp.light, position, normal, face) if has_centre(lamp.light) else sight
         )
     return Probe(position, normal, face, sights)
 
 
-def _with_blocker(model: Model, sight: Sight, light, position, normal, own: Face) -> Sight:
-    """The sight with the light's centre, and the first triangle on the way there."""
+def _with_blocker(
+    model: Model, sight: Sight, light: Light, position: NDArray[np.float64], normal: NDArray[np.float64], face: Face
+) -> Sight:
+    """The sight with the light's centre, and the first triangle towards it."""
     local = (position - model.scene.origin)[None]
     world = point_receivers(local, normal[None], position[None], single=False) + model.scene.origin
     (direction,), end = towards_centre(light, world)
-    reach = FAR / model.stage.scale if isinstance(light, DirectionalLight) else 1.0
+    reach = FAR / model.page_frame.scale if isinstance(light, DirectionalLight) else 1.0
     sight = sight._replace(end=world[0] + reach * direction)
     if normal @ direction <= 0.0:
-        return sight._replace(blocker=own, at=position)
-    hit = model.scene.closest_hit(world[0], direction, 0.0, end, own.index, model.time, threads=model.threads)
+        return sight._replace(blocker=face, at=position)
+    hit = model.scene.closest_hit(world[0], direction, 0.0, end, face.index, model.time, threads=model.threads)
     if not hit.mask:
         return sight
     return sight._replace(blocker=_face(model, int(hit.face), hit.corners, int(hit.object)), at=hit.position)
 
 
 def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
-    """A triangle with the name of its object; of a city, with the type of its surface too."""
+    """A triangle with the name of its object and, in a city, the type of its surface."""
     scene = model.scene
     name = scene.objects[owner].name if 0 <= owner < len(scene.objects) else ""
     if scene.city is not None:
@@ -97,7 +105,7 @@ def _face(model: Model, index: int, corners: np.ndarray, owner: int) -> Face:
     return Face(index, name, corners)
 
 
-# --- Marks in the page: handles of lights, and lines from a clicked point to the lights and what blocks them ----------
+# --- Gizmos in the page -----------------------------------------------------------------------------------------------
 
 
 _LIGHT, _SEEN, _BLOCKED, _BEYOND = (255, 196, 60), (255, 214, 64), (255, 64, 64), (150, 40, 60)
@@ -106,12 +114,12 @@ _POINT = 0.03  # page units: radius of a clicked point
 
 
 class Gizmos:
-    """What is drawn over the pictures.
+    """Light handles, and the sightlines of the clicked point.
 
     Parameters
     ----------
     page : Page
-        Its `changed` is called after a handle was moved.
+        Its `changed` is called after a handle has moved.
     """
 
     def __init__(self, page: Any):
@@ -121,50 +129,50 @@ class Gizmos:
         self._shown, self._lock = True, Lock()
         self.refresh()
 
-    def show_handles(self, shown: bool) -> None:
+    def show_handles(self, visible: bool) -> None:
         """Show or hide the handles of all lights."""
-        self._shown = shown
+        self._shown = visible
         self.refresh()
 
     def refresh(self) -> None:
-        """Put the handles where the lights are."""
+        """Move the handles to the lights."""
         with self._lock:
-            for lamp in self._model.lamps:
-                place = lamps.handle_position(lamp.light, self._model.stage)
+            for lamp in self._model.editable_lights:
+                place = handle_position(lamp.light, self._model.page_frame)
                 if place is not None:
                     self._put(lamp, place)
 
-    def point_at(self, found: Probe | None) -> None:
-        """Show what a point sees: lines to the lights, red up to what blocks them, and the blocking triangles."""
+    def point_at(self, point: Probe | None) -> None:
+        """Show the sightlines of a point, red up to a blocker, and the blocking triangles."""
         for name in "/point", "/sights", "/blockers":
             self._scene.remove_by_name(name)
-        if found is None:
+        if point is None:
             return
-        to_page = self._model.stage.to_page
-        self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(found.position))
-        lines, colours = sight_lines(found)
+        to_page = self._model.page_frame.to_page
+        self._scene.add_icosphere("/point", _POINT, color=_SEEN, position=to_page(point.position))
+        lines, colours = sight_lines(point)
         if len(lines):
             self._draw("/sights", to_page(lines), colours, 2.5)
-        rings = [sight.blocker.corners for sight in found.sights if sight.blocker is not None]
+        rings = [sight.blocker.corners for sight in point.sights if sight.blocker is not None]
         if rings:
             edges = np.concatenate([np.stack([ring, np.roll(ring, -1, 0)], 1) for ring in rings])
             self._scene.add_line_segments(
                 "/blockers", to_page(edges), _BLOCKED, thickness=4.0, thickness_units="screen"
             )
 
-    def _put(self, lamp: lamps.EditableLight, place: np.ndarray) -> None:
+    def _put(self, lamp: EditableLight, place: np.ndarray) -> None:
         on, path = self._shown and lamp.on, f"/lights/{lamp.name}"
         if lamp.name not in self._handles:
             handle = self._handles[lamp.name] = self._scene.add_transform_controls(
                 path, scale=_HANDLE, disable_rotations=True, depth_test=False, position=place
             )
             self._scene.add_label(f"{path}/name", lamp.name)
-            handle.on_update(self._page.heard(self._mover(lamp.name)))
+            handle.on_update(self._page.listener(self._mover(lamp.name)))
         handle = self._handles[lamp.name]
         handle.visible = on
         if not np.allclose(handle.position, place, atol=1e-5):
             handle.position = place
-        lines = lamps.light_outline(lamp.light, self._model.stage)
+        lines = light_outline(lamp.light, self._model.page_frame)
         if len(lines):
             self._scene.add_line_segments(
                 f"/outlines/{lamp.name}", lines, _LIGHT, thickness=2.0, thickness_units="screen", visible=on
@@ -173,7 +181,7 @@ class Gizmos:
     def _draw(self, name: str, lines: np.ndarray, colours: Any, pixels: float, visible: bool = True) -> None:
         self._scene.add_line_segments(name, lines, colours, thickness=pixels, thickness_units="screen", visible=visible)
 
-    def _mover(self, name: str) -> Callable:
+    def _mover(self, name: str) -> Callable[[Any], Awaitable[None]]:
         async def moved(event: Any) -> None:
             self._model.move(name, np.array(event.target.position, np.float64))
             self._page.changed()
@@ -181,18 +189,18 @@ class Gizmos:
         return moved
 
 
-def sight_lines(found: Probe) -> tuple[np.ndarray, np.ndarray]:
-    """(k, 2, 3) float64, world: lines from a point to the lights; (k, 2, 3) uint8: their colours."""
-    lines: list[tuple] = []
+def sight_lines(point: Probe) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """Lines from a point to the lights, (k, 2, 3) float64, world, and their colours, (k, 2, 3) uint8."""
+    lines: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
     colours = []
-    for sight in found.sights:
+    for sight in point.sights:
         if sight.end is None:
             continue
         if sight.at is None:
-            lines.append((found.position, sight.end))
+            lines.append((point.position, sight.end))
             colours.append(_SEEN)
             continue
-        lines += [(found.position, sight.at), (sight.at, sight.end)]
+        lines += [(point.position, sight.at), (sight.at, sight.end)]
         colours += [_BLOCKED, _BEYOND]
-    shown = np.repeat(np.array(colours, np.uint8).reshape(-1, 1, 3), 2, 1)
-    return np.array(lines, np.float64).reshape(-1, 2, 3), shown
+    line_colours = np.repeat(np.array(colours, np.uint8).reshape(-1, 1, 3), 2, 1)
+    return np.array(lines, np.float64).reshape(-1, 2, 3), line_colours

@@ -1,9 +1,10 @@
 """The proxy mesh that the browser shows while the camera moves: simplified triangles with baked light, as GLB."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..formats.gltf.gltf_file import ARRAY_BUFFER, FLOAT, buffer_views, glb_bytes
 from ..jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
@@ -13,23 +14,23 @@ from ..query.query_bounds import morton_codes
 from ..scene.triangles import Triangles
 from .viewer_model import Model
 
-# --- The stand-in as a glTF file whose colours the browser shows as they are ------------------------------------------
+# --- GLB file whose colours the browser shows unchanged ---------------------------------------------------------------
 
 
-# three.js maps the tones of all materials by a fit of ACES, and viser leaves that on. These are its constants.
+# viser leaves the tone mapping of three.js, a fit of ACES, enabled for all materials. These are its constants.
 _INTO = np.array([[0.59719, 0.35458, 0.04823], [0.07600, 0.90834, 0.01566], [0.02840, 0.13383, 0.83777]])
 _OUT = np.array([[1.60475, -0.53108, -0.07367], [-0.10208, 1.10813, -0.00605], [-0.00327, -0.07276, 1.07602]])
 _DARKER = 0.6
 
 
-def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
-    """A GLB file of triangles, each seen from its two sides in the colours of these.
+def glb_of(corners: NDArray[np.floating[Any]], colours: NDArray[np.float32]) -> bytes:
+    """A GLB file of triangles with separate colours of their two sides.
 
-    corners : (n, 3, 3) float32, at least one
+    corners : (n, 3, 3), at least one; stored as float32
     colours : (2, n, 3) float32, linear, in [0, 1]: of the front and of the back
     """
     both = np.concatenate([corners, corners[:, ::-1]]).reshape(-1, 3).astype(np.float32)
-    shown = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
+    rgb = np.repeat(before_aces(colours).reshape(-1, 3), 3, axis=0).astype(np.float32)
     root = {
         "asset": {"version": "2.0"},
         "scene": 0,
@@ -40,15 +41,15 @@ def glb_of(corners: np.ndarray, colours: np.ndarray) -> bytes:
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
         "accessors": [
             {**_accessor(0, both), "min": both.min(0).tolist(), "max": both.max(0).tolist()},
-            _accessor(1, shown),
+            _accessor(1, rgb),
         ],
-        **buffer_views([both, shown], [ARRAY_BUFFER, ARRAY_BUFFER]),
+        **buffer_views([both, rgb], [ARRAY_BUFFER, ARRAY_BUFFER]),
     }
-    return glb_bytes(root, [both, shown])
+    return glb_bytes(root, [both, rgb])
 
 
-def before_aces(colours: np.ndarray) -> np.ndarray:
-    """(..., 3) float64: the linear colours that three.js maps to these; the inverse of its ACES curve."""
+def before_aces(colours: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """(..., 3) float64: the linear colours that three.js maps to `colours`; the inverse of its ACES curve."""
     y = np.clip(np.asarray(colours, np.float64) @ np.linalg.inv(_OUT).T, 0.0, 0.99)
     # y = (x (x + p) - q) / (x (r x + s) + t), solved for x
     p, q, r, s, t = 0.0245786, 0.000090537, 0.983729, 0.4329510, 0.238081
@@ -57,119 +58,121 @@ def before_aces(colours: np.ndarray) -> np.ndarray:
     return np.maximum(x @ np.linalg.inv(_INTO).T, 0.0) * _DARKER
 
 
-def _accessor(view: int, array: np.ndarray) -> dict:
+def _accessor(view: int, array: NDArray[np.float32]) -> dict[str, Any]:
     return {"bufferView": view, "componentType": FLOAT, "count": len(array), "type": "VEC3"}
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The stand-in for traced pictures while the camera moves: triangles with baked light, few enough for any browser.
+# --- Simplified mesh with baked light ---------------------------------------------------------------------------------
 
 
 MOST = 100_000
-"""Triangles of the stand-in, each of which the browser gets once for each side."""
+"""Most triangles of the proxy mesh, each of which is sent once per side."""
 
-_SPP = 8  # rays to each light
-_AT_ONCE = 1 << 14  # receivers between two checks
-_FINER = 1.25  # factor between two sizes that are tried
-_SHORTEST = 1e-3  # of edges of divided faces, as a share of the longest edge
+_SPP = 8  # rays per light
+_BATCH = 1 << 14  # receivers between two checks
+_FINER = 1.25  # factor between successive sizes
+_SHORTEST = 1e-3  # shortest edge of subdivided faces, as a share of the longest edge
 _MIXED = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64).astype(np.int64)
-"""Odd factors by which three numbers become one, which is very likely another one for three other numbers."""
+"""Odd factors that hash three numbers into one, with few collisions."""
 
 
 class ProxyMesh(NamedTuple):
-    """The triangles of a stand-in, and where their light is measured."""
+    """The triangles of a proxy mesh, and the points where their light is measured."""
 
-    corners: np.ndarray  # (n, 3, 3) float32, recentred frame
-    points: np.ndarray  # (n, 3) float64, world: on the face of the scene that the piece stands for
-    normals: np.ndarray  # (n, 3) float64, unit
-    faces: np.ndarray  # (n,) int64: that face
+    corners: NDArray[np.float32]  # (n, 3, 3), recentred frame
+    points: NDArray[np.float64]  # (n, 3), world: on the face that the triangle represents
+    normals: NDArray[np.float64]  # (n, 3), unit
+    faces: NDArray[np.int64]  # (n,): that face
 
 
 def proxy_mesh(triangles: Triangles, most: int = MOST) -> ProxyMesh:
-    """At most `most` pieces: small faces put together, and then large ones divided."""
+    """At most `most` triangles: small faces are merged, then large ones subdivided."""
     corners = triangles.vertices
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).astype(np.float64)
     length = np.linalg.norm(across, axis=1)
     faces = np.flatnonzero(length > 0.0)
     if not len(faces):
         return ProxyMesh(corners[:0], np.empty((0, 3)), np.empty((0, 3)), faces)
-    shown, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
-    both = np.concatenate([shown, corners[faces]], 2)  # light is measured on the face: the piece may lie within a wall
-    both, faces = _divided(both, faces, most)
+    simplified, faces = (corners[faces], faces) if len(faces) <= most else _clustered(corners, faces, most // 2)
+    # Light is measured on the original face, because a simplified piece may lie inside a wall.
+    both = np.concatenate([simplified, corners[faces]], 2)
+    both, faces = _subdivided(both, faces, most)
     points = both[:, :, 3:].astype(np.float64).mean(1) + triangles.origin
     order = np.argsort(morton_codes(points - points.mean(0)), kind="stable")
     faces = faces[order]
     return ProxyMesh(both[order, :, :3], points[order], across[faces] / length[faces, None], faces)
 
 
-def _divided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Faces cut in four again and again, until edges are short: the pieces (m, 3, k) and their faces (m,).
+def _subdivided(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Faces split into four repeatedly until their edges are short: the pieces (m, 3, k) and their faces (m,).
 
-    corners : (n, 3, k); the first three coordinates count for the length of edges
+    corners : (n, 3, k); the first three coordinates determine edge lengths
     """
     longest = np.linalg.norm(np.roll(corners[..., :3], 1, 1) - corners[..., :3], axis=2).max(1)
     size = float(longest.max())
 
-    def times(edge: float) -> np.ndarray:
+    def times(edge: float) -> Any:
         return np.ceil(np.log2(np.maximum(longest / edge, 1.0)))
 
     while size > _SHORTEST * longest.max() and (4.0 ** times(size / _FINER)).sum() <= most:
         size /= _FINER
-    left, done = times(size), []
+    remaining, done = times(size), []
     while len(corners):
-        last = left <= 0
+        last = remaining <= 0
         done.append((corners[last], faces[last]))
         a, b, c = corners[~last].swapaxes(0, 1)
         ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
         four = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
         corners = np.concatenate([np.stack(each, 1) for each in four])
-        faces, left = np.tile(faces[~last], 4), np.tile(left[~last] - 1, 4)
+        faces, remaining = np.tile(faces[~last], 4), np.tile(remaining[~last] - 1, 4)
     return np.concatenate([pieces for pieces, _ in done]), np.concatenate([owner for _, owner in done])
 
 
 def _clustered(corners: np.ndarray, faces: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Faces whose corners move to the middles of the cells of a grid, as coarse as necessary; each triangle once.
+    """Vertex clustering [Rossignac and Borrel 1993] on a grid as coarse as necessary.
 
-    Faces that become lines or points vanish [Rossignac and Borrel 1993].
+    Corners move to the centres of their cells. Degenerate and duplicate triangles are removed.
     """
-    low, extent = corners.min((0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
+    lower, extent = corners.min((0, 1)), float(np.ptp(corners.reshape(-1, 3), axis=0).max())
     cells = 1024.0
     while True:
-        at = np.floor((corners[faces] - low) * (cells / extent)).astype(np.int64)
+        at = np.floor((corners[faces] - lower) * (cells / extent)).astype(np.int64)
         keys = (at[..., 0] << 42) | (at[..., 1] << 21) | at[..., 2]
         a, b, c = keys.T
-        whole = np.flatnonzero((a != b) & (b != c) & (c != a))
-        _, first = np.unique(np.sort(keys[whole], 1) @ _MIXED, return_index=True)
+        proper = np.flatnonzero((a != b) & (b != c) & (c != a))
+        _, first = np.unique(np.sort(keys[proper], 1) @ _MIXED, return_index=True)
         if len(first) <= most:
-            kept = whole[first]
-            return ((at[kept] + 0.5) * (extent / cells) + low).astype(np.float32), faces[kept]
+            chosen = proper[first]
+            return ((at[chosen] + 0.5) * (extent / cells) + lower).astype(np.float32), faces[chosen]
         cells /= max(_FINER, (len(first) / most) ** 0.5)
 
 
-def proxy_light(model: Model, pieces: ProxyMesh, check: Callable = lambda *_: None) -> np.ndarray:
-    """(2, n, 3) float32: the irradiance of the front and of the back of each piece.
+def proxy_light(model: Model, pieces: ProxyMesh, check: Callable[..., None] = lambda *_: None) -> NDArray[np.float32]:
+    """(2, n, 3) float32: the irradiance on the front and back of each triangle.
 
-    check : called between parts of the work; it may raise an exception to end it
+    check : called between batches; it may raise an exception to end the work
     """
-    lights, n = [lamp.light for lamp in model.shining], len(pieces.points)
-    asked = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
-    meter = Meter(model.scene, asked, 2 * n)
+    lights, n = [lamp.light for lamp in model.active_lights], len(pieces.points)
+    settings = MeterSettings("light", lights, _SPP, "larcher-pillichshammer", model.plan, model.time, model.threads)
+    meter = Meter(model.scene, settings, 2 * n)
     out = np.zeros((2, n, 3), np.float32)
     for side, sign in enumerate((1.0, -1.0)):
-        for start in range(0, n, _AT_ONCE):
+        for start in range(0, n, _BATCH):
             check()
-            part = slice(start, start + _AT_ONCE)
+            part = slice(start, start + _BATCH)
             receivers = SurfacePoints(pieces.points[part], sign * pieces.normals[part])
             out[side, part] = meter.values(receivers)
     return out
 
 
-def proxy_colours(light: np.ndarray, normals: np.ndarray, base: np.ndarray, model: Model) -> np.ndarray:
-    """(2, n, 3) float32, linear, in [0, 1]: how pieces look on the screen in this light, as in pictures.
+def proxy_colours(
+    light: NDArray[np.float32], normals: NDArray[np.float64], base: NDArray[np.float32], model: Model
+) -> NDArray[np.float32]:
+    """(2, n, 3) float32, linear, in [0, 1]: the screen colours of triangles in this light, as in pictures.
 
     light : (2, n, 3) float32, irradiance of fronts and backs
     normals : (n, 3), of the fronts; base : (n, 3) float32, base colours
     """
-    upwards = normals @ model.stage.up
+    upwards = normals @ model.page_frame.up
     ambient = (SIDEWAYS + (1.0 - SIDEWAYS) * np.stack([upwards, -upwards]))[..., None] * model.ambient
     return roll_off((light + ambient) * base * ((model.exposure or 1.0) / np.pi)).astype(np.float32)

@@ -1,7 +1,7 @@
 """Guard the viewer's server: check the host, origin and token of each request, and drop malformed messages.
 
-Any web page may open a WebSocket to any address, and a DNS name can be pointed at this machine at any time. So the
-``Host`` and the ``Origin`` of every request are checked, and a page that other machines reach needs a token.
+Any web page can open a WebSocket to any address, and a DNS name can be made to point at this machine at any time.
+Therefore the ``Host`` and ``Origin`` of every request are checked, and a page exposed to other machines needs a token.
 """
 
 import asyncio
@@ -9,7 +9,7 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from http import HTTPStatus
 from ipaddress import ip_address
@@ -22,8 +22,8 @@ from ..errors import InputError
 LOG = logging.getLogger("antumbra.viewer")
 
 _LOOPBACK = "localhost", "127.0.0.1", "::1"
-_LONGEST = 200  # characters of a line that a client can write to the log
-_STARTING = threading.Lock()  # of one server at a time
+_LONGEST = 200  # most characters of a log line that a client can cause
+_STARTING = threading.Lock()  # one server starts at a time
 
 
 class Guard:
@@ -32,52 +32,52 @@ class Guard:
     Parameters
     ----------
     host : str
-        The address at which the server listens.
-    allow_host : names or addresses
-        Under which the page may be reached besides its own.
+        The address on which the server listens.
+    allow_host : sequence of str
+        Additional names or addresses of the page.
 
     Attributes
     ----------
     token : str
-        The first part of the path of each request; empty if the server listens for this machine alone.
+        The first part of the path of each request; empty if only this machine can reach the server.
     """
 
     def __init__(self, host: str, allow_host: Sequence[str] = ()):
         self.allowed = {_allowed(name) for name in allow_host}
-        own = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
-        self.names = {*self.allowed, *own, canonical(host)}
+        names = _LOOPBACK if is_loopback(host) else (*_LOOPBACK, *_names())
+        self.names = {*self.allowed, *names, canonical(host)}
         self.token = "" if is_loopback(host) else secrets.token_urlsafe(16)
-        self.in_place = False  # a server has taken it
+        self.in_place = False  # whether a server uses it
 
     def refusal(self, request: Any, reached: str) -> str | None:
-        """Why a request is refused, in one line; None: it is not.
+        """The reason why a request is refused, on one line; None: it is allowed.
 
         Parameters
         ----------
         request : websockets.http11.Request
         reached : str
-            The address of this machine that the client has reached.
+            The address of this machine to which the client connected.
         """
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         host = name_of(hosts[0]) if len(hosts) == 1 else None
         if host is None or host not in {*self.names, canonical(reached)}:
-            return f"{_shown(hosts)} is no address of this page; --allow-host or allow_host= adds one"
-        if origins and not (len(origins) == 1 and self._own(origins[0], hosts[0])):
-            return f"a page of {_shown(origins)} may not use this one"
+            return f"{_quoted_list(hosts)} is not an address of this page; add it with --allow-host or allow_host="
+        if origins and not (len(origins) == 1 and self._is_own(origins[0], hosts[0])):
+            return f"pages of {_quoted_list(origins)} may not access this page"
         if not secrets.compare_digest(_token_of(request.path).encode(), self.token.encode()) and self.token:
-            return "the token is missing; open the whole address that was printed when the page was opened"
+            return "the token is missing; open the complete address that was printed at the start"
         return None
 
-    def _own(self, origin: str, host: str) -> bool:
-        """Whether a page of this origin is the one that this host serves.
+    def _is_own(self, origin: str, host: str) -> bool:
+        """Whether a page of this origin is served by this host.
 
-        The port of `host` may differ from ours, as in ``ssh -L 9000:localhost:8080``: no page can write that header.
+        The port of `host` may differ from ours, as in ``ssh -L 9000:localhost:8080``; no page can set that header.
         """
-        scheme, _, rest = origin.partition("://")
-        return scheme in ("http", "https") and (rest.lower() == host.lower() or name_of(rest) in self.allowed)
+        scheme, _, netloc = origin.partition("://")
+        return scheme in ("http", "https") and (netloc.lower() == host.lower() or name_of(netloc) in self.allowed)
 
     def check(self, connection: Any, request: Any, serve: Callable[[Any, Any], Any]) -> Any:
-        """The answer to a request: 403, or that of `serve` to the path without the token."""
+        """The response to a request: 403, or that of `serve` to the path without the token."""
         reason = self.refusal(request, connection.local_address[0])
         if reason is not None:
             LOG.warning("refused a request: %s", one_line(reason))
@@ -89,44 +89,44 @@ class Guard:
 
 @contextmanager
 def guarding(guard: Guard) -> Iterator[None]:
-    """Within this block, the websockets server that viser starts gets the guard.
+    """Install the guard in the websockets server that viser starts within this block.
 
-    viser takes ``serve`` from its module when a server starts. Whoever relies on it must check `Guard.in_place`
-    afterwards, for another version might find it elsewhere.
+    viser looks ``serve`` up in its module when a server starts. Callers must check `Guard.in_place` afterwards, because
+    another version of viser might import it differently.
     """
     import websockets.asyncio.server as library
 
     serve = library.serve
 
-    def guarded(handler: Callable, *args: Any, process_request: Any = None, **options: Any) -> Any:
+    def guarded(handler: Callable[..., Any], *args: Any, process_request: Any = None, **options: Any) -> Any:
         if process_request is None or not handler.__module__.startswith("viser."):
-            return serve(handler, *args, process_request=process_request, **options)  # a server of somebody else
+            return serve(handler, *args, process_request=process_request, **options)  # not viser's server
         guard.in_place = True
         asyncio.get_running_loop().set_exception_handler(_log_task)
         check = lambda connection, request: guard.check(connection, request, process_request)
         return serve(_quiet(handler), *args, process_request=check, logger=_logger(), **options)
 
     with _STARTING:
-        library.serve = guarded  # type: ignore
+        library.serve = guarded  # type: ignore[assignment, misc]
         try:
             yield
         finally:
-            library.serve = serve  # type: ignore
+            library.serve = serve  # type: ignore[misc]
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches a server that listens at a name or address.
+    """Whether only this machine can reach a server that listens on a name or address.
 
     Raises
     ------
     InputError
-        If the host is none.
+        If the host is invalid.
     """
     try:
-        found = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        addresses = socket.getaddrinfo(host or None, None, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     except (OSError, UnicodeError) as error:
-        raise InputError(f"cannot listen at {host!r} ({error}); 127.0.0.1 is this machine") from None
-    return all(ip_address(address[0].partition("%")[0]).is_loopback for *_, address in found)
+        raise InputError(f"cannot listen on {host!r} ({error}); 127.0.0.1 is this machine") from None
+    return all(ip_address(str(address[0]).partition("%")[0]).is_loopback for *_, address in addresses)
 
 
 def name_of(netloc: str) -> str | None:
@@ -150,42 +150,42 @@ def canonical(name: str) -> str:
 
 
 def one_line(text: Any) -> str:
-    """A text, or an exception, that a client caused, on one line of bounded length."""
+    """A text or exception caused by a client, on one line of bounded length."""
     text = f"{type(text).__name__}: {text}" if isinstance(text, BaseException) else str(text)
     line = " ".join("".join(c if c.isprintable() else " " for c in text[: 4 * _LONGEST]).split())
     return line if len(line) <= _LONGEST else f"{line[:_LONGEST]}..."
 
 
 def _allowed(name: Any) -> str:
-    found = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
-    if found is None or found != canonical(name):
+    host = name_of(name if not str(name).count(":") > 1 else f"[{name}]") if isinstance(name, str) else None
+    if host is None or host != canonical(name):
         raise InputError(
-            f"allow_host: {quoted(name)} is no name or address; give one as gpu.example.org, without a port"
+            f"allow_host: {quoted(name)} is not a name or address; use one such as gpu.example.org, without a port"
         )
-    return found
+    return host
 
 
 def _names() -> set[str]:
     """The names of this machine."""
-    own = {socket.gethostname().lower(), socket.getfqdn().lower()} - {""}
-    return own | {f"{name}.local" for name in own if "." not in name}
+    names = {socket.gethostname().lower(), socket.getfqdn().lower()} - {""}
+    return names | {f"{name}.local" for name in names if "." not in name}
 
 
 def _token_of(path: str) -> str:
     return path.partition("?")[0].split("/")[1] if path.startswith("/") else ""
 
 
-def _shown(values: list[str]) -> str:
+def _quoted_list(values: list[str]) -> str:
     return one_line(", ".join(map(repr, values))) or "a request without Host"
 
 
-def _quiet(handler: Callable) -> Callable:
-    """viser's handler of a connection, whose failures are one line of the log."""
+def _quiet(handler: Callable[[Any], Awaitable[None]]) -> Callable[[Any], Awaitable[None]]:
+    """Wrap viser's connection handler so that failures are logged as one line."""
     import viser
 
     async def quiet(connection: Any) -> None:
-        if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print it
-            LOG.warning("refused a client of another version: %s", one_line(connection.subprotocol))
+        if connection.subprotocol != f"viser-v{viser.__version__}":  # viser would print the mismatch
+            LOG.warning("refused a client with another version: %s", one_line(connection.subprotocol))
             await connection.close(1002, f"the page is of viser {viser.__version__}; reload it")
             return
         try:
@@ -199,11 +199,11 @@ def _quiet(handler: Callable) -> Callable:
 
 def _log_task(loop: Any, context: dict[str, Any]) -> None:
     """The exception handler of the server's event loop."""
-    LOG.warning("a message was not understood: %s", one_line(context.get("exception") or context.get("message")))
+    LOG.warning("invalid message: %s", one_line(context.get("exception") or context.get("message")))
 
 
 class _OneLine(logging.Filter):
-    """Replaces the tracebacks of websockets, which a port scanner causes at will, by one line."""
+    """Replaces tracebacks of websockets, which any port scanner can trigger, by one line."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         if record.exc_info and record.exc_info[1] is not None:

@@ -1,7 +1,7 @@
-"""What the viewer shows: a scene at a time, its editable lights, and the page frame that scales the scene.
+"""The state of a viewer page: a scene at a time, its editable lights, and the page frame that scales the scene.
 
-In the page, every scene is centred at zero and twenty units wide, since browsers have float32 and a far plane. Nothing
-here knows a browser.
+In the page, every scene is centred at the origin and twenty units wide, because browsers have float32 precision and a
+far plane. This module is independent of the browser.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,10 @@ from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ..checks import instance, number
+from ..engine.plan import Plan
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
 from ..jobs.dataset.dataset_layers import has_centre, towards_centre
@@ -33,47 +35,48 @@ from ..scene.lights import (
     tangents,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The frame of the page: the scene around zero and twenty units wide, for browsers have float32 and a far plane.
+# --- The frame of the page --------------------------------------------------------------------------------------------
 
 
 RADIUS = 10.0
 """Radius of a scene's bounding sphere in the page."""
 
-_NEAR = 0.25  # share of the way to its target at which a camera within the scene gets its pivot
+_PIVOT = 0.25  # pivot of a camera inside the scene, as a share of the distance to its target
 
 
 class Pose(NamedTuple):
-    """A camera of the page."""
+    """A camera in page units."""
 
-    position: np.ndarray  # (3,) float64, page
-    target: np.ndarray  # (3,) float64, page; any point on the view axis
-    up: np.ndarray  # (3,) float64
+    position: NDArray[np.float64]  # (3,), page
+    target: NDArray[np.float64]  # (3,), page; any point on the view axis
+    up: NDArray[np.float64]  # (3,)
     vfov: float  # radians
     width: int  # pixels
     height: int
 
 
 class PageFrame(NamedTuple):
-    """The map between world and page; axes keep their directions."""
+    """The map between world and page units. It does not rotate."""
 
-    centre: np.ndarray  # (3,) float64, world
-    scale: float  # page units in a world unit
-    up: np.ndarray  # (3,) float64
-    half: np.ndarray  # (3,) float64, page: half of the size of the scene's bounds
+    centre: NDArray[np.float64]  # (3,), world
+    scale: float  # page units per world unit
+    up: NDArray[np.float64]  # (3,)
+    half: NDArray[np.float64]  # (3,), page: half the size of the scene's bounds
 
     @classmethod
-    def of(cls, scene) -> "PageFrame":
-        """The stage on which a scene is shown as a whole."""
+    def of(cls, scene: AnyScene) -> "PageFrame":
+        """The frame that fits a whole scene."""
         centre, radius = bounding_sphere(scene.bounds)
         scale = RADIUS / radius
         return cls(centre, scale, axes(scene.up)[1], np.ptp(scene.bounds, axis=0) * scale / 2.0)
 
-    def to_page(self, world: np.ndarray) -> np.ndarray:
-        return (np.asarray(world, np.float64) - self.centre) * self.scale
+    def to_page(self, world: ArrayLike) -> NDArray[np.float64]:
+        page: NDArray[np.float64] = (np.asarray(world, np.float64) - self.centre) * self.scale
+        return page
 
-    def to_world(self, page: np.ndarray) -> np.ndarray:
-        return np.asarray(page, np.float64) / self.scale + self.centre
+    def to_world(self, page: ArrayLike) -> NDArray[np.float64]:
+        world: NDArray[np.float64] = np.asarray(page, np.float64) / self.scale + self.centre
+        return world
 
     def camera(self, pose: Pose) -> Camera:
         """The camera in the world."""
@@ -86,13 +89,13 @@ class PageFrame(NamedTuple):
         return Pose(position, target, camera.up, float(np.radians(camera.vfov)), camera.width, camera.height)
 
     def first_pose(self, camera: Camera) -> Pose:
-        """The pose of a camera around whose target the user turns. Within the scene, the target comes near."""
+        """The initial pose of a camera, which orbits its target. Inside the scene, the target is moved closer."""
         pose = self.pose(camera)
         inside = bool((np.abs(pose.position) < self.half).all())
-        return pose._replace(target=pose.position + _NEAR * (pose.target - pose.position)) if inside else pose
+        return pose._replace(target=pose.position + _PIVOT * (pose.target - pose.position)) if inside else pose
 
 
-def rotation_matrix(wxyz: np.ndarray) -> np.ndarray:
+def rotation_matrix(wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) float64: the rotation matrix of a unit quaternion. Its columns are a camera's right, down and forward."""
     w, x, y, z = np.asarray(wxyz, np.float64)
     return np.array([
@@ -102,11 +105,11 @@ def rotation_matrix(wxyz: np.ndarray) -> np.ndarray:
     ])  # fmt: skip
 
 
-# --- Lights that a user moves, turns and switches off -----------------------------------------------------------------
+# --- Editable lights --------------------------------------------------------------------------------------------------
 
 
 FAR = RADIUS
-"""Distance of the handles of suns from the middle of the page."""
+"""Distance of sun handles from the centre of the page."""
 
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 33)
 
@@ -119,19 +122,19 @@ class EditableLight(NamedTuple):
     on: bool = True
 
 
-def handle_position(light: Light, stage: PageFrame) -> np.ndarray | None:
-    """(3,) float64, page: the place of the light's handle; None: it has none, as light from everywhere."""
+def handle_position(light: Light, page_frame: PageFrame) -> NDArray[np.float64] | None:
+    """(3,) float64, page: the position of the light's handle; None for lights without a centre, such as skies."""
     if not has_centre(light):
         return None
-    (direction,), end = towards_centre(light, stage.centre[None])
-    return FAR * direction if np.isinf(end) else stage.to_page(stage.centre + direction)
+    (direction,), end = towards_centre(light, page_frame.centre[None])
+    return FAR * direction if np.isinf(end) else page_frame.to_page(page_frame.centre + direction)
 
 
-def move_light(light: Light, stage: PageFrame, to: np.ndarray) -> Light:
-    """The light with its handle at a place ((3,), page). A sun then shines from there to the middle of the page."""
+def move_light(light: Light, page_frame: PageFrame, to: NDArray[np.float64]) -> Light:
+    """The light with its handle at a position ((3,), page). A sun shines from there to the centre of the page."""
     if isinstance(light, DirectionalLight):
         return replace(light, direction=-np.asarray(to, np.float64)).named(light.name) if np.any(to) else light
-    world = stage.to_world(to)
+    world = page_frame.to_world(to)
     if isinstance(light, QuadLight):
         return replace(light, corner=world - (light.u + light.v) / 2.0).named(light.name)
     if isinstance(light, PointLight):
@@ -141,16 +144,16 @@ def move_light(light: Light, stage: PageFrame, to: np.ndarray) -> Light:
     return light
 
 
-def light_outline(light: Light, stage: PageFrame) -> np.ndarray:
-    """(k, 2, 3) float64, page: lines that show the extent of a light; none for a point."""
+def light_outline(light: Light, page_frame: PageFrame) -> NDArray[np.float64]:
+    """(k, 2, 3) float64, page: the outline of a light; empty for a point light."""
     if isinstance(light, QuadLight):
         a, b = light.corner + light.u, light.corner + light.v
         ring = np.stack([light.corner, a, a + light.v, b, light.corner])
-        return _lines(stage.to_page(ring))
+        return _lines(page_frame.to_page(ring))
     if isinstance(light, DiskLight):
-        return _lines(stage.to_page(_ring(light.center, light.radius, light.normal)))
+        return _lines(page_frame.to_page(_ring(light.center, light.radius, light.normal)))
     if isinstance(light, SphereLight):
-        rings = [_lines(stage.to_page(_ring(light.center, light.radius, axis))) for axis in np.eye(3)]
+        rings = [_lines(page_frame.to_page(_ring(light.center, light.radius, axis))) for axis in np.eye(3)]
         return np.concatenate(rings)
     if isinstance(light, DirectionalLight):
         return np.stack([-FAR * light.direction, -0.8 * FAR * light.direction])[None]
@@ -158,7 +161,7 @@ def light_outline(light: Light, stage: PageFrame) -> np.ndarray:
 
 
 def sun_angles(light: DirectionalLight, up: str) -> tuple[float, float]:
-    """(bearing clockwise from the scene's north axis, 0 to 360; elevation), degrees, of the place of a sun.
+    """(bearing clockwise from the scene's north axis, 0 to 360; elevation) of a sun, in degrees.
 
     The north axis is +Y if +Z is up, and -Z if +Y is up; east is +X.
     """
@@ -167,46 +170,47 @@ def sun_angles(light: DirectionalLight, up: str) -> tuple[float, float]:
 
 
 def aim_sun_light(light: DirectionalLight, bearing: float, elevation: float, up: str) -> Light:
-    """The sun moved to a bearing and an elevation, in degrees; the inverse of `sun_angles`."""
+    """The sun at a bearing and an elevation, in degrees; the inverse of `sun_angles`."""
     (towards,) = directions_of([elevation], [bearing], up)
     return replace(light, direction=-towards).named(light.name)
 
 
-def _ring(centre: np.ndarray, radius: float, normal: np.ndarray) -> np.ndarray:
+def _ring(centre: NDArray[np.float64], radius: float, normal: NDArray[np.float64]) -> NDArray[np.float64]:
     u, v = tangents(np.asarray(normal, np.float64))
-    return centre + radius * (np.cos(_ROUND)[:, None] * u + np.sin(_ROUND)[:, None] * v)
+    ring: NDArray[np.float64] = centre + radius * (np.cos(_ROUND)[:, None] * u + np.sin(_ROUND)[:, None] * v)
+    return ring
 
 
-def _lines(points: np.ndarray) -> np.ndarray:
-    """(k - 1, 2, 3): the lines between k points in a row."""
+def _lines(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k - 1, 2, 3): the lines between k consecutive points."""
     return np.stack([points[:-1], points[1:]], 1)
 
 
-# --- What a page shows: a scene at a time, its lights, and how it is looked at ----------------------------------------
+# --- The model --------------------------------------------------------------------------------------------------------
 
 
 SHADED, BOX_TESTS, LIGHT_SHARE = "picture", "box tests", "seen: "
-"""Kinds of pictures: shaded; the work of a plan; the share of a light that is seen (followed by the light's name)."""
+"""Kinds of pictures: shaded; box tests of a plan; visible share of a light (followed by the light's name)."""
 
 STEPS_PLAN = "bsah+single"
 
 
 class DisplayOptions(NamedTuple):
-    """How a page shows the scene."""
+    """Options for the pictures of a page."""
 
-    show: str = SHADED  # PICTURE, STEPS, or SEEN and the name of a light
-    plan: str = STEPS_PLAN  # of STEPS
-    stops: float = 0.0  # of exposure, beyond the automatic one
+    show: str = SHADED  # SHADED, BOX_TESTS, or LIGHT_SHARE and the name of a light
+    plan: str = STEPS_PLAN  # plan of box-test pictures
+    stops: float = 0.0  # exposure relative to the automatic one, in stops
 
 
 class Model:
-    """The state of a page. Whatever changes it is a method here, and none of it knows a browser.
+    """The state of a page, independent of the browser. Methods make all changes.
 
     Parameters
     ----------
     scene : Scene or PagedScene
     lights : list of lights, one light, or None
-        None: ``scene.default_lights(time)``; they follow the animation until a user moves them.
+        None: ``scene.default_lights(time)``. Lights follow the animation until the user moves them.
     camera : Camera or None
         The first view. None: the scene's first camera, or ``scene.default_camera()``.
     time : float
@@ -214,76 +218,85 @@ class Model:
     plan, threads, max_memory
         As in `antumbra.render`.
     place : Place or None
-        Where on Earth the scene lies; then the sun can follow a date and an hour.
+        Location of the scene on Earth, which lets the sun follow a date and time.
     """
 
     def __init__(
-        self, scene: AnyScene, lights: Sequence[Light] | Light | None = None, camera: Camera | None = None,
-        time: float = 0.0, *, plan=None, threads: int | None = None, max_memory: int | None = None,
+        self,
+        scene: AnyScene,
+        lights: Sequence[Light] | Light | None = None,
+        camera: Camera | None = None,
+        time: float = 0.0,
+        *,
+        plan: str | Plan | None = None,
+        threads: int | None = None,
+        max_memory: int | None = None,
         place: Place | None = None,
-    ):  # fmt: skip
+    ):
         if camera is not None:
             instance(camera, Camera, "camera")
         if place is not None:
             place = checked_place(instance(place, Place, "place"))
-        self.scene, self.stage, self.place, self.threads = scene, PageFrame.of(scene), place, threads
+        self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, threads
         self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
-        self.plan, self.time, self.looks = plan, scene.clamped(time), DisplayOptions()
-        self._given = None if lights is None else check_lights(lights, scene.up)
-        self._found: tuple[float, dict[str, Light]] | None = None  # the lights of a time, where nobody moved them
+        self.plan, self.time, self.display = plan, scene.clamped(time), DisplayOptions()
+        self._initial_lights = None if lights is None else check_lights(lights, scene.up)
+        self._default_lights: tuple[float, dict[str, Light]] | None = None  # the unmoved lights at a time
         self._moved: dict[str, Light] = {}
         self._off: set[str] = set()
         self._camera = camera
-        self.seen_by: Camera | None = None  # the camera of the browser that moved last
+        self.last_camera: Camera | None = None  # camera of the browser that moved last
         self._exposure: float | None = None
-        self.ambient = np.zeros(3, np.float32)  # irradiance, as in the latest frame
+        self.ambient = np.zeros(3, np.float32)  # irradiance of the latest frame
 
     @property
-    def lamps(self) -> list[EditableLight]:
-        """All lights, at the time and where the user moved them."""
-        if self._found is None or self._found[0] != self.time:
-            own = self.scene.default_lights(self.time) if self._given is None else self._given
-            self._found = self.time, dict(zip(light_names(own), own))
+    def editable_lights(self) -> list[EditableLight]:
+        """All lights at the current time, as moved by the user."""
+        if self._default_lights is None or self._default_lights[0] != self.time:
+            lights = self.scene.default_lights(self.time) if self._initial_lights is None else self._initial_lights
+            self._default_lights = self.time, dict(zip(light_names(lights), lights))
         return [
             EditableLight(name, self._moved.get(name, light), name not in self._off)
-            for name, light in self._found[1].items()
+            for name, light in self._default_lights[1].items()
         ]
 
-    def lamp(self, name: str) -> EditableLight:
-        """The light of a name."""
-        for lamp in self.lamps:
+    def editable_light(self, name: str) -> EditableLight:
+        """The light of this name."""
+        for lamp in self.editable_lights:
             if lamp.name == name:
                 return lamp
-        raise InputError(f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.lamps)}")
+        raise InputError(
+            f"there is no light {name!r}; there are {', '.join(lamp.name for lamp in self.editable_lights)}"
+        )
 
     @property
-    def shining(self) -> list[EditableLight]:
-        """The lights that are on; never none: without any, the first one with intensity 0."""
-        found = self.lamps
-        on = [lamp for lamp in found if lamp.on and not self._has_set(lamp)]
-        return on or [found[0]._replace(light=replace(found[0].light, intensity=0.0), on=False)]
+    def active_lights(self) -> list[EditableLight]:
+        """The lights that are on. If all are off: the first light, with intensity 0."""
+        lamps = self.editable_lights
+        on = [lamp for lamp in lamps if lamp.on and not self._has_set(lamp)]
+        return on or [lamps[0]._replace(light=replace(lamps[0].light, intensity=0.0), on=False)]
 
     @property
     def sun(self) -> EditableLight | None:
         """The sun: the brightest distant light."""
-        suns = [lamp for lamp in self.lamps if isinstance(lamp.light, DirectionalLight)]
+        suns = [lamp for lamp in self.editable_lights if isinstance(lamp.light, DirectionalLight)]
         return max(suns, key=lambda lamp: lamp.light.intensity, default=None)
 
     @property
     def in_memory(self) -> bool:
-        """Whether the triangles are in memory, so that there can be a stand-in."""
+        """Whether the triangles are in memory, as the proxy mesh requires."""
         return isinstance(self.scene, Scene)
 
     def first_camera(self, width: int, height: int) -> Camera:
-        """The camera with which a page begins."""
+        """The camera of a new page."""
         if self._camera is not None:
             return self._camera.resized(width, height)
         if self.scene.cameras:
             return self.scene.camera(0, self.time).resized(width, height)
         return self.scene.default_camera(width, height)
 
-    def learn(self, frame: Frame) -> None:
-        """Take over the exposure of the first frame, so that nothing flickers, and the ambient light of each one."""
+    def update_from(self, frame: Frame) -> None:
+        """Adopt the exposure of the first frame, to avoid flicker, and the ambient light of every frame."""
         if self._exposure is None:
             self._exposure = frame_exposure(frame)
         if frame.ambient is not None:
@@ -291,12 +304,12 @@ class Model:
 
     @property
     def exposure(self) -> float | None:
-        """The exposure of all pictures, from the first one on; None before it."""
-        return None if self._exposure is None else self._exposure * 2.0**self.looks.stops
+        """The exposure of all pictures; None before the first one."""
+        return None if self._exposure is None else self._exposure * 2.0**self.display.stops
 
-    def expose_anew(self) -> None:
-        """Let the next picture choose the exposure."""
-        self._exposure, self.looks = None, self.looks._replace(stops=0.0)
+    def reset_exposure(self) -> None:
+        """Let the next picture set the exposure."""
+        self._exposure, self.display = None, self.display._replace(stops=0.0)
 
     def go_to(self, time: float) -> None:
         """Show the scene at a time, in seconds."""
@@ -304,29 +317,29 @@ class Model:
 
     def switch(self, name: str, on: bool) -> None:
         """Switch a light on or off."""
-        self.lamp(name)
+        self.editable_light(name)
         (self._off.discard if on else self._off.add)(name)
 
-    def move(self, name: str, to: np.ndarray) -> None:
-        """Move a light so that its handle is at a place ((3,), page)."""
-        self._moved[name] = move_light(self.lamp(name).light, self.stage, to)
+    def move(self, name: str, to: NDArray[np.float64]) -> None:
+        """Move the handle of a light to a position ((3,), page)."""
+        self._moved[name] = move_light(self.editable_light(name).light, self.page_frame, to)
 
     def aim_sun(self, bearing: float, elevation: float) -> None:
         """Move the sun to a bearing, clockwise from the scene's north axis, and an elevation, in degrees."""
         lamp = self.sun
         if lamp is None:
-            raise InputError("the scene has no sun; give one by --light sun:DX,DY,DZ")
+            raise InputError("the scene has no sun; add one with --light sun:DX,DY,DZ")
         bearing, elevation = number(bearing, "the bearing", -np.inf, np.inf), float(np.clip(elevation, -90.0, 90.0))
         assert isinstance(lamp.light, DirectionalLight)
         self._moved[lamp.name] = aim_sun_light(lamp.light, bearing, elevation, self.scene.up)
 
     def aim_sun_at(self, day: str, hour: float) -> tuple[float, float]:
-        """Move the sun to where it stands on a day ("2026-06-21") at an hour of the wall clock.
+        """Move the sun to its position on a day ("2026-06-21") at an hour of local time.
 
         Returns the bearing and the elevation, in degrees.
         """
         if self.place is None:
-            raise InputError("the place of the scene is unknown; give --latitude and --longitude, or --crs")
+            raise InputError("the location of the scene is unknown; give --latitude and --longitude, or --crs")
         try:
             midnight = datetime.fromisoformat(day).replace(tzinfo=zone_of(self.place))
         except ValueError:
@@ -338,7 +351,7 @@ class Model:
         return bearing, elevation
 
     def _has_set(self, lamp: EditableLight) -> bool:
-        """Whether the user moved this sun below the horizon. Distant lights of a file may shine from anywhere."""
+        """Whether the user moved this sun below the horizon. Distant lights from files may shine from anywhere."""
         sun = lamp.light
         return (
             lamp.name in self._moved and isinstance(sun, DirectionalLight) and sun_angles(sun, self.scene.up)[1] <= 0.0

@@ -1,11 +1,11 @@
-"""`antumbra.view`: open a scene in the browser. The server of the page, and its event handlers."""
+"""`antumbra.view`: open a scene in the browser, with the server of the page and its event handlers."""
 
 import errno
 import io
 import socket
 import sys
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import redirect_stdout
 from html import escape
 from time import sleep
@@ -27,15 +27,15 @@ from ..scene.camera import Camera
 from ..scene.lights import Light
 from .control_panel import Controls
 from .gizmos import Gizmos, probe
-from .progressive_pictures import CLICK, MESH, ClientView, Step, TaskQueue, TracedPicture, trace_picture
+from .progressive_pictures import CLICK, MESH, Check, ClientView, Step, TaskQueue, TracedPicture, trace_picture
 from .proxy_mesh import ProxyMesh, glb_of, proxy_colours, proxy_light, proxy_mesh
 from .request_guard import LOG, Guard, guarding, one_line
 from .viewer_model import Model
 
-# --- The page in the browser: its server, and what happens when somebody comes, clicks or changes something -----------
+# --- The server and its event handlers --------------------------------------------------------------------------------
 
 
-_SETTLED = 0.5  # seconds after a change until the stand-in gets the new light
+_SETTLED = 0.5  # seconds after a change until the proxy mesh is baked again
 
 
 class Page:
@@ -45,37 +45,37 @@ class Page:
     ----------
     model : Model
     host, port : str, int
-        Port 0: any free one.
-    allow_host : names or addresses
-        Under which the page may be reached besides its own.
+        Port 0: any free port.
+    allow_host : sequence of str
+        Additional names or addresses of the page.
 
     Raises
     ------
     InputError
-        If viser is missing or cannot be guarded, the port is busy, or a name is wrong.
+        If viser is missing or cannot be guarded, the port is busy, or a name is invalid.
     """
 
     def __init__(self, model: Model, host: str, port: int, allow_host: Sequence[str] = ()):
         viser = import_extra("viser", "the viewer", "view")
         self.model, self.host = model, host
         self.guard, port = Guard(host, allow_host), checked_port(host, port)
-        self._viewings: dict[int, ClientView] = {}
-        self._pieces: tuple[float, ProxyMesh] | None = None  # those of a time
-        self._standin: bytes | None = None
-        with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command says the address itself
+        self._views: dict[int, ClientView] = {}
+        self._mesh: tuple[float, ProxyMesh] | None = None  # the proxy mesh at a time
+        self._proxy: bytes | None = None
+        with redirect_stdout(io.StringIO()), guarding(self.guard):  # the command prints the address itself
             self.server = viser.ViserServer(host, port, label=model.scene.name, verbose=False)
         if not self.guard.in_place:
             self.server.stop()
             raise InputError(
-                f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' gets a fit one"
+                f"viser {viser.__version__} cannot be guarded; pip install 'antumbra[view]' installs a suitable version"
             )
-        self.port = self.server.get_port()  # another one if somebody has just taken ours
-        self.worker = TaskQueue(self.tell)
-        self._furnish()
-        self.controls, self.marks = Controls(self), Gizmos(self)
-        self.server.on_client_connect(self.heard(self._enter))
-        self.server.on_client_disconnect(self.heard(self._leave))
-        self.server.scene.on_click()(self.heard(self._click))
+        self.port = self.server.get_port()  # differs if another process has just taken ours
+        self.worker = TaskQueue(self.show_error)
+        self._set_up_scene()
+        self.controls, self.gizmos = Controls(self), Gizmos(self)
+        self.server.on_client_connect(self.listener(self._connect))
+        self.server.on_client_disconnect(self.listener(self._disconnect))
+        self.server.scene.on_click()(self.listener(self._click))
 
     @property
     def url(self) -> str:
@@ -84,86 +84,86 @@ class Page:
         page = f"http://{f'[{host}]' if ':' in host else host}:{self.port}"
         return f"{page}/{self.guard.token}/" if self.guard.token else page
 
-    def heard(self, act: Callable) -> Callable:
-        """A listener for viser that calls the coroutine function `act`. The panel shows its errors."""
+    def listener(self, act: Callable[..., Awaitable[None]]) -> Callable[..., Awaitable[None]]:
+        """A viser callback that awaits `act` and shows its errors in the panel."""
 
         async def listener(*event: Any) -> None:
             try:
                 await act(*event)
             except Exception as error:
-                if not isinstance(error, InputError):  # which a message that no page sends can cause
-                    LOG.warning("a message was not understood: %s", one_line(error))
-                self.tell(error)
+                if not isinstance(error, InputError):  # caused by a message that our page does not send
+                    LOG.warning("invalid message: %s", one_line(error))
+                self.show_error(error)
 
         return listener
 
     def changed(self) -> None:
-        """Draw everything anew after a change of the model."""
+        """Redraw everything after a change of the model."""
         self.controls.refresh()
-        self.marks.refresh()
-        for viewing in list(self._viewings.values()):
-            viewing.begin(0.0)
-        if self._standin is not None:
-            self.worker.ask("stand-in", MESH, self._make_standin, _SETTLED)
+        self.gizmos.refresh()
+        for client_view in list(self._views.values()):
+            client_view.begin(0.0)
+        if self._proxy is not None:
+            self.worker.submit("proxy mesh", MESH, self._bake_proxy, _SETTLED)
 
-    def tell(self, error: Exception) -> None:
+    def show_error(self, error: Exception) -> None:
         """Show an error in the panel."""
         reason = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}"
         self.controls.say(one_line(reason))
 
     def close(self) -> None:
-        """End the server and its threads."""
+        """Stop the server and its threads."""
         self.worker.close()
         with redirect_stdout(io.StringIO()):
             self.server.stop()
 
-    def _furnish(self) -> None:
-        scene, stage = self.server.scene, self.model.stage
+    def _set_up_scene(self) -> None:
+        scene, page_frame = self.server.scene, self.model.page_frame
         self.server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        scene.set_up_direction(tuple(stage.up))
+        scene.set_up_direction(tuple(page_frame.up))
         scene.world_axes.visible = False
-        pose, camera = stage.first_pose(self.model.first_camera(1024, 1024)), self.server.initial_camera
+        pose, camera = page_frame.first_pose(self.model.first_camera(1024, 1024)), self.server.initial_camera
         camera.position, camera.look_at, camera.fov = pose.position, pose.target, pose.vfov
 
-    async def _enter(self, client: Any) -> None:
-        viewing = self._viewings[client.client_id] = ClientView(self.model, self.worker, client, self._drawn)
-        if self._standin is not None:
-            viewing.put_standin(self._standin)
-        client.camera.on_update(self.heard(viewing.look))
-        await viewing.look(client.camera)
+    async def _connect(self, client: Any) -> None:
+        client_view = self._views[client.client_id] = ClientView(self.model, self.worker, client, self._on_sent)
+        if self._proxy is not None:
+            client_view.put_proxy(self._proxy)
+        client.camera.on_update(self.listener(client_view.look))
+        await client_view.look(client.camera)
 
-    async def _leave(self, client: Any) -> None:
-        if viewing := self._viewings.pop(client.client_id, None):
-            viewing.leave()
+    async def _disconnect(self, client: Any) -> None:
+        if client_view := self._views.pop(client.client_id, None):
+            client_view.leave()
 
-    def _drawn(self, picture: TracedPicture) -> None:
-        self.controls.tell(picture)
-        if self._standin is None and self.model.in_memory and not self.worker.has("stand-in"):
-            self.worker.ask("stand-in", MESH, self._make_standin)
+    def _on_sent(self, picture: TracedPicture) -> None:
+        self.controls.show_picture(picture)
+        if self._proxy is None and self.model.in_memory and not self.worker.has("proxy mesh"):
+            self.worker.submit("proxy mesh", MESH, self._bake_proxy)
 
     async def _click(self, event: Any) -> None:
-        origin = self.model.stage.to_world(np.array(event.ray_origin))
+        origin = self.model.page_frame.to_world(np.array(event.ray_origin))
         direction = np.array(event.ray_direction, np.float64)
 
-        def work(check) -> None:
-            found = probe(self.model, origin, direction)
-            self.marks.point_at(found)
-            self.controls.describe(found)
+        def work(check: Check) -> None:
+            point = probe(self.model, origin, direction)
+            self.gizmos.point_at(point)
+            self.controls.describe(point)
 
-        self.worker.ask("click", CLICK, work)
+        self.worker.submit("click", CLICK, work)
 
-    def _make_standin(self, check) -> None:
-        """Bake the light of the stand-in, and send it to all browsers."""
+    def _bake_proxy(self, check: Check) -> None:
+        """Bake the proxy mesh and send it to all browsers."""
         model, scene, time = self.model, self.model.scene, self.model.time
         if model.exposure is None:
             return
-        if self._pieces is None or self._pieces[0] != time:
-            self._pieces = time, proxy_mesh(scene.triangles(time, model.threads))
-        pieces = self._pieces[1]
+        if self._mesh is None or self._mesh[0] != time:
+            self._mesh = time, proxy_mesh(scene.triangles(time, model.threads))
+        pieces = self._mesh[1]
         colours = proxy_colours(proxy_light(model, pieces, check), pieces.normals, scene.colours[pieces.faces], model)
-        self._standin = glb_of(model.stage.to_page(pieces.corners + scene.origin), colours)
-        for viewing in list(self._viewings.values()):
-            viewing.put_standin(self._standin)
+        self._proxy = glb_of(model.page_frame.to_page(pieces.corners + scene.origin), colours)
+        for client_view in list(self._views.values()):
+            client_view.put_proxy(self._proxy)
 
 
 def checked_port(host: str, port: int) -> int:
@@ -175,30 +175,32 @@ def checked_port(host: str, port: int) -> int:
         If the port is busy or not allowed, or the host is not an address of this machine.
     """
     if not host:
-        raise InputError("the host is empty; give 127.0.0.1 for this machine alone, or 0.0.0.0 for all that reach it")
+        raise InputError("the host is empty; use 127.0.0.1 for this machine alone, or 0.0.0.0 to expose the page")
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind) as found:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            found.bind(address)
-            return found.getsockname()[1]
+        with socket.socket(family, kind) as server:
+            server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            server.bind(address)
+            return int(server.getsockname()[1])
     except (OSError, OverflowError) as error:
         number = getattr(error, "errno", None)
         if number == errno.EADDRINUSE:
-            raise InputError(f"port {port} is busy; give another one by --port or port=, 0 for any free port") from None
+            raise InputError(f"port {port} is busy; choose another with --port or port=, 0 for any free port") from None
         if number == errno.EACCES:
-            raise InputError(f"port {port} is reserved; give one from 1024 to 65535, or 0 for any free port") from None
-        raise InputError(f"cannot listen at {host}, port {port} ({error}); 127.0.0.1 is this machine") from None
+            raise InputError(
+                f"port {port} is reserved; choose one from 1024 to 65535, or 0 for any free port"
+            ) from None
+        raise InputError(f"cannot listen on {host}, port {port} ({error}); 127.0.0.1 is this machine") from None
 
 
-# --- `antumbra.view`: opens a scene in the browser --------------------------------------------------------------------
+# --- The public face --------------------------------------------------------------------------------------------------
 
 
 HOST, PORT = "127.0.0.1", 8080
 
 
 class Viewer:
-    """An open page. `antumbra.view` makes it; as a context manager it closes the page at the end.
+    """An open page, returned by `antumbra.view`. As a context manager, it closes the page at the end.
 
     Attributes
     ----------
@@ -208,13 +210,13 @@ class Viewer:
     time : float
         Seconds. Setting it moves the animation.
     lights : list of lights
-        The lights that shine, where the user moved them.
+        The lights that are on, as moved by the user.
     camera : Camera
-        That of the browser that moved last.
+        The camera of the browser that moved last.
 
     Notes
     -----
-    What the user left outlives the page: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
+    The state remains after the page is closed: ``at.render(scene, viewer.camera, viewer.lights, time=viewer.time)``.
     """
 
     def __init__(self, page: Page):
@@ -226,7 +228,7 @@ class Viewer:
 
     @property
     def time(self) -> float:
-        """The time that the page shows, in seconds. Setting it moves the animation."""
+        """The time shown by the page, in seconds. Setting it moves the animation."""
         return self._model.time
 
     @time.setter
@@ -237,21 +239,21 @@ class Viewer:
 
     @property
     def lights(self) -> list[Light]:
-        """The lights that shine, where the user moved them."""
-        return [lamp.light for lamp in self._model.shining]
+        """The lights that are on, as moved by the user."""
+        return [lamp.light for lamp in self._model.active_lights]
 
     @property
     def camera(self) -> Camera:
-        """The camera of the browser that moved last; before the first one, that of the first view."""
-        return self._model.seen_by or self._model.first_camera(1024, 1024)
+        """The camera of the browser that moved last; before any, the initial camera."""
+        return self._model.last_camera or self._model.first_camera(1024, 1024)
 
     def wait(self) -> None:
-        """Wait until the page is closed, or for Ctrl-C."""
+        """Wait until the page is closed or Ctrl-C is pressed."""
         while self._page is not None:
             sleep(0.2)
 
     def close(self) -> None:
-        """End the server. A closed page can be closed again."""
+        """Stop the server. Closing again has no effect."""
         page, self._page = self._page, None
         if page is not None:
             page.close()
@@ -259,29 +261,38 @@ class Viewer:
     def __enter__(self) -> "Viewer":
         return self
 
-    def __exit__(self, *_) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:
         return f"Viewer({self.scene.name!r}, {self.url if self._page is not None else 'closed'})"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the page."""
+        """The page, embedded in a notebook."""
         if self._page is None:
             return f"<p>{escape(repr(self))}</p>"
         return f'<iframe src="{self.url}" width="100%" height="600" style="border: 0"></iframe>'
 
 
 def view(
-    scene: SceneLike, lights: Sequence[Light] | Light | None = None, *, camera: Camera | None = None, time: float = 0.0,
-    plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
-    place: Place | None = None, port: int = PORT, host: str = HOST, allow_host: Sequence[str] | str = (),
+    scene: SceneLike,
+    lights: Sequence[Light] | Light | None = None,
+    *,
+    camera: Camera | None = None,
+    time: float = 0.0,
+    plan: str | Plan | None = None,
+    threads: int | None = None,
+    max_memory: int | None = None,
+    place: Place | None = None,
+    port: int = PORT,
+    host: str = HOST,
+    allow_host: Sequence[str] | str = (),
     browser: bool | None = None,
-) -> Viewer:  # fmt: skip
-    """Show a scene in the browser: pictures by the tracer, lights that can be moved, and what a clicked point sees.
+) -> Viewer:
+    """Show a scene in the browser, with traced pictures, movable lights, and the visibility at clicked points.
 
-    While the camera moves, the browser shows a stand-in: triangles with baked light. As soon as it rests, traced
-    pictures appear, from coarse to fine. It needs ``antumbra[view]``.
+    While the camera moves, the browser shows a proxy mesh with baked light; when it stops, traced pictures appear, from
+    coarse to fine. Requires ``antumbra[view]``.
 
     Parameters
     ----------
@@ -289,33 +300,33 @@ def view(
     lights : list of lights, one light, or None
         None: ``scene.default_lights(time)``.
     camera : Camera or None
-        The first view. None: the scene's first camera, or ``scene.default_camera()``.
+        The initial view. None: the scene's first camera, or ``scene.default_camera()``.
     time : float
         Seconds into the animation.
     plan, threads, max_memory
         As in `antumbra.render`.
     place : Place or None
-        Where on Earth the scene lies (`antumbra.place_of`). The sun then follows a day and an hour.
+        Location of the scene on Earth (`antumbra.place_of`), which lets the sun follow a date and time.
     port : int
-        Port of the server; 0: any free one.
+        Port of the server; 0: any free port.
     host : str
-        Address at which the server listens. The default serves this machine alone. ``0.0.0.0`` serves all who can
-        reach it and know the token in `Viewer.url`.
+        Address on which the server listens. The default serves this machine alone. ``0.0.0.0`` exposes the page to
+        the network, protected by the token in `Viewer.url`.
     allow_host : str or list of str
-        Further names or addresses under which browsers may reach the page, such as that of a proxy. Requests for any
-        other name are refused, as are those that pages of other sites send.
+        Additional names or addresses of the page, such as that of a proxy. Requests for any other name are refused, as
+        are requests from pages of other sites.
     browser : bool or None
-        Whether to open a browser. None: not in a notebook, which shows the page itself.
+        Whether to open a browser. None: except in a notebook, which embeds the page.
 
     Returns
     -------
     Viewer
-        It has `url` and `close()`.
+        With the attribute `url` and the method `close()`.
 
     Raises
     ------
     InputError
-        If viser is missing, the port is busy, or an argument is wrong.
+        If viser is missing, the port is busy, or an argument is invalid.
     """
     port = whole_number(port, "port", 0, 65535)
     text(host, "host")
@@ -331,7 +342,7 @@ def view(
 
 
 def prepare(model: Model) -> None:
-    """Compile the kernels, and build the tree by a first coarse picture. So the page answers as soon as it opens."""
+    """Compile the kernels, and build the tree with a coarse picture, so that the page responds when it opens."""
     precompile(rays_job)
     precompile_quality()
     precompile(points_job)

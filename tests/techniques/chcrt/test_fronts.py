@@ -31,7 +31,7 @@ class _Guessing:
     def __init__(self, seed):
         self.rng, self.traced = np.random.default_rng(seed), []
 
-    def ask(self, pairs, threshold, again):
+    def answer(self, pairs, threshold, again):
         counts = (self.rng.random(len(pairs.tile)) < 0.8).astype(np.int32)
         return Answers(counts, self.rng.random(len(pairs.tile)).astype(np.float32), 1)
 
@@ -112,7 +112,7 @@ def test_parts_come_in_the_order_of_the_tree():
 
 def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
     class Counting(_Guessing):
-        def ask(self, pairs, threshold, again):
+        def answer(self, pairs, threshold, again):
             self.asked = [*getattr(self, "asked", []), (again, len(pairs.tile))]
             return Answers(np.full(len(pairs.tile), 1, np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
@@ -131,11 +131,11 @@ def test_visible_pairs_are_asked_every_few_frames_and_invisible_ones_always():
 
 def test_invisibility_is_pulled_up_one_level_a_frame():
     class Blind(_Guessing):
-        def ask(self, pairs, threshold, again):
+        def answer(self, pairs, threshold, again):
             return Answers(np.zeros(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     class Seeing(_Guessing):
-        def ask(self, pairs, threshold, again):
+        def answer(self, pairs, threshold, again):
             return Answers(np.ones(len(pairs.tile), np.int32), np.zeros(len(pairs.tile), np.float32), 1)
 
     fronts = Fronts(_tiles(), _parts()[0], 1, ChcRtOptions(every=1))

@@ -52,7 +52,7 @@ def _check(rays, parts, origins, ways, live, per_tile):
     """Compare the counts of all pairs of a smallest tile and a row with rays tested one by one."""
     n, rows = rays.tiles.smallest, len(parts.lines)
     tile, row = (a.ravel().astype(np.int32) for a in np.meshgrid(np.arange(n), np.arange(rows), indexing="ij"))
-    answers = rays.ask(Pairs(tile, np.zeros_like(tile), row), EVERYTHING, False)
+    answers = rays.answer(Pairs(tile, np.zeros_like(tile), row), EVERYTHING, False)
     left = np.stack([parts.lines[:, 0:12:4], parts.lines[:, 2:12:4]], 1).astype(np.float64)
     right = np.stack([parts.lines[:, 1:12:4], parts.lines[:, 3:12:4]], 1).astype(np.float64)
     size = np.ptp(boxes_of(parts.lines[:1])[0], axis=0).max()
@@ -136,9 +136,9 @@ def test_several_ray_sets_answer_as_each_by_itself(atrium):
         rng.integers(0, 3, n),
         rng.integers(0, len(parts.lines), n),
     )
-    answers = both.ask(Pairs(*(a.astype(np.int32) for a in (tile, set_, row))), 5, False)
+    answers = both.answer(Pairs(*(a.astype(np.int32) for a in (tile, set_, row))), 5, False)
     for k, member in enumerate(members):
         mine = set_ == k
         own = Pairs(*(a[mine].astype(np.int32) for a in (tile, np.zeros(n), row)))
-        np.testing.assert_array_equal(member.ask(own, 5, False).counts, answers.counts[mine])
+        np.testing.assert_array_equal(member.answer(own, 5, False).counts, answers.counts[mine])
     assert len(np.unique(answers.counts > 5)) == 2

@@ -26,7 +26,7 @@ def check(kind, triangles, query, ways=16, sort=True, spheres=False, apart=False
         if made is None:
             continue
         for node, (may, full) in said(made, soup_of(triangles), spheres):
-            met = truth[:, node.receivers, beam.first : beam.first + beam.count]
+            met = truth[:, node.receivers, beam.first : beam.first + beam.n_samples]
             if beam.set >= 0:
                 assert (node.receivers % 4 == beam.set).all()
             some, every = met.any((1, 2)), met.all((1, 2))

@@ -10,9 +10,9 @@ from antumbra.kernels.simd import load16, store
 from antumbra.kernels.vec3 import rows
 from antumbra.query.receivers import FREE, NOTHING
 from antumbra.query.shadow_query import segments
-from antumbra.techniques.rayhierarchy.leaf_packing import left_of, rays_by_blocks, rays_of
+from antumbra.techniques.rayhierarchy.leaf_packing import rays_by_blocks, rays_of, unfinished_rays
 from antumbra.techniques.rayhierarchy.light_beams import PERSPECTIVE, beams_of
-from antumbra.techniques.rayhierarchy.ray_leaves import finished, write_bits
+from antumbra.techniques.rayhierarchy.ray_leaves import finished_share, write_bits
 from antumbra.techniques.rayhierarchy.receiver_order import BITS, cells_of, hilbert, keys_of, on_cube, order_of
 from antumbra.trace.counters import as_dict, new_counters
 from asking import unpack
@@ -72,7 +72,7 @@ def _orders(query, beam, bits, threads):
 
 def _asking(query, beam):
     """(h, w) bool: whether each receiver has a segment of the beam with a length, above the receiver's surface."""
-    above, some = segments(query)[1], slice(beam.first, beam.first + beam.count)
+    above, some = segments(query)[1], slice(beam.first, beam.first + beam.n_samples)
     asks = above[:, :, some].any(2)
     if beam.set >= 0:
         y, x = np.indices(asks.shape)
@@ -213,18 +213,18 @@ def test_what_is_left_after_a_traversal(how):
     rays.dead[:] |= np.where(some[:, None], -1, rng.integers(0, 1 << rays.ways, rays.dead.shape))
     rays.dead[:] &= everyone
     write_bits(rays, bits, 1)
-    left = left_of(query, beam, rays, bits, 1)
+    left = unfinished_rays(query, beam, rays, bits, 1)
     alive = np.bitwise_or.reduce(~rays.dead & everyone, 1)[:, None] >> np.arange(rays.ways) & 1
     expected, ids = before[(alive == 1) & (before >= 0)], receivers_in(left)
     np.testing.assert_array_equal(np.sort(ids[ids >= 0]), np.sort(expected))
     assert 0 < len(expected) < (before >= 0).sum()
     assert left.starts[-1] == len(left.blocks) and len(left.faces) == len(left.starts) - 1
     assert left.placed == (how != "sorted") and (len(left.blocks) < len(rays.blocks)) != left.placed
-    share = finished(rays)
+    share = finished_share(rays)
     asked = np.concatenate([rays.dead >> lane & rays.lanes[:, None] >> lane & 1 for lane in range(rays.ways)])
     assert share == pytest.approx(asked.sum() / (3 * (before >= 0).sum()))
     left.dead[:] = -1
-    assert not (receivers_in(left_of(query, beam, left, bits, 1)) >= 0).any()
+    assert not (receivers_in(unfinished_rays(query, beam, left, bits, 1)) >= 0).any()
 
 
 def test_no_leaf_has_receivers_of_two_faces():

@@ -54,7 +54,7 @@ def _dead(made):
     ids = receivers_in(made.rays)
     lanes = np.arange(made.rays.ways)[:, None]
     dead = (made.rays.dead[:, None] >> lanes & 1).astype(bool)  # leaf, lane, sample
-    out = np.zeros((made.query.sides.size, made.rays.count), bool)
+    out = np.zeros((made.query.sides.size, made.rays.n_samples), bool)
     out[ids[ids >= 0]] = dead[ids >= 0]
     return out
 

@@ -5,21 +5,21 @@ import pytest
 
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import ptr
-from antumbra.trace.frusta.tile_clusters import TRIAL_FLOATS, Grouping, _pays, forget_trials, learn
+from antumbra.trace.frusta.tile_clusters import TRIAL_FLOATS, Grouping, _pays, record_costs, reset_trials
 
 
 @kernel
 def _decide(memory, c, together, apart, decisions):
     """Decide about clusters of class c whose tiles cost these numbers with a group, and without."""
     trials = ptr(memory)
-    forget_trials(trials)
+    reset_trials(trials)
     for i in range(len(decisions)):
         pays, trial = _pays(trials, c)
         decisions[i] = pays
         taken = np.int64(c) if pays and trial else np.int64(-1)
         declined = np.int64(1) << c if trial and not pays else np.int64(0)
         cost = together[i] if pays else apart[i]
-        learn(trials, Grouping(np.int64(0), taken, declined), np.int64(16) * cost, np.int64(0xFFFF))
+        record_costs(trials, Grouping(np.int64(0), taken, declined), np.int64(16) * cost, np.int64(0xFFFF))
 
 
 @pytest.mark.parametrize("c", range(4))

@@ -277,9 +277,9 @@ def test_segments_and_cutouts():
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (dict(directions=np.ones(3)), "either targets, or directions"),
-        (dict(tmin=0.5), "either targets, or directions"),
-        (dict(tmax=1.0), "either targets, or directions"),
+        (dict(directions=np.ones(3)), "either targets, which end the rays, or directions"),
+        (dict(tmin=0.5), "either targets, which end the rays, or directions"),
+        (dict(tmax=1.0), "either targets, which end the rays, or directions"),
         (dict(targets=np.ones((3, 2))), "targets must have shape"),
         (dict(targets=np.full(3, np.nan)), "targets hold NaN"),
         (dict(targets=np.full(3, 1e39)), "targets hold"),

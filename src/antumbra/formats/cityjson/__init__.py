@@ -3,5 +3,5 @@
 - `cityjson_source`: `read_cityjson`, from a file to triangles
 - `cityjson_file`: JSON, versions, vertices, templates, and the choice of levels of detail
 - `city_polygons`: boundaries with their semantic surfaces, and their triangulation
-- `attribute_writer`: `write_attributes`, a copy of a file with attributes
+- `attribute_writer`: `write_attributes`, a copy of a file with added attributes
 """

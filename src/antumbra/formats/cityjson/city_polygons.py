@@ -1,4 +1,9 @@
-"""Polygons of CityJSON geometries: boundaries with their semantic surfaces, and their triangulation."""
+"""Polygons of CityJSON geometries: boundaries with their semantic surfaces, and their triangulation.
+
+Each polygon is projected along the coordinate axis closest to its normal, in float64. The projection keeps two of the
+three coordinates, so it introduces no rounding. The normal comes from Newell's formula: the sum over the edges of the
+outer ring is the ring's vector area. Triangles keep the orientation of the ring, so their normals agree with it.
+"""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -7,6 +12,7 @@ from operator import index
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...extras import import_extra
@@ -14,57 +20,53 @@ from ...scene.scene_data import SemanticSurface
 from ..json_fields import Fields
 from .cityjson_file import DEPTHS, ChosenGeometry, CityDocument, CityPart
 
-# --- Triangles of polygons in space, which may have holes and need not be quite flat ----------------------------------
-#
-# Each polygon is projected along the axis that is nearest to its normal, in float64. The projection leaves two of the
-# three coordinates as they are, so it rounds nothing. Newell's formula gives the normal: its sum over the edges of the
-# outer ring is the ring's vector area. The triangles keep the ring's orientation, so their normals point the same way.
+# --- Triangulation of polygons in space, possibly with holes and not exactly planar -----------------------------------
 
 
-_SAME_AREA = 1e-6  # of a polygon and its triangles, relative: more than rounding can explain
+_SAME_AREA = 1e-6  # relative tolerance of a polygon's area and that of its triangles: above rounding error
 
 
 class Rings(NamedTuple):
     """Polygons as lists of rings; the first ring of each polygon is its outer boundary."""
 
-    corners: np.ndarray  # (c,) int64, vertices of one ring after the other
-    sizes: np.ndarray  # (r,) int64, corners of each ring
-    rings_in: np.ndarray  # (p,) int64, rings of each polygon
+    corners: NDArray[np.int64]  # (c,) int64, vertices of all rings, concatenated
+    sizes: NDArray[np.int64]  # (r,) int64, number of corners of each ring
+    rings_in: NDArray[np.int64]  # (p,) int64, number of rings of each polygon
 
 
 class Triangulation(NamedTuple):
     """Triangles, in the order of their polygons."""
 
-    faces: np.ndarray  # (f, 3) int64, vertices
-    polygon: np.ndarray  # (f,) int64
-    flat: int  # polygons without area, which have no triangles
-    crossed: int  # polygons whose triangles have another area than they: their rings cross
+    faces: NDArray[np.int64]  # (f, 3) int64, vertices
+    polygon: NDArray[np.int64]  # (f,) int64
+    flat: int  # number of polygons without area, which have no triangles
+    crossed: int  # number of polygons whose area differs from that of their triangles: their rings cross
 
 
-class _Flat(NamedTuple):
-    """Polygons in the plane, each with its own axes in which its outer ring turns to the left."""
+class _ProjectedPolygons(NamedTuple):
+    """Polygons in the plane, each with its own axes, in which its outer ring is counter-clockwise."""
 
     rings: Rings
-    points: np.ndarray  # (c, 2) float64, relative to the first corner of the polygon
-    first: np.ndarray  # (p + 1,) int64, first corner of each polygon
-    ring_end: np.ndarray  # (r,) uint32, end of each ring, counted from the first corner of its polygon
-    area: np.ndarray  # (p,) float64, twice the area of each polygon without its holes; 0: none
+    points: NDArray[np.float64]  # (c, 2) float64, relative to the first corner of the polygon
+    first: NDArray[np.int64]  # (p + 1,) int64, first corner of each polygon
+    ring_end: NDArray[np.uint32]  # (r,) uint32, end of each ring, relative to the first corner of its polygon
+    area: NDArray[np.float64]  # (p,) float64, twice the area of each polygon, holes subtracted; 0: degenerate
 
 
-def triangulate(vertices: np.ndarray, rings: Rings) -> Triangulation:
-    """Triangles of polygons.
+def triangulate(vertices: NDArray[np.float64], rings: Rings) -> Triangulation:
+    """Triangulate polygons: triangles and quads directly, all others by ear clipping.
 
     vertices : (v, 3) float64
     """
     rings = _without_short_rings(rings)
-    flat = _flattened(vertices, rings)
+    flat = _projected(vertices, rings)
     alone = (rings.rings_in == 1) & (flat.area > 0.0)
     size = np.diff(flat.first)
     quads, split = _quads(flat, np.flatnonzero(alone & (size == 4)))
     three = np.flatnonzero(alone & (size == 3))
     others = flat.area > 0.0
     others[three] = others[quads] = False
-    cut, polygon, crossed = _cut(flat, np.flatnonzero(others))
+    cut, polygon, crossed = _clip_ears(flat, np.flatnonzero(others))
     corners = np.concatenate([flat.first[three, None] + np.arange(3), split, cut])
     owner = np.concatenate([three, np.repeat(quads, 2), polygon])
     order = np.argsort(owner, kind="stable")
@@ -72,21 +74,23 @@ def triangulate(vertices: np.ndarray, rings: Rings) -> Triangulation:
 
 
 def _without_short_rings(rings: Rings) -> Rings:
-    """The rings without those of fewer than three corners, and without the holes of such an outer ring."""
+    """The rings without those of fewer than three corners, and without the holes of such outer rings."""
     polygon = np.repeat(np.arange(len(rings.rings_in)), rings.rings_in)
-    fine = rings.sizes >= 3
-    if fine.all():
+    valid = rings.sizes >= 3
+    if valid.all():
         return rings
     outer = np.zeros(len(polygon), bool)
     outer[(np.cumsum(rings.rings_in) - rings.rings_in)[rings.rings_in > 0]] = True
-    lost = np.zeros(len(rings.rings_in), bool)
-    lost[polygon[outer & ~fine]] = True
-    fine &= ~lost[polygon]
-    kept = np.repeat(fine, rings.sizes)
-    return Rings(rings.corners[kept], rings.sizes[fine], np.bincount(polygon[fine], minlength=len(rings.rings_in)))
+    dropped = np.zeros(len(rings.rings_in), bool)
+    dropped[polygon[outer & ~valid]] = True
+    valid &= ~dropped[polygon]
+    in_valid_ring = np.repeat(valid, rings.sizes)
+    return Rings(
+        rings.corners[in_valid_ring], rings.sizes[valid], np.bincount(polygon[valid], minlength=len(rings.rings_in))
+    )
 
 
-def _flattened(vertices: np.ndarray, rings: Rings) -> _Flat:
+def _projected(vertices: np.ndarray, rings: Rings) -> _ProjectedPolygons:
     n = len(rings.rings_in)
     ring_start = np.cumsum(rings.sizes) - rings.sizes
     first_ring = np.concatenate([[0], np.cumsum(rings.rings_in)])
@@ -106,7 +110,7 @@ def _flattened(vertices: np.ndarray, rings: Rings) -> _Flat:
     axis = np.abs(vector_area).argmax(axis=1)
     area = np.take_along_axis(vector_area, axis[:, None], 1)[:, 0]
     turned = (area < 0.0).astype(np.int64)
-    u, v = (axis + 1 + turned) % 3, (axis + 2 - turned) % 3  # a ring that turns to the right is seen from behind
+    u, v = (axis + 1 + turned) % 3, (axis + 2 - turned) % 3  # a clockwise ring is viewed from behind
     rows = np.arange(len(points))
     plane = np.stack([points[rows, u[polygon]], points[rows, v[polygon]]], axis=1)
     area = np.abs(area)
@@ -117,59 +121,61 @@ def _flattened(vertices: np.ndarray, rings: Rings) -> _Flat:
             area > 0.0, np.maximum(area - np.bincount(polygon_of_ring, holes, n), np.finfo(float).tiny), 0.0
         )
     ring_end = (ring_start + rings.sizes - first[polygon_of_ring]).astype(np.uint32)
-    return _Flat(rings, plane, first, ring_end, area)
+    return _ProjectedPolygons(rings, plane, first, ring_end, area)
 
 
-def _quads(flat: _Flat, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(those of some quads that a diagonal cuts into two triangles; their triangles, (2 q, 3) corners)."""
+def _quads(flat: _ProjectedPolygons, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(the quads that a diagonal splits into two valid triangles; their triangles, (2 q, 3) corners)."""
     corners = flat.first[polygons, None] + np.arange(4)
     halves = [np.array([[0, 1, 2], [0, 2, 3]]), np.array([[1, 2, 3], [1, 3, 0]])]
     fits = [np.asarray((_doubled_areas(flat.points, corners[:, half]) > 0.0).all(axis=1)) for half in halves]
-    picked = np.where(fits[0][:, None, None], corners[:, halves[0]], corners[:, halves[1]])
-    fine = fits[0] | fits[1]
-    return polygons[fine], picked[fine].reshape(-1, 3)
+    triangles = np.where(fits[0][:, None, None], corners[:, halves[0]], corners[:, halves[1]])
+    valid = fits[0] | fits[1]
+    return polygons[valid], triangles[valid].reshape(-1, 3)
 
 
-def _cut(flat: _Flat, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Triangles of any polygons by ear clipping: ((f, 3) corners, (f,) polygons, number of crossed ones)."""
+def _clip_ears(flat: _ProjectedPolygons, polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Triangles by ear clipping: ((f, 3) corners, (f,) polygons, number of polygons with crossing rings)."""
     if len(polygons) == 0:
         return np.empty((0, 3), np.int64), np.empty(0, np.int64), 0
     ears = import_extra("mapbox_earcut", "CityJSON", "gis").triangulate_float64
     first_ring = np.concatenate([[0], np.cumsum(flat.rings.rings_in)])
     spans = zip(*(a[polygons + k].tolist() for a in (flat.first, first_ring) for k in (0, 1)))
-    found = [ears(flat.points[a:b], flat.ring_end[i:j]) for a, b, i, j in spans]
-    counts = np.array([len(f) for f in found]) // 3
+    indices = [ears(flat.points[a:b], flat.ring_end[i:j]) for a, b, i, j in spans]
+    counts = np.array([len(f) for f in indices]) // 3
     place = np.repeat(np.arange(len(polygons)), counts)
-    triangles = np.concatenate(found).astype(np.int64).reshape(-1, 3) + flat.first[polygons][place, None]
+    triangles = np.concatenate(indices).astype(np.int64).reshape(-1, 3) + flat.first[polygons][place, None]
     area = _doubled_areas(flat.points, triangles)
-    right = area < 0.0
-    triangles[right] = triangles[right][:, ::-1]
+    clockwise = area < 0.0
+    triangles[clockwise] = triangles[clockwise][:, ::-1]
     difference = np.abs(np.bincount(place, np.abs(area), len(polygons)) - flat.area[polygons])
     crossed = int((difference > _SAME_AREA * flat.area[polygons]).sum())
     solid = area != 0.0
     return triangles[solid], polygons[place[solid]], crossed
 
 
-def _doubled_areas(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Twice the signed area, (...), of triangles, (..., 3) corners."""
+def _doubled_areas(points: NDArray[np.float64], triangles: np.ndarray) -> NDArray[np.float64]:
+    """Twice the signed areas, (...), of triangles given by (..., 3) corners."""
     a, b, c = (points[triangles[..., k]] for k in range(3))
-    return (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    areas: NDArray[np.float64]
+    areas = (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    return areas
 
 
-# --- Boundaries of geometries as one list of polygons, each with its semantic surface ---------------------------------
+# --- Polygons of boundaries, with their semantic surfaces -------------------------------------------------------------
 
 
 GROUP = "CityObjectGroup"
-"""Type of the objects whose members are no parts of them."""
+"""Type of objects whose members do not count as their parts."""
 
 
 class Polygons(NamedTuple):
     """All polygons of the chosen geometries."""
 
-    vertices: np.ndarray  # (v, 3) float64, world
+    vertices: NDArray[np.float64]  # (v, 3) float64, world
     rings: Rings
-    surface: np.ndarray  # (p,) int32, index into `surfaces`
-    mirrored: np.ndarray  # (p,) bool: an instance's matrix turns the polygon inside out
+    surface: NDArray[np.int32]  # (p,) int32, index into `surfaces`
+    mirrored: NDArray[np.bool_]  # (p,) bool: the instance's matrix flips the polygon's orientation
     surfaces: list[SemanticSurface]
     objects: list[str]  # ids
     types: list[str]
@@ -177,7 +183,7 @@ class Polygons(NamedTuple):
 
 
 def iter_polygons(
-    boundaries, values, depth: int, path: tuple[int, ...] = ()
+    boundaries: Any, values: Any, depth: int, path: tuple[int, ...] = ()
 ) -> Iterator[tuple[tuple[int, ...], Any, Any]]:
     """(path, rings, semantic index or None) of each polygon in nested lists."""
     for i, inner in enumerate(boundaries):
@@ -196,20 +202,20 @@ def polygons_of(document: CityDocument, chosen: list[ChosenGeometry]) -> Polygon
     return collector.polygons()
 
 
-def outermost(part: CityPart, name: str) -> str:
-    """The id of the outermost object that an object is a part of; "" if there is none. Groups do not count."""
+def outermost_object(part: CityPart, name: str) -> str:
+    """The id of the outermost object that contains an object; "" if there is none. Groups do not count."""
     path = [name]
     while True:
-        given = part.objects[path[-1]].get("parents")
-        known = [p for p in given if isinstance(p, str) and p in part.objects] if isinstance(given, list) else []
-        above = [p for p in known if part.objects[p].get("type") != GROUP and p not in path]
+        parents = part.objects[path[-1]].get("parents")
+        ids = [p for p in parents if isinstance(p, str) and p in part.objects] if isinstance(parents, list) else []
+        above = [p for p in ids if part.objects[p].get("type") != GROUP and p not in path]
         if not above:
             return path[-1] if len(path) > 1 else ""
         path.append(above[0])
 
 
 class _Collector:
-    """Lists that grow by one geometry after the other."""
+    """Accumulates the polygons of geometries in lists."""
 
     def __init__(self, document: CityDocument):
         self._document = document
@@ -219,8 +225,8 @@ class _Collector:
         self._n_vertices = int(starts[-1])
         self._rings: list[list[int]] = []
         self._rings_in: list[int] = []  # number of rings of each polygon
-        self._base: list[int] = []  # of each polygon: number of its vertex 0
-        self._limit: list[int] = []  # of each polygon: number of its vertices
+        self._base: list[int] = []  # of each polygon: index of its vertex 0
+        self._limit: list[int] = []  # of each polygon: number of vertices it may use
         self._surface: list[int] = []
         self._mirrored: list[bool] = []
         self._objects: dict[tuple[str, str], int] = {}
@@ -240,17 +246,19 @@ class _Collector:
             self._add_polygons(choice)
         except (TypeError, ValueError):
             raise InputError(f"{where}.boundaries are not nested lists, as its type demands; export it again") from None
-        added = len(self._rings_in) - n_polygons
-        self._base += [base] * added
-        self._limit += [limit] * added
-        self._mirrored += [mirrored] * added
+        n_added = len(self._rings_in) - n_polygons
+        self._base += [base] * n_added
+        self._limit += [limit] * n_added
+        self._mirrored += [mirrored] * n_added
 
     def _add_polygons(self, choice: ChosenGeometry) -> None:
         semantics = choice.geometry.get("semantics")
         semantics = semantics if isinstance(semantics, dict) else {}
-        known, values = semantics.get("surfaces"), semantics.get("values")
+        surfaces, values = semantics.get("surfaces"), semantics.get("values")
         kinds = (
-            {k: s.get("type") for k, s in enumerate(known) if isinstance(s, dict)} if isinstance(known, list) else {}
+            {k: s.get("type") for k, s in enumerate(surfaces) if isinstance(s, dict)}
+            if isinstance(surfaces, list)
+            else {}
         )
         boundaries, depth = choice.geometry.get("boundaries") or [], DEPTHS[choice.geometry["type"]]
         owner, surface_of = self._object(choice), {}
@@ -269,11 +277,11 @@ class _Collector:
         if key not in self._objects:
             self._objects[key] = len(self._objects)
             self._types.append(str(choice.part.objects[choice.object].get("type", "")))
-            self._parents.append(outermost(choice.part, choice.object))
+            self._parents.append(outermost_object(choice.part, choice.object))
         return self._objects[key]
 
     def _place(self, choice: ChosenGeometry, where: str) -> tuple[int, int, bool]:
-        """Add the vertices of the templates, moved to an instance: (number of the first one, how many, mirrored)."""
+        """Add a template's vertices, transformed for an instance: (index of vertex 0, vertex limit, mirrored)."""
         instance, vertices = Fields(choice.instance, where), choice.part.vertices
         matrix = instance.numbers("transformationMatrix", 16).reshape(4, 4)
         anchor = instance.indices("boundaries", len(vertices))
@@ -286,19 +294,19 @@ class _Collector:
         base, self._n_vertices = self._n_vertices - first, self._n_vertices + len(placed)
         return base, first + len(placed), bool(np.linalg.det(matrix[:3, :3]) < 0.0)
 
-    def _template_span(self, template: dict) -> tuple[int, int]:
-        """The range of template vertices that a template uses, so that an instance copies no others."""
+    def _template_span(self, template: dict[str, Any]) -> tuple[int, int]:
+        """The range of template vertices that a template uses; an instance copies only these."""
         key = id(template)
         if key not in self._spans:
             used = [0]
             with suppress(TypeError, ValueError):  # reported when its polygons are added
-                nested = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
-                used = list(chain.from_iterable(chain.from_iterable(rings for _, rings, _ in nested))) or used
+                polygons = iter_polygons(template.get("boundaries") or [], None, DEPTHS[template["type"]])
+                used = list(chain.from_iterable(chain.from_iterable(rings for _, rings, _ in polygons))) or used
                 self._spans[key] = max(0, index(min(used))), index(max(used)) + 1
         return self._spans.get(key, (0, 0))
 
     def polygons(self) -> Polygons:
-        rings_in, sizes, corners = np.array(self._rings_in, np.int64), *self._flat()
+        rings_in, sizes, corners = np.array(self._rings_in, np.int64), *self._corner_arrays()
         owner = np.repeat(np.repeat(np.arange(len(rings_in)), rings_in), sizes)  # polygon of each corner
         base, limit = np.array(self._base, np.int64), np.array(self._limit, np.int64)
         bad = np.flatnonzero((corners < 0) | (corners >= limit[owner]))
@@ -316,8 +324,8 @@ class _Collector:
             self._parents,
         )
 
-    def _flat(self) -> tuple[np.ndarray, np.ndarray]:
-        """(corners in each ring, vertices of all rings), (r,) and (c,) int64."""
+    def _corner_arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """(number of corners of each ring, vertices of all rings), (r,) and (c,) int64."""
         try:
             sizes = np.array([len(ring) for ring in self._rings], np.int64)
             corners = np.array(list(chain.from_iterable(self._rings)) or np.empty(0, np.int64))
@@ -325,7 +333,10 @@ class _Collector:
                 return sizes, corners.astype(np.int64)
         except (TypeError, ValueError):
             pass
-        fine = lambda ring: isinstance(ring, list) and all(type(i) is int and abs(i) < 2**62 for i in ring)
+
+        def fine(ring: Any) -> bool:
+            return isinstance(ring, list) and all(type(i) is int and abs(i) < 2**62 for i in ring)
+
         ring = next(k for k, ring in enumerate(self._rings) if not fine(ring))
         polygon = int(np.searchsorted(np.cumsum(self._rings_in), ring, side="right"))
         raise self._bad(polygon, "has boundaries that are not nested lists of vertices, as its type demands")

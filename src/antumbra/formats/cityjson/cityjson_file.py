@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..json_fields import Fields, parse
 
-# --- A CityJSON file: its parts with their objects and vertices, and what these share ---------------------------------
+# --- Files, objects and vertices --------------------------------------------------------------------------------------
 
 
 SUFFIXES = (".json", ".jsonl")
@@ -23,8 +24,8 @@ class CityPart(NamedTuple):
     """Objects that share a list of vertices: a whole .json file, or one line of a .jsonl file."""
 
     where: str  # name in errors
-    objects: dict[str, dict]  # id -> CityObject
-    vertices: np.ndarray  # (v, 3) float64, world
+    objects: dict[str, dict[str, Any]]  # id -> CityObject
+    vertices: NDArray[np.float64]  # (v, 3) float64, world
 
 
 class CityDocument(NamedTuple):
@@ -33,25 +34,25 @@ class CityDocument(NamedTuple):
     file: str
     crs: str | None  # such as "EPSG:7415"
     parts: list[CityPart]
-    templates: list[dict]  # geometries
-    template_vertices: np.ndarray  # (v, 3) float64, in the frame of the templates
+    templates: list[dict[str, Any]]  # geometries
+    template_vertices: NDArray[np.float64]  # (v, 3) float64, in the frame of the templates
     notes: list[str]
 
 
 @contextmanager
 def many_lists() -> Iterator[None]:
-    """Within the context, Python looks for no garbage: with millions of lists that takes as long as the work itself."""
-    paused = gc.isenabled()
+    """Pause garbage collection, which takes as long as the work itself when there are millions of lists."""
+    was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
     finally:
-        if paused:
+        if was_enabled:
             gc.enable()
 
 
 def lines_of(path: Path) -> list[bytes]:
-    """The JSON texts in a file: one in a .json file, one a line in a .jsonl file."""
+    """The JSON texts in a file: one in a .json file, one per line in a .jsonl file."""
     data = path.read_bytes()
     if path.suffix.lower() == ".json":
         return [data]
@@ -62,7 +63,7 @@ def lines_of(path: Path) -> list[bytes]:
 
 
 def open_cityjson(path: Path) -> CityDocument:
-    """Read a .json or .jsonl file. Raises InputError if it is no CityJSON, or of another version."""
+    """Read a .json or .jsonl file. Raises InputError if it is not CityJSON or its version is unsupported."""
     file, (first, *others) = path.name, lines_of(path)
     head = parse(first, file)
     _check_head(head, path)
@@ -74,7 +75,7 @@ def open_cityjson(path: Path) -> CityDocument:
             raise feature.bad("type", '"CityJSONFeature"')
         parts.append(_part(feature, transform))
     templates = head.object("geometry-templates")
-    shapes: list[dict] = []
+    shapes: list[dict[str, Any]] = []
     corners = np.empty((0, 3))
     if templates is not None:
         shapes = templates.raw("templates", list, "a list of geometries")
@@ -108,9 +109,11 @@ def _transform(head: Fields) -> tuple[np.ndarray, np.ndarray]:
 
 def _part(fields: Fields, transform: tuple[np.ndarray, np.ndarray]) -> CityPart:
     objects = fields.raw("CityObjects", dict, "an object of CityObjects")
-    for name, thing in objects.items():
-        if not isinstance(thing, dict):
-            raise InputError(f"{fields.where} CityObjects has {name[:60]!r}, which is no object; export the file again")
+    for name, city_object in objects.items():
+        if not isinstance(city_object, dict):
+            raise InputError(
+                f"{fields.where} CityObjects has {name[:60]!r}, which is not an object; export the file again"
+            )
     scale, translation = transform
     return CityPart(fields.where, objects, _vertices(fields, "vertices") * scale + translation)
 
@@ -129,7 +132,7 @@ def _vertices(fields: Fields, key: str) -> np.ndarray:
 
 
 def _crs(head: Fields) -> tuple[str | None, list[str]]:
-    """(reference system as pyproj takes it, notes)."""
+    """(reference system in pyproj's notation, notes)."""
     metadata = head.object("metadata")
     text = None if metadata is None else metadata.text("referenceSystem", None)
     if text is None:
@@ -140,11 +143,11 @@ def _crs(head: Fields) -> tuple[str | None, list[str]]:
     return "EPSG:" + "+".join(codes), []
 
 
-# --- Levels of detail: which geometries of a city object are read -----------------------------------------------------
+# --- Levels of detail -------------------------------------------------------------------------------------------------
 
 
 DEPTHS = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
-"""Type of geometry -> levels of lists around the polygons of its boundaries."""
+"""Type of geometry -> nesting depth of the polygons in its boundaries."""
 
 INSTANCE = "GeometryInstance"
 
@@ -155,42 +158,45 @@ class ChosenGeometry(NamedTuple):
     part: CityPart
     object: str  # id
     place: int  # in the object's "geometry"
-    geometry: dict  # of a `GeometryInstance`, the template
-    instance: dict | None  # the `GeometryInstance`
+    geometry: dict[str, Any]  # the template if it is a `GeometryInstance`
+    instance: dict[str, Any] | None  # the `GeometryInstance`; None: no instance
 
 
 def chosen_geometries(document: CityDocument, lod: str | None) -> tuple[list[ChosenGeometry], list[str]]:
-    """(geometries of a level of detail, or the highest of each object; all levels of the file, in ascending order).
+    """(geometries at the given level of detail, or at the highest of each object; all levels in the file, ascending).
 
-    An object is left out if a part of it, such as a BuildingPart, has a higher level: the parts are the whole object.
+    An object is left out if one of its parts, such as a BuildingPart, has a higher level: the parts then represent the
+    whole object.
 
     Raises
     ------
     InputError
-        If no geometry has the level `lod`, with all levels of the file.
+        If no geometry has the level `lod`; the message lists all levels in the file.
     """
-    found = {
+    geometries = {
         (k, name): list(_surfaces(document, part, name))
         for k, part in enumerate(document.parts)
         for name in part.objects
     }
-    levels = sorted({lod_of(c.geometry) for shapes in found.values() for c in shapes} - {""}, key=_rank)
+    levels = sorted({lod_of(c.geometry) for shapes in geometries.values() for c in shapes} - {""}, key=_rank)
     if lod is not None:
-        wanted = lod_of({"lod": lod})
-        if wanted not in levels:
-            known = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
-            raise InputError(f"{document.file}: no geometry has lod {wanted!r}; {known}")
-        return [c for shapes in found.values() for c in shapes if lod_of(c.geometry) == wanted], levels
-    highest = {key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in found.items() if shapes}
+        chosen_lod = lod_of({"lod": lod})
+        if chosen_lod not in levels:
+            levels_text = f"there are {', '.join(levels)}" if levels else "its geometries have none; leave lod out"
+            raise InputError(f"{document.file}: no geometry has lod {chosen_lod!r}; {levels_text}")
+        return [c for shapes in geometries.values() for c in shapes if lod_of(c.geometry) == chosen_lod], levels
+    highest = {
+        key: max((lod_of(c.geometry) for c in shapes), key=_rank) for key, shapes in geometries.items() if shapes
+    }
     chosen = []
     for (k, name), level in highest.items():
         parts = [highest.get((k, child), "") for child in _parts(document.parts[k], name)]
         if not any(_rank(other) > _rank(level) for other in parts):
-            chosen += [c for c in found[k, name] if lod_of(c.geometry) == level]
+            chosen += [c for c in geometries[k, name] if lod_of(c.geometry) == level]
     return chosen, levels
 
 
-def lod_of(geometry: dict) -> str:
+def lod_of(geometry: dict[str, Any]) -> str:
     """The level of detail as text; "" if there is none. 2, 2.0 and "2.0" are "2"."""
     value = geometry.get("lod")
     if value is None or isinstance(value, (dict, list)):
@@ -214,7 +220,7 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
     for index, shape in enumerate(shapes if isinstance(shapes, list) else []):
         where = f'{part.where} CityObjects "{name[:60]}" geometry[{index}]'
         if not isinstance(shape, dict):
-            raise InputError(f"{where} is no object; export the file again")
+            raise InputError(f"{where} is not an object; export the file again")
         instance = None
         if shape.get("type") == INSTANCE:
             number, instance = shape.get("template"), shape
@@ -226,7 +232,7 @@ def _surfaces(document: CityDocument, part: CityPart, name: str) -> Iterator[Cho
 
 
 def _parts(part: CityPart, name: str) -> list[str]:
-    """Ids of the children of an object that are parts of it, such as BuildingParts."""
+    """Ids of an object's children that are parts of it, such as BuildingParts."""
     children = part.objects[name].get("children")
-    known = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
-    return [c for c in known if str(part.objects[c].get("type")).endswith("Part")]
+    ids = [c for c in children if isinstance(c, str) and c in part.objects] if isinstance(children, list) else []
+    return [c for c in ids if str(part.objects[c].get("type")).endswith("Part")]

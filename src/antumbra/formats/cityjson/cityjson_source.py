@@ -1,4 +1,4 @@
-"""The CityJSON reader: `read_cityjson` returns coloured triangles that know their city object and semantic surface."""
+"""The CityJSON reader: `read_cityjson` returns coloured triangles with their city objects and semantic surfaces."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,10 +10,10 @@ from ...errors import InputError
 from ...scene.materials import srgb_to_linear
 from ...scene.mesh import Mesh, MeshInfo, ObjectInfo, Piece, StaticMeshes, make_mesh
 from ...scene.scene_data import CityModel, SemanticSurface
-from .city_polygons import Polygons, polygons_of, triangulate
+from .city_polygons import Polygons, Triangulation, polygons_of, triangulate
 from .cityjson_file import chosen_geometries, many_lists, open_cityjson
 
-# --- Pale colours of semantic surfaces and of city objects ------------------------------------------------------------
+# --- Pale colours of semantic surfaces and city objects ---------------------------------------------------------------
 
 
 SURFACES = {
@@ -52,44 +52,44 @@ OBJECTS = {
     "TINRelief": "#d6cfb6",
     "CityFurniture": "#c7b7a6",
 }
-"""Type of a city object, or its beginning -> sRGB."""
+"""Type of a city object, or a prefix of it -> sRGB."""
 
 OTHERS = "#dddad5"
 
 
 def colours_of(surface_types: list[str | None], object_types: list[str]) -> np.ndarray:
-    """Linear colours, (n, 3) float32, of surfaces with the objects that own them."""
-    known: dict[tuple[str | None, str], int] = {}
-    places = [known.setdefault(pair, len(known)) for pair in zip(surface_types, object_types)]
-    table = np.array([_linear(_hex(*pair)) for pair in known], np.float32).reshape(-1, 3)
-    return table[places]
+    """Linear colours, (n, 3) float32, of surfaces, from the types of each surface and of its object."""
+    pairs: dict[tuple[str | None, str], int] = {}
+    indices = [pairs.setdefault(pair, len(pairs)) for pair in zip(surface_types, object_types)]
+    table = np.array([_linear(_hex(*pair)) for pair in pairs], np.float32).reshape(-1, 3)
+    return table[indices]
 
 
-def _hex(surface: str | None, thing: str) -> str:
+def _hex(surface: str | None, object_type: str) -> str:
     if surface in SURFACES:
         return SURFACES[surface]
-    if thing in OBJECTS:
-        return OBJECTS[thing]
-    return next((colour for begin, colour in OBJECTS.items() if thing.startswith(begin)), OTHERS)  # BuildingPart
+    if object_type in OBJECTS:
+        return OBJECTS[object_type]
+    return next((colour for begin, colour in OBJECTS.items() if object_type.startswith(begin)), OTHERS)  # BuildingPart
 
 
 def _linear(colour: str) -> np.ndarray:
     return srgb_to_linear([int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5)])
 
 
-# --- From a CityJSON file to triangles that know their object and surface ---------------------------------------------
+# --- Reading ----------------------------------------------------------------------------------------------------------
 
 
 class CityMeshes(StaticMeshes):
-    """All city objects in one mesh, which is faster than a mesh for each: files have many small ones."""
+    """All city objects in one mesh, which is faster than one mesh per object: files have many small objects."""
 
     def __init__(self, mesh: Mesh, file: str, city: CityModel):
         super().__init__([mesh], file)
         counts = np.bincount(city.object_of_face, minlength=len(city.objects)).tolist()
-        told = zip(city.objects, city.types, city.parents)
+        entries = zip(city.objects, city.types, city.parents)
         self.mesh, self._owners = mesh, city.object_of_face
         self.meshes = [MeshInfo(name, n, 1) for name, n in zip(city.objects, counts)]
-        self.objects = [ObjectInfo(name, k, 0, kind, parent) for k, (name, kind, parent) in enumerate(told)]
+        self.objects = [ObjectInfo(name, k, 0, kind, parent) for k, (name, kind, parent) in enumerate(entries)]
 
     def pieces(self, time: float) -> Iterator[Piece]:
         for piece in super().pieces(time):
@@ -97,7 +97,7 @@ class CityMeshes(StaticMeshes):
 
 
 class CityFile(NamedTuple):
-    """What `read_cityjson` finds."""
+    """The result of `read_cityjson`."""
 
     source: CityMeshes
     notes: list[str]
@@ -112,7 +112,7 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     Raises
     ------
     InputError
-        If the file is no CityJSON, it is damaged, or it has no such level of detail.
+        If the file is not CityJSON, is damaged, or lacks the level of detail.
     """
     with many_lists():
         document = open_cityjson(path)
@@ -121,32 +121,34 @@ def read_cityjson(path: Path, lod: str | None = None) -> CityFile:
     cut = triangulate(polygons.vertices, polygons.rings)
     faces = np.where(polygons.mirrored[cut.polygon, None], cut.faces[:, ::-1], cut.faces)
     surface = polygons.surface[cut.polygon]
-    kept, surface, owner = _used(polygons, surface)
-    ids, types, parents = ([of[k] for k in kept.objects] for of in (polygons.objects, polygons.types, polygons.parents))
-    colours = colours_of([s.type for s in kept.surfaces], [types[s.object] for s in kept.surfaces])
+    used, surface, owner = _drop_unused(polygons, surface)
+    ids, types, parents = ([of[k] for k in used.objects] for of in (polygons.objects, polygons.types, polygons.parents))
+    colours = colours_of([s.type for s in used.surfaces], [types[s.object] for s in used.surfaces])
     if not len(faces):
         raise InputError(f"{document.file}: no object has a surface with an area; take a file with such geometry")
     mesh = make_mesh(document.file, polygons.vertices, faces, colours[surface], document.file)
-    city = CityModel(document.crs, ids, owner, surface, kept.surfaces, types, parents, lods)
+    city = CityModel(document.crs, ids, owner, surface, used.surfaces, types, parents, lods)
     return CityFile(CityMeshes(mesh, document.file, city), document.notes + _notes(document.file, cut), city)
 
 
-class _Kept(NamedTuple):
-    objects: list[int]  # those with faces, as numbers of `Polygons.objects`
-    surfaces: list[SemanticSurface]  # those with faces
+class _UsedParts(NamedTuple):
+    """The objects and surfaces with faces."""
+
+    objects: list[int]  # indices into `Polygons.objects`
+    surfaces: list[SemanticSurface]
 
 
-def _used(polygons: Polygons, surface: np.ndarray) -> tuple[_Kept, np.ndarray, np.ndarray]:
+def _drop_unused(polygons: Polygons, surface: np.ndarray) -> tuple[_UsedParts, np.ndarray, np.ndarray]:
     """Drop surfaces and objects without faces: (the others, surface of each face, object of each face)."""
     surfaces, surface = np.unique(surface, return_inverse=True)
     owners = np.array([polygons.surfaces[k].object for k in surfaces.tolist()], np.int64)
     objects, owner = np.unique(owners, return_inverse=True)
     pairs = zip(surfaces.tolist(), owner.tolist())
-    kept = _Kept(objects.tolist(), [polygons.surfaces[k]._replace(object=new) for k, new in pairs])
-    return kept, surface.astype(np.int32), owner[surface].astype(np.int32)
+    used = _UsedParts(objects.tolist(), [polygons.surfaces[k]._replace(object=new) for k, new in pairs])
+    return used, surface.astype(np.int32), owner[surface].astype(np.int32)
 
 
-def _notes(file: str, cut) -> list[str]:
+def _notes(file: str, cut: Triangulation) -> list[str]:
     notes = []
     if cut.flat:
         notes.append(f"{file}: {cut.flat} polygons without area are left out")

@@ -1,4 +1,4 @@
-"""glTF accessors: bounds-checked numbers in buffers, sparse values, normalised integers and Draco decompression."""
+"""glTF accessors: bounds-checked numbers in buffers, sparse values, normalised integers, and Draco decompression."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from ...extras import import_extra
 from ..json_fields import Fields
 from .gltf_file import COMPRESSIONS, CURE, GltfDocument
 
-# --- Accessors: bounds-checked numbers in buffers, with sparse values and normalised integers -------------------------
+# --- Accessors --------------------------------------------------------------------------------------------------------
 
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -15,7 +15,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
 class Accessors:
-    """The accessors of a document. Each is decoded once in the lifetime of this object."""
+    """The accessors of a document. Each is decoded once and cached."""
 
     def __init__(self, document: GltfDocument):
         self._document = document
@@ -28,11 +28,11 @@ class Accessors:
         return len(self._fields)
 
     def has_data(self, index: int) -> bool:
-        """Whether the file holds values for it, and not only zeros."""
+        """Whether the file stores values for the accessor; without, they are zeros."""
         return "bufferView" in self._fields[index] or "sparse" in self._fields[index]
 
     def supply(self, index: int, values: np.ndarray) -> None:
-        """Set the values ((count, width) numbers) of an accessor whose data are elsewhere in the file."""
+        """Set the values ((count, width) numbers) of an accessor whose data are stored elsewhere in the file."""
         fields = self._fields[index]
         shape = fields.whole("count"), WIDTHS.get(fields.text("type"), 0)
         if values.shape != shape:
@@ -40,18 +40,18 @@ class Accessors:
         self._decoded[index] = values.astype(self._dtype(fields))
 
     def view_bytes(self, holder: Fields, key: str) -> bytes:
-        """The bytes of the bufferView that a field names."""
+        """The bytes of the bufferView that a field refers to."""
         view = self._views[holder.whole(key, high=len(self._views))]
         size = view.whole("byteLength", low=1)
         flat = Fields({**holder.data, "byteOffset": 0}, holder.where)
         return self._view(flat, size, 1, np.dtype(np.uint8)).tobytes()
 
     def stored(self, index: int) -> np.ndarray:
-        """(count, width): the numbers as they are stored."""
+        """(count, width): the numbers in their stored type."""
         return self._raw(index, tuple(WIDTHS))
 
     def floats(self, index: int, *kinds: str) -> np.ndarray:
-        """(count, width): stored float32 as it is; integers as float64, normalised if the file says so."""
+        """(count, width): float32 as stored; integers as float64, normalised if the file says so."""
         values = self._raw(index, kinds)
         if values.dtype.kind == "f":
             return values
@@ -87,33 +87,33 @@ class Accessors:
         count, sparse = fields.whole("count"), fields.object("sparse")
         if "bufferView" in fields:
             values = self._view(fields, count, width, dtype)
-        else:  # zeros; real ones accompany data in a buffer, so they are no longer than that data
+        else:  # zeros; legitimate ones accompany data in buffers, which bounds their count
             if count > self._available:
                 raise fields.bad("count", f"at most {self._available}, the bytes in buffers, without bufferView")
             values = np.zeros((count, width), dtype)
-        return values if sparse is None else self._patched(values, sparse)
+        return values if sparse is None else self._with_sparse(values, sparse)
 
-    def _patched(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
+    def _with_sparse(self, values: np.ndarray, sparse: Fields) -> np.ndarray:
         count = sparse.whole("count", low=1, high=len(values) + 1)
-        at, by = sparse.object("indices"), sparse.object("values")
-        if at is None or by is None:
+        indices, replacements = sparse.object("indices"), sparse.object("values")
+        if indices is None or replacements is None:
             raise InputError(f"{sparse.where} needs indices and values; export the file again")
-        rows = self._view(at, count, 1, self._dtype(at))[:, 0]
+        rows = self._view(indices, count, 1, self._dtype(indices))[:, 0]
         if rows.dtype.kind != "u" or rows.max() >= len(values):
-            raise InputError(f"{at.where} reaches beyond the {len(values)} elements; export the file again")
+            raise InputError(f"{indices.where} reaches beyond the {len(values)} elements; export the file again")
         values = values.copy()
-        values[rows] = self._view(by, count, values.shape[1], values.dtype)
+        values[rows] = self._view(replacements, count, values.shape[1], values.dtype)
         return values
 
     def _view(self, fields: Fields, count: int, width: int, dtype: np.dtype) -> np.ndarray:
-        """A (count, width) window into a buffer, after a check that view and buffer are large enough."""
+        """A (count, width) view into a buffer, after checking that bufferView and buffer are large enough."""
         view = self._views[fields.whole("bufferView", high=len(self._views))]
         number = view.whole("buffer", high=len(self._document.buffers))
         buffer = self._document.buffers[number]
         if buffer is None:
-            packed = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
-            why = f"is compressed ({packed}); {CURE}" if packed else "has no data; export the file again"
-            raise InputError(f"{self._document.file}: buffers[{number}] {why}")
+            compression = next((n for n in COMPRESSIONS if view.extension(n) is not None), None)
+            reason = f"is compressed ({compression}); {CURE}" if compression else "has no data; export the file again"
+            raise InputError(f"{self._document.file}: buffers[{number}] {reason}")
         start, size = view.whole("byteOffset", 0), view.whole("byteLength")
         if start + size > len(buffer):
             end = f"ends at byte {start + size}, buffers[{number}] at {len(buffer)}"
@@ -122,9 +122,9 @@ class Accessors:
         stride = view.whole("byteStride", element)
         if stride < element:
             raise view.bad("byteStride", f"at least {element}, the size of an element")
-        import_extra = offset + stride * (count - 1) + element if count else 0
-        if import_extra > size:
-            raise InputError(f"{fields.where} needs {import_extra} bytes, its bufferView has {size}; export it again")
+        needed = offset + stride * (count - 1) + element if count else 0
+        if needed > size:
+            raise InputError(f"{fields.where} needs {needed} bytes, its bufferView has {size}; export it again")
         if count == 0:
             return np.empty((0, width), dtype)
         return np.ndarray((count, width), dtype, buffer, start + offset, (stride, dtype.itemsize))
@@ -136,7 +136,7 @@ class Accessors:
         return np.dtype(COMPONENTS[component])
 
 
-# --- KHR_draco_mesh_compression: a library decodes a primitive, and its accessors get the values ----------------------
+# --- KHR_draco_mesh_compression ---------------------------------------------------------------------------------------
 
 
 DRACO_EXTENSION = "KHR_draco_mesh_compression"
@@ -144,36 +144,36 @@ _TRIANGLES = 4
 
 
 def decompress(primitive: Fields, accessors: Accessors) -> list[int]:
-    """Give the accessors of a compressed primitive their values, and return which these are.
+    """Decompress a primitive into its accessors, and return their indices.
 
-    None are if the file has them uncompressed too.
+    A primitive that is also stored uncompressed is not decompressed; the list is then empty.
 
     Raises
     ------
     InputError
         If the library is missing, or the data cannot be decoded.
     """
-    packed = primitive.extension(DRACO_EXTENSION)
+    extension = primitive.extension(DRACO_EXTENSION)
     attributes = primitive.mapping("attributes", len(accessors))
-    if packed is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
+    if extension is None or "POSITION" not in attributes or accessors.has_data(attributes["POSITION"]):
         return []
     if primitive.whole("mode", _TRIANGLES) != _TRIANGLES:
         raise InputError(f"{primitive.where} is a compressed strip; {CURE}")
     library = import_extra("DracoPy", f"{primitive.where}, compressed with Draco,", "compressed")
-    data, indices = accessors.view_bytes(packed, "bufferView"), primitive.whole("indices", high=len(accessors))
+    data, indices = accessors.view_bytes(extension, "bufferView"), primitive.whole("indices", high=len(accessors))
     try:
         mesh = library.decode(data)
-        found = {
+        arrays = {
             attributes[name]: np.asarray(mesh.get_attribute_by_unique_id(number)["data"])
-            for name, number in packed.mapping("attributes", 1 << 31).items()
+            for name, number in extension.mapping("attributes", 1 << 31).items()
             if name in attributes
         }
-        found[indices] = np.asarray(mesh.faces).reshape(-1, 1)
+        arrays[indices] = np.asarray(mesh.faces).reshape(-1, 1)
     except Exception as error:  # the library raises various exceptions on damaged data
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
             f"{primitive.where}: Draco data cannot be decoded ({reason}); export the file again"
         ) from error
-    for index, values in found.items():
+    for index, values in arrays.items():
         accessors.supply(index, values)
-    return list(found)
+    return list(arrays)

@@ -1,4 +1,4 @@
-"""glTF and GLB files: containers, buffers and data URIs, checked before they are read; and GLB output."""
+"""glTF and GLB files: containers, buffers and data URIs, with sizes checked before reading; GLB output."""
 
 import base64
 import binascii
@@ -6,7 +6,7 @@ import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import unquote_to_bytes
 
 import numpy as np
@@ -15,7 +15,7 @@ from ...errors import InputError
 from ...files import checked_file, sibling
 from ..json_fields import Fields, parse
 
-# --- A glTF file and its buffers, with sizes checked before anything is read ------------------------------------------
+# --- Reading ----------------------------------------------------------------------------------------------------------
 
 
 GLB_MAGIC, JSON_CHUNK, BINARY_CHUNK = b"glTF", 0x4E4F534A, 0x004E4942
@@ -31,7 +31,7 @@ CURE = "decompress it first, for example with: npx @gltf-transform/cli copy in.g
 
 
 class GltfDocument(NamedTuple):
-    """A glTF file: JSON, and buffers as bytes (None for a buffer without data)."""
+    """A glTF file: its JSON and its buffers (None for a buffer without data)."""
 
     file: str
     folder: Path
@@ -40,7 +40,7 @@ class GltfDocument(NamedTuple):
 
 
 def open_gltf(path: Path) -> GltfDocument:
-    """Read a .glb or .gltf file, and the buffers in or beside it. The content decides between the two."""
+    """Read a .glb or .gltf file, identified by content, and the buffers in it or beside it."""
     data, file = path.read_bytes(), path.name
     text, binary = split_glb(data, file) if data[:4] == GLB_MAGIC else (data, None)
     root = parse(text, file)
@@ -72,8 +72,10 @@ def split_glb(data: bytes, file: str) -> tuple[bytes, memoryview | None]:
         size, kind = struct.unpack_from("<II", data, offset)
         offset += 8
         if size > length - offset:
-            left = length - offset
-            raise InputError(f"{file}: GLB chunk {len(chunks)} says {size} bytes, {left} are left; copy the file again")
+            remaining = length - offset
+            raise InputError(
+                f"{file}: GLB chunk {len(chunks)} says {size} bytes, {remaining} are left; copy the file again"
+            )
         chunks.append((kind, offset, size))
         offset += size
     if not chunks or chunks[0][0] != JSON_CHUNK:
@@ -102,9 +104,10 @@ def data_uri_bytes(uri: str, where: str) -> bytes:
         raise InputError(f"{where} is a data URI that is not base64; export the file again") from None
 
 
-def _buffer(fields: Fields, index: int, binary, folder: Path) -> np.ndarray | None:
+def _buffer(fields: Fields, index: int, binary: memoryview | None, folder: Path) -> np.ndarray | None:
     size, uri = fields.whole("byteLength"), fields.text("uri", None)
     place = fields.place("byteLength")
+    data: bytes | memoryview
     if uri is None:
         if index > 0 or binary is None:
             return None
@@ -120,9 +123,11 @@ def _buffer(fields: Fields, index: int, binary, folder: Path) -> np.ndarray | No
     return np.frombuffer(data, np.uint8, size)
 
 
-def _check_size(declared: int, real: int, place: str) -> None:
-    if declared > real:
-        raise InputError(f"{place} says {declared} bytes, but there are {real}; the data is cut short, copy it again")
+def _check_size(declared: int, available: int, place: str) -> None:
+    if declared > available:
+        raise InputError(
+            f"{place} says {declared} bytes, but there are {available}; the data is cut short, copy it again"
+        )
 
 
 def _check_version(root: Fields) -> None:
@@ -144,29 +149,29 @@ def _check_extensions(root: Fields) -> None:
             )
 
 
-# --- Binary glTF 2.0 files (GLB): a JSON chunk, and a chunk with the arrays -------------------------------------------
+# --- GLB output: a JSON chunk and a binary chunk ----------------------------------------------------------------------
 
 
 FLOAT, UNSIGNED_INT = 5126, 5125
 """`componentType` of float32 and uint32."""
 
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
-"""`target` of a buffer view with vertices, and with indices."""
+"""`target` of buffer views with vertices and with indices."""
 
 
-_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # by columns
+_UPRIGHT = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # column-major
 
 
-def up_axis_transform(up: str) -> dict:
-    """The transform of a node that turns the up axis of a scene, "y" or "z", to +Y, as glTF has it.
+def up_axis_transform(up: str) -> dict[str, Any]:
+    """The node transform that rotates the up axis of a scene, "y" or "z", to glTF's +Y.
 
-    It is a matrix and no quaternion, because square roots of 1/2 would round the coordinates.
+    A matrix, not a quaternion, whose square roots of 1/2 would cause rounding errors in the coordinates.
     """
     return {"matrix": _UPRIGHT} if up == "z" else {}
 
 
-def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
-    """The keys `bufferViews` and `buffers` of a file whose arrays follow each other."""
+def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict[str, Any]:
+    """The keys `bufferViews` and `buffers` of a file with concatenated arrays."""
     starts = np.cumsum([0, *(block.nbytes for block in blocks)]).tolist()
     views = [
         {"buffer": 0, "byteOffset": a, "byteLength": z - a, "target": t} for a, z, t in zip(starts, starts[1:], targets)
@@ -174,13 +179,13 @@ def buffer_views(blocks: Sequence[np.ndarray], targets: Sequence[int]) -> dict:
     return {"bufferViews": views, "buffers": [{"byteLength": starts[-1]}]}
 
 
-def glb_bytes(root: dict, blocks: Sequence[np.ndarray]) -> bytes:
-    """The bytes of a file: its JSON, and arrays whose sizes are multiples of four bytes."""
+def glb_bytes(root: dict[str, Any], blocks: Sequence[np.ndarray]) -> bytes:
+    """A GLB file as bytes, from its JSON and from arrays whose sizes are multiples of four bytes."""
     return assemble_glb(json.dumps(root, allow_nan=False).encode(), b"".join(block.tobytes() for block in blocks))
 
 
 def assemble_glb(text: bytes, binary: bytes) -> bytes:
-    """The bytes of a file: its JSON as text, and the bytes of its arrays."""
+    """A GLB file as bytes, from its encoded JSON and its binary data."""
     chunks = [(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary + bytes(-len(binary) % 4))]
     body = b"".join(struct.pack("<I4s", len(data), kind) + data for kind, data in chunks)
     return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body

@@ -1,9 +1,11 @@
-"""glTF materials: base colour, texture and alpha mode, and a note on the fields that are ignored."""
+"""glTF materials: base colour, texture and alpha mode, and a note on ignored fields."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import checked_file, sibling
@@ -11,30 +13,30 @@ from ...scene.materials import BLEND, CLAMP, MASK, MIRROR, OPAQUE, PLAIN, REPEAT
 from ..json_fields import Fields
 from .gltf_file import CURE_TEXTURES, GltfDocument, data_uri_bytes, is_data_uri
 
-# --- Materials of glTF: base colour, its texture, and what alpha means ------------------------------------------------
+# --- Base colour, texture and alpha mode ------------------------------------------------------------------------------
 
 
 MAX_IMAGE_BYTES = 1 << 28
 _WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}
 _NEAREST = 9728
 _TRANSFORM = "KHR_texture_transform"
-_SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older model, archived but common
+_SPECULAR = "KHR_materials_pbrSpecularGlossiness"  # the older material model, archived but common
 
 
-class Used(NamedTuple):
-    """A material, and how its texture lies on meshes."""
+class MappedMaterial(NamedTuple):
+    """A material and its texture mapping."""
 
     material: Material
     uv_set: str = "TEXCOORD_0"  # attribute with the texture coordinates
-    transform: np.ndarray | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
+    transform: NDArray[np.float64] | None = None  # (2, 3) float64: their KHR_texture_transform; None: none
 
-    def placed(self, uv: np.ndarray) -> np.ndarray:
+    def transformed(self, uv: np.ndarray) -> np.ndarray:
         """Texture coordinates ((v, 2)) under the transform."""
         return uv if self.transform is None else uv @ self.transform[:, :2].T + self.transform[:, 2]
 
 
 class Materials:
-    """The materials of a document. Those with the same image share its bytes. Unreadable textures are white."""
+    """The materials of a document. Materials with the same texture share its image. Unreadable textures are white."""
 
     def __init__(self, document: GltfDocument):
         self._document = document
@@ -42,50 +44,50 @@ class Materials:
         self._materials, self._textures = root.objects("materials"), root.objects("textures")
         self._images, self._views = root.objects("images"), root.objects("bufferViews")
         self._samplers = root.objects("samplers")
-        self._used: dict[int, Used] = {}
+        self._mapped: dict[int, MappedMaterial] = {}
         self._bad: set[int] = set()
-        self._made: dict[tuple, Texture] = {}
+        self._cache: dict[tuple[int, int, int, bool, bool], Texture] = {}
         self.notes: list[str] = []
 
-    def used(self, primitive: Fields) -> Used:
-        """The material of a primitive; white without a material."""
+    def of_primitive(self, primitive: Fields) -> MappedMaterial:
+        """The material of a primitive; white if it has none."""
         index = primitive.whole("material", None, high=len(self._materials))
         if index is None:
-            return Used(PLAIN)
-        if index not in self._used:
-            self._used[index] = self._read(self._materials[index])
-        return self._used[index]
+            return MappedMaterial(PLAIN)
+        if index not in self._mapped:
+            self._mapped[index] = self._read(self._materials[index])
+        return self._mapped[index]
 
-    def _read(self, fields: Fields) -> Used:
+    def _read(self, fields: Fields) -> MappedMaterial:
         model, factor, picture = fields.object("pbrMetallicRoughness"), "baseColorFactor", "baseColorTexture"
         if model is None:
             model, factor, picture = fields.extension(_SPECULAR), "diffuseFactor", "diffuseTexture"
         mode = fields.text("alphaMode", OPAQUE)
         if mode not in (OPAQUE, MASK, BLEND):
             raise fields.bad("alphaMode", f"{OPAQUE}, {MASK} or {BLEND}")
-        made = Material(
+        material = Material(
             name=fields.text("name", ""),
             alpha_mode=mode,
             cutoff=fields.number("alphaCutoff", 0.5),
             double_sided=fields.flag("doubleSided"),
         )
         if model is None:
-            return Used(made)
+            return MappedMaterial(material)
         r, g, b, a = np.clip(model.numbers(factor, 4, np.ones(4)), 0.0, 1.0).tolist()
-        made = made._replace(factor=(r, g, b, a))
-        shown = model.object(picture)
-        if shown is None:
-            return Used(made)
-        texture = self._textures[shown.whole("index", high=len(self._textures))]
-        made = made._replace(texture=self._texture(texture, mode != OPAQUE))
-        transform = shown.extension(_TRANSFORM)
-        uv_set = shown.whole("texCoord", 0)
+        material = material._replace(factor=(r, g, b, a))
+        texture_info = model.object(picture)
+        if texture_info is None:
+            return MappedMaterial(material)
+        texture = self._textures[texture_info.whole("index", high=len(self._textures))]
+        material = material._replace(texture=self._texture(texture, mode != OPAQUE))
+        transform = texture_info.extension(_TRANSFORM)
+        uv_set = texture_info.whole("texCoord", 0)
         if transform is not None:
             uv_set = transform.whole("texCoord", uv_set)
-        return Used(made, f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
+        return MappedMaterial(material, f"TEXCOORD_{uv_set}", None if transform is None else _matrix(transform))
 
     def _texture(self, texture: Fields, has_alpha: bool) -> Texture | None:
-        """A texture that can be decoded, or None, which is noted once for each image."""
+        """A texture that can be decoded, else None, with one note per image."""
         webp = texture.extension("EXT_texture_webp")
         source = texture if "source" in texture or webp is None else webp
         index = source.whole("source", None, high=len(self._images))
@@ -99,19 +101,19 @@ class Materials:
         nearest = sampler.whole("magFilter", 0) == _NEAREST
         key = index, wrap_s, wrap_t, nearest, has_alpha
         image = self._images[index]
-        if key not in self._made and index not in self._bad:
+        if key not in self._cache and index not in self._bad:
             try:
-                made = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
-                made.glance  # noqa: B018  # decodes: mean colours need it, and errors are told here
-                self._made[key] = made
+                image_texture = Texture(image.where, self._bytes(image), wrap_s, wrap_t, nearest, has_alpha)
+                image_texture.preview_levels  # noqa: B018  # decodes now: mean colours need it, and errors must be caught here
+                self._cache[key] = image_texture
             except (OSError, ValueError) as error:  # an InputError is a ValueError
                 self._bad.add(index)
                 self._white(image.where, str(error))
-        return self._made.get(key)
+        return self._cache.get(key)
 
-    def _white(self, where: str, why: str) -> None:
-        why = " ".join(why.split())[:160].removeprefix(where + " ")
-        self.notes.append(f"{where} cannot be used ({why}); taken as white")
+    def _white(self, where: str, reason: str) -> None:
+        reason = " ".join(reason.split())[:160].removeprefix(where + " ")
+        self.notes.append(f"{where} cannot be used ({reason}); taken as white")
 
     def _bytes(self, image: Fields) -> bytes:
         uri = image.text("uri", None)
@@ -130,10 +132,10 @@ class Materials:
         start, size = view.whole("byteOffset", 0), view.whole("byteLength", low=1)
         if buffer is None or start + size > len(buffer):
             raise InputError(f"{view.where} reaches beyond its buffer")
-        return buffer[start : start + size].tobytes()
+        return bytes(buffer[start : start + size])
 
 
-def _matrix(transform: Fields) -> np.ndarray:
+def _matrix(transform: Fields) -> NDArray[np.float64]:
     """(2, 3) float64: offset times rotation times scale of KHR_texture_transform."""
     angle = transform.number("rotation", 0.0)
     x, y = transform.numbers("scale", 2, (1.0, 1.0))
@@ -142,7 +144,7 @@ def _matrix(transform: Fields) -> np.ndarray:
     return np.array([[c * x, s * y, u], [-s * x, c * y, v]])
 
 
-# --- What a glTF file says about its materials and is left out, in one line -------------------------------------------
+# --- Ignored fields ---------------------------------------------------------------------------------------------------
 
 
 _EXTENSIONS = {
@@ -156,14 +158,14 @@ _EXTENSIONS = {
 
 
 def ignored_fields(root: Fields) -> list[str]:
-    """One note that names the properties of materials that pictures do not show; empty if there are none."""
-    found = {name for material in root.objects("materials") for name in _of_material(material)}
+    """One note that lists the material properties that are not rendered; empty if there are none."""
+    properties = {name for material in root.objects("materials") for name in _ignored_properties(material)}
     if root.extension("KHR_materials_variants") is not None:
-        found.add("variants of materials")
-    return [f"{root.where} left out: {', '.join(sorted(found))}; surfaces are diffuse"] if found else []
+        properties.add("variants of materials")
+    return [f"{root.where} left out: {', '.join(sorted(properties))}; surfaces are diffuse"] if properties else []
 
 
-def _of_material(material: Fields):
+def _ignored_properties(material: Fields) -> Iterator[str]:
     model = material.object("pbrMetallicRoughness")
     if model is not None and ("metallicRoughnessTexture" in model or model.number("metallicFactor", 0.0) > 0.0):
         yield "metalness and roughness"

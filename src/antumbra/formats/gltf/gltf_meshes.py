@@ -1,9 +1,10 @@
-"""glTF mesh primitives: triangles, strips and fans, morph targets and skins, and the merging of small primitives."""
+"""glTF mesh primitives: triangles, strips and fans; morph targets and skins; merging of small primitives."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...scene.materials import Look, look_of, mean_colours
@@ -12,21 +13,21 @@ from ..json_fields import Fields
 from .accessors import Accessors, decompress
 from .gltf_materials import Materials
 
-# --- Mesh primitives: triangles, strips and fans, with the data for skins and morph targets ---------------------------
+# --- Primitives: triangles, strips and fans ---------------------------------------------------------------------------
 
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 
 
 class Primitive(NamedTuple):
-    """A mesh primitive with triangles."""
+    """A mesh primitive that consists of triangles, with its skin and morph-target data."""
 
     mesh: Mesh
     where: str  # name in errors
     targets: np.ndarray | None  # (t, v, 3) float32 or float64, displacements of morph targets
-    joints: np.ndarray | None  # (v, j) int32, indices into the joints of a skin
-    weights: np.ndarray | None  # (v, j) float64, their sum 1
-    used: np.ndarray | None  # (rows,) bool: the accessors' rows that are vertices here; None: all
+    joints: NDArray[np.int32] | None  # (v, j) int32, indices into the joints of a skin
+    weights: NDArray[np.float64] | None  # (v, j) float64, summing to 1
+    used: NDArray[np.bool_] | None  # (rows,) bool: the accessor rows that became vertices; None: all
     place: int  # index of the primitive in its mesh
 
     @property
@@ -37,7 +38,7 @@ class Primitive(NamedTuple):
 def read_primitive(
     fields: Fields, name: str, accessors: Accessors, materials: Materials, index: int
 ) -> Primitive | None:
-    """A primitive, or None if it has no triangles, as points and lines."""
+    """A primitive, or None if it has no triangles (points, lines)."""
     decompress(fields, accessors)
     mode = fields.whole("mode", TRIANGLES, high=7)
     attributes = fields.mapping("attributes", len(accessors))
@@ -58,10 +59,10 @@ def read_primitive(
 
     targets = _targets(fields, accessors, rows)
     joints, weights = _influences(attributes, accessors, rows)
-    own = rows(positions)
-    check_finite(own, fields.where)
-    colour, look = _shown(fields, attributes, accessors, rows, faces, materials, own)
-    return Primitive(Mesh(name, own, faces, colour, look), fields.where, targets, joints, weights, used, index)
+    vertices = rows(positions)
+    check_finite(vertices, fields.where)
+    colour, look = _appearance(fields, attributes, accessors, rows, faces, materials, vertices)
+    return Primitive(Mesh(name, vertices, faces, colour, look), fields.where, targets, joints, weights, used, index)
 
 
 def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> np.ndarray | None:
@@ -71,7 +72,7 @@ def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> 
     count = n_vertices if corners is None else len(corners)
     if mode == TRIANGLES:
         if count % 3:
-            raise InputError(f"{fields.where} has {count} corners, no multiple of 3; export the mesh triangulated")
+            raise InputError(f"{fields.where} has {count} corners, not a multiple of 3; export the mesh triangulated")
         return None if corners is None else corners.reshape(-1, 3)
     if corners is None:
         corners = np.arange(count)
@@ -81,7 +82,7 @@ def _faces(fields: Fields, mode: int, n_vertices: int, accessors: Accessors) -> 
     return np.stack([corners[i + 1], corners[i + 2], corners[i * 0]], axis=1)
 
 
-def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
+def _targets(fields: Fields, accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]) -> np.ndarray | None:
     targets = []
     for target in fields.objects("targets"):
         index = target.whole("POSITION", None, high=len(accessors))
@@ -91,12 +92,14 @@ def _targets(fields: Fields, accessors: Accessors, rows) -> np.ndarray | None:
         return None
     for t in moving:
         check_finite(t, f"{fields.where} morph target")
-    still = np.zeros_like(moving[0])
-    return np.stack([still if t is None else t for t in targets])
+    zero = np.zeros_like(moving[0])
+    return np.stack([zero if t is None else t for t in targets])
 
 
-def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple:
-    """(joints, weights) of all sets (JOINTS_0, JOINTS_1, ...) side by side. Weights sum to 1."""
+def _influences(
+    attributes: dict[str, int], accessors: Accessors, rows: Callable[[np.ndarray], np.ndarray]
+) -> tuple[NDArray[np.int32] | None, NDArray[np.float64] | None]:
+    """(joints, weights) with the columns of all sets (JOINTS_0, JOINTS_1, ...); weights sum to 1."""
     joints, weights = [], []
     for n in range(len(attributes)):
         if f"JOINTS_{n}" not in attributes or f"WEIGHTS_{n}" not in attributes:
@@ -112,28 +115,36 @@ def _influences(attributes: dict[str, int], accessors: Accessors, rows) -> tuple
     return joint.astype(np.int32), weight / np.where(total == 0.0, 1.0, total)
 
 
-def _shown(fields: Fields, attributes, accessors: Accessors, rows, faces, materials: Materials, rest) -> tuple:
-    """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean says everything)."""
+def _appearance(
+    fields: Fields,
+    attributes: dict[str, int],
+    accessors: Accessors,
+    rows: Callable[[np.ndarray], np.ndarray],
+    faces: np.ndarray | None,
+    materials: Materials,
+    vertices: np.ndarray,
+) -> tuple[NDArray[np.float32], Look | None]:
+    """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean colour suffices)."""
 
     def of(name: str, *kinds: str) -> np.ndarray | None:
         return rows(accessors.floats(attributes[name], *kinds)) if name in attributes else None
 
-    used = materials.used(fields)
-    uv = None if used.material.texture is None else of(used.uv_set, "VEC2")
-    uv = None if uv is None else used.placed(uv)
+    mapped = materials.of_primitive(fields)
+    uv = None if mapped.material.texture is None else of(mapped.uv_set, "VEC2")
+    uv = None if uv is None else mapped.transformed(uv)
     colours = of("COLOR_0", "VEC3", "VEC4")
-    look = look_of(used.material, uv, colours, of("NORMAL", "VEC3"), rest)
-    return mean_colours(used.material, faces, uv, colours), look
+    look = look_of(mapped.material, uv, colours, of("NORMAL", "VEC3"), vertices)
+    return mean_colours(mapped.material, faces, uv, colours), look
 
 
-# --- Vertices that move within their mesh: morph targets and skins, in float64 ----------------------------------------
+# --- Morph targets and skins, in float64 ------------------------------------------------------------------------------
 
 
 class Skin(NamedTuple):
     """Joints and their inverse bind matrices."""
 
-    joints: np.ndarray  # (j,) int64, node indices
-    inverse_bind: np.ndarray  # (j, 4, 4) float64
+    joints: NDArray[np.int64]  # (j,) int64, node indices
+    inverse_bind: NDArray[np.float64]  # (j, 4, 4) float64
     where: str  # name in errors
 
 
@@ -153,7 +164,7 @@ def read_skins(root: Fields, accessors: Accessors, n_nodes: int) -> list[Skin]:
 
 
 def check_skin(primitive: Primitive, skin: Skin) -> None:
-    """Raise InputError if the primitive uses joints that the skin does not have."""
+    """Raise InputError if the primitive uses joints that the skin lacks."""
     if primitive.joints is not None and primitive.joints.size and primitive.joints.max() >= len(skin.joints):
         raise InputError(
             f"{primitive.where} uses joint {primitive.joints.max()}, but {skin.where} has {len(skin.joints)}"
@@ -174,7 +185,7 @@ def morphed(primitive: Primitive, weights: np.ndarray) -> np.ndarray:
 def skinned(positions: np.ndarray, primitive: Primitive, skin: Skin, world: np.ndarray) -> np.ndarray:
     """World positions ((1, v, 3) float64) of a skinned mesh: the weighted mean over its joints' transforms.
 
-    `world` ((n, 4, 4)) has the nodes' world matrices. The matrix of the mesh's own node is not used.
+    `world` ((n, 4, 4)) holds the nodes' world matrices. The matrix of the node with the mesh is ignored, as in glTF.
     """
     assert primitive.joints is not None and primitive.weights is not None
     matrices = (world[skin.joints] @ skin.inverse_bind)[:, :3]
@@ -185,32 +196,34 @@ def skinned(positions: np.ndarray, primitive: Primitive, skin: Skin, world: np.n
     return out
 
 
-# --- Runs: small primitives of a mesh, one after the other, that are placed as one ------------------------------------
+# --- Merging runs of small primitives ---------------------------------------------------------------------------------
 #
-# Some exporters write thousands of primitives with a few triangles each, and show their mesh at hundreds of nodes.
-# Each placement costs Python time, so they are joined where the mesh is read. Faces and their order stay as they are.
+# Some exporters write thousands of primitives with a few triangles each, and instance their mesh at hundreds of nodes.
+# Each placement costs Python time, so runs of consecutive small primitives are merged when the mesh is read. Faces and
+# their order do not change.
 
 
-MOST = 1 << 14
-"""Vertices of a run. Larger primitives stay alone: for them Python's time does not count, but memory does."""
+MAX_RUN_VERTICES = 1 << 14
+"""Maximum number of vertices in a run. Larger primitives are not merged: their Python overhead is negligible, and
+merging would cost memory."""
 
 
 def join_small_primitives(primitives: list[Primitive]) -> list[Primitive]:
-    """The primitives, with runs of small ones joined. Those of a run move in the same way."""
+    """The primitives, with runs of small ones merged. All primitives of a run deform in the same way."""
     runs: list[list[Primitive]] = []
     kind, size = None, 0
     for primitive in primitives:
-        n, own = len(primitive.mesh.positions), _kind(primitive)
-        if not runs or own != kind or size + n > MOST:
+        n, primitive_kind = len(primitive.mesh.positions), _kind(primitive)
+        if not runs or primitive_kind != kind or size + n > MAX_RUN_VERTICES:
             runs.append([])
             size = 0
         runs[-1].append(primitive)
-        kind, size = own, size + n
-    return [run[0] if len(run) == 1 else _joined(run) for run in runs]
+        kind, size = primitive_kind, size + n
+    return [run[0] if len(run) == 1 else _merge_run(run) for run in runs]
 
 
-def _kind(primitive: Primitive) -> tuple:
-    """What must be equal for primitives to move in the same way."""
+def _kind(primitive: Primitive) -> tuple[object, ...]:
+    """A key that is equal for primitives that deform in the same way."""
     targets, joints = primitive.targets, primitive.joints
     return (
         primitive.mesh.positions.dtype,
@@ -219,12 +232,12 @@ def _kind(primitive: Primitive) -> tuple:
     )
 
 
-def _joined(run: list[Primitive]) -> Primitive:
+def _merge_run(run: list[Primitive]) -> Primitive:
     first, meshes = run[0], [p.mesh for p in run]
     counts = [n_faces(m.positions, m.faces) for m in meshes]
     faces = None
     if any(m.faces is not None for m in meshes):
-        faces = np.concatenate([own + start for own, start in zip(map(_run_faces, meshes), _starts(meshes))])
+        faces = np.concatenate([indices + start for indices, start in zip(map(_run_faces, meshes), _starts(meshes))])
     colour = np.concatenate([np.broadcast_to(m.colour, (n, 3)) for m, n in zip(meshes, counts)])
     if (colour == colour[0]).all():
         colour = colour[0]
@@ -241,7 +254,7 @@ def _joined(run: list[Primitive]) -> Primitive:
 
 
 def _starts(meshes: list[Mesh]) -> Iterator[np.int32]:
-    """The first vertex of each mesh among those of all."""
+    """The index of each mesh's first vertex in the merged mesh."""
     yield from np.cumsum([0, *(len(m.positions) for m in meshes[:-1])], dtype=np.int32)
 
 
@@ -250,7 +263,7 @@ def _run_faces(mesh: Mesh) -> np.ndarray:
 
 
 def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look | None:
-    """The look of joined meshes: rows of an attribute that some of them lack have its neutral value."""
+    """The look of merged meshes, with neutral values for attributes that some of them lack."""
     looks = [m.look for m in meshes]
     if all(look is None for look in looks):
         return None
@@ -258,18 +271,25 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look 
     number = {material: i for i, material in enumerate(materials)}
     of_mesh = np.array([-1 if look is None else number[look.materials[0]] for look in looks], np.int32)
     textured = np.array([look is not None and look.uv is not None for look in looks])
-    rows = lambda name, width, neutral: _rows(meshes, name, width, neutral)
-    normals = rows("normals", 3, 0.0)
+    normals = _rows(meshes, "normals", 3, 0.0)
     return Look(
-        tuple(materials), rows("uv", 2, 0.0), rows("colours", 4, 1.0), normals, None if normals is None else positions,
-        np.repeat(of_mesh, counts), np.repeat(textured, counts),
-    )  # fmt: skip
+        tuple(materials),
+        _rows(meshes, "uv", 2, 0.0),
+        _rows(meshes, "colours", 4, 1.0),
+        normals,
+        None if normals is None else positions,
+        np.repeat(of_mesh, counts),
+        np.repeat(textured, counts),
+    )
 
 
-def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> np.ndarray | None:
-    """(v, width) float32: an attribute of the vertices of all meshes; None: none has it."""
-    given = [None if m.look is None else getattr(m.look, name) for m in meshes]
-    if all(values is None for values in given):
+def _rows(meshes: list[Mesh], name: str, width: int, neutral: float) -> NDArray[np.float32] | None:
+    """(v, width) float32: a vertex attribute of all meshes; None if none has it."""
+    attributes = [None if m.look is None else getattr(m.look, name) for m in meshes]
+    if all(values is None for values in attributes):
         return None
-    lacking = lambda mesh: np.full((len(mesh.positions), width), neutral, np.float32)
-    return np.concatenate([lacking(m) if values is None else values for m, values in zip(meshes, given)])
+
+    def neutral_rows(mesh: Mesh) -> NDArray[np.float32]:
+        return np.full((len(mesh.positions), width), neutral, np.float32)
+
+    return np.concatenate([neutral_rows(m) if values is None else values for m, values in zip(meshes, attributes)])

@@ -1,9 +1,10 @@
-"""The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights placed by nodes."""
+"""The glTF node hierarchy: transforms, keyframe animation, and the cameras and lights at nodes."""
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ...errors import InputError
 from ...scene.camera import Camera
@@ -11,7 +12,7 @@ from ...scene.lights import DirectionalLight, Light, PointLight
 from ..json_fields import Fields
 from .accessors import Accessors
 
-# --- The node hierarchy: local transforms, and world matrices for all nodes at once -----------------------------------
+# --- Nodes: local transforms and world matrices -----------------------------------------------------------------------
 
 
 SINGULAR = 1e-12
@@ -19,21 +20,21 @@ SINGULAR = 1e-12
 
 
 class Nodes(NamedTuple):
-    """All nodes of a file, in the pose at rest."""
+    """All nodes of a file, in the rest pose."""
 
     fields: list[Fields]
-    translation: np.ndarray  # (n, 3) float64
-    rotation: np.ndarray  # (n, 4) float64, quaternion x y z w, unit
-    scale: np.ndarray  # (n, 3) float64
-    matrix: np.ndarray  # (n, 4, 4) float64, used instead of the three above where `fixed`
-    fixed: np.ndarray  # (n,) bool
-    parent: np.ndarray  # (n,) int64, -1 for a root
+    translation: NDArray[np.float64]  # (n, 3) float64
+    rotation: NDArray[np.float64]  # (n, 4) float64, quaternion x y z w, unit
+    scale: NDArray[np.float64]  # (n, 3) float64
+    matrix: NDArray[np.float64]  # (n, 4, 4) float64, used instead of the three above where `fixed`
+    fixed: NDArray[np.bool_]  # (n,) bool
+    parent: NDArray[np.int64]  # (n,) int64, -1 for a root
     levels: list[np.ndarray]  # node indices by depth, roots first
-    visible: np.ndarray  # (n,) bool, whether the default scene reaches the node
+    visible: NDArray[np.bool_]  # (n,) bool, whether the node is in the default scene
 
 
 def read_nodes(root: Fields) -> Nodes:
-    """The nodes of a file, with the nodes of its default scene marked visible."""
+    """The nodes of a file; those in its default scene are visible."""
     fields = root.objects("nodes")
     n = len(fields)
     children = [f.indices("children", n) for f in fields]
@@ -47,11 +48,11 @@ def read_nodes(root: Fields) -> Nodes:
     length = np.linalg.norm(rotation, axis=1)
     if not (length > 0.0).all():
         raise fields[int(np.argmin(length))].bad("rotation", "a unit quaternion; zero has no inverse")
-    visible = _reached(root, fields, children, parent)
+    visible = _reachable(root, fields, children, parent)
     return Nodes(fields, translation, rotation / length[:, None], scale, matrix, fixed, parent, levels, visible)
 
 
-def local_matrices(translation, rotation, scale) -> np.ndarray:
+def local_matrices(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> NDArray[np.float64]:
     """Translation times rotation times scale ((..., 4, 4) float64). Quaternions are unit x, y, z, w."""
     x, y, z, w = np.moveaxis(np.asarray(rotation, np.float64), -1, 0)
     matrices = np.zeros((*x.shape, 4, 4))
@@ -65,14 +66,16 @@ def local_matrices(translation, rotation, scale) -> np.ndarray:
     return matrices
 
 
-def posed_matrices(nodes: Nodes, translation, rotation, scale) -> np.ndarray:
-    """(n, 4, 4) float64: local matrices of all nodes, from these values or from a node's own matrix."""
+def posed_matrices(
+    nodes: Nodes, translation: np.ndarray, rotation: np.ndarray, scale: np.ndarray
+) -> NDArray[np.float64]:
+    """(n, 4, 4) float64: local matrices of all nodes, from these values, or from the node's matrix where `fixed`."""
     local = local_matrices(translation, rotation, scale)
     local[nodes.fixed] = nodes.matrix[nodes.fixed]
     return local
 
 
-def world_matrices(nodes: Nodes, local: np.ndarray) -> np.ndarray:
+def world_matrices(nodes: Nodes, local: np.ndarray) -> NDArray[np.float64]:
     """(n, 4, 4) float64: each node's transform to world space, computed level by level from the roots."""
     world = local.copy()
     for level in nodes.levels[1:]:
@@ -93,24 +96,25 @@ def transform_points(points: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return out
 
 
-def with_ancestors(nodes: Nodes, what: np.ndarray) -> np.ndarray:
-    """(n,) bool: nodes in `what` ((n,) bool) and all their ancestors."""
-    carry = what.copy()
+def with_ancestors(nodes: Nodes, selection: np.ndarray) -> NDArray[np.bool_]:
+    """(n,) bool: the nodes in `selection` ((n,) bool) and all their ancestors."""
+    ancestors = selection.copy()
     for level in reversed(nodes.levels[1:]):
-        np.logical_or.at(carry, nodes.parent[level], carry[level])
-    return carry
+        np.logical_or.at(ancestors, nodes.parent[level], ancestors[level])
+    return ancestors
 
 
-def singular(matrices: np.ndarray) -> np.ndarray:
-    """(n,) bool: which of (n, 4, 4) transforms have no inverse. Their scale does not matter."""
+def singular(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) bool: which of (n, 4, 4) transforms have no inverse, independent of their scale."""
     linear = matrices[:, :3, :3]
     lengths = np.linalg.norm(linear, axis=1)
     with np.errstate(all="ignore"):
-        return ~(np.abs(np.linalg.det(linear / lengths[:, None, :])) > SINGULAR)
+        out: NDArray[np.bool_] = ~(np.abs(np.linalg.det(linear / lengths[:, None, :])) > SINGULAR)
+        return out
 
 
 def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
-    """Raise InputError with the first node of `needed` ((n,) bool) whose transform at rest has no inverse."""
+    """Raise InputError with the first node in `needed` ((n,) bool) whose transform at rest has no inverse."""
     local = posed_matrices(nodes, nodes.translation, nodes.rotation, nodes.scale)
     bad = np.flatnonzero(needed & singular(local))
     if len(bad):
@@ -118,11 +122,11 @@ def check_invertible(nodes: Nodes, needed: np.ndarray) -> None:
         raise InputError(f"{where} has a transform without inverse; give it a scale or matrix that is not flat")
 
 
-def _matrix(fields: Fields) -> np.ndarray:
+def _matrix(fields: Fields) -> NDArray[np.float64]:
     values = fields.numbers("matrix", 16, None)
     if values is None:
         return np.eye(4)
-    matrix = values.reshape(4, 4).T  # glTF stores columns
+    matrix: NDArray[np.float64] = values.reshape(4, 4).T  # glTF stores columns
     if not np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6):
         raise fields.bad("matrix", "affine: every fourth number 0, the last 1")
     matrix[3] = 0.0, 0.0, 0.0, 1.0
@@ -131,8 +135,8 @@ def _matrix(fields: Fields) -> np.ndarray:
 
 def _parents(fields: list[Fields], children: list[list[int]]) -> np.ndarray:
     parent = np.full(len(fields), -1, np.int64)
-    for i, below in enumerate(children):
-        for child in below:
+    for i, child_list in enumerate(children):
+        for child in child_list:
             if parent[child] >= 0 and parent[child] != i:
                 parents = f"nodes {parent[child]} and {i}"
                 raise InputError(f"{fields[child].where} has two parents, {parents}; glTF nodes form a tree")
@@ -159,22 +163,22 @@ def _levels(fields: list[Fields], parent: np.ndarray) -> list[np.ndarray]:
     return [order[a:b] for a, b in pairwise(ends)]
 
 
-def _reached(root: Fields, fields: list[Fields], children: list[list[int]], parent: np.ndarray) -> np.ndarray:
+def _reachable(root: Fields, fields: list[Fields], children: list[list[int]], parent: np.ndarray) -> np.ndarray:
     scenes = root.objects("scenes")
     if scenes:
         roots = scenes[root.whole("scene", 0, high=len(scenes))].indices("nodes", len(fields))
     else:
         roots = np.flatnonzero(parent < 0).tolist()
-    reached = np.zeros(len(fields), bool)
+    visible = np.zeros(len(fields), bool)
     while roots:
         node = roots.pop()
-        if not reached[node]:
-            reached[node] = True
+        if not visible[node]:
+            visible[node] = True
             roots.extend(children[node])
-    return reached
+    return visible
 
 
-# --- Keyframes: the value of an animation channel at a time -----------------------------------------------------------
+# --- Keyframe animation -----------------------------------------------------------------------------------------------
 
 
 WIDTH = {"translation": 3, "rotation": 4, "scale": 3}
@@ -187,8 +191,8 @@ class Track(NamedTuple):
     node: int
     path: str  # "translation", "rotation", "scale" or "weights"
     interpolation: str
-    times: np.ndarray  # (k,) float64, seconds, never decreasing
-    values: np.ndarray  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
+    times: NDArray[np.float64]  # (k,) float64, seconds, non-decreasing
+    values: NDArray[np.float64]  # (k, c) float64; CUBICSPLINE: (k, 3, c) of in-tangent, value, out-tangent
 
 
 def read_tracks(
@@ -196,46 +200,46 @@ def read_tracks(
 ) -> tuple[list[Track], list[str]]:
     """The (tracks, notes) of all animations.
 
-    Animations play together. Several may drive the same property of a node, as the clips of one character do. Then
-    the first in the file counts and the others are left out, as in viewers that play the first clip.
+    All animations play at once. If several animate the same property of a node, as the clips of a character do, the
+    first one in the file wins, as in viewers that play the first clip.
     """
     tracks: dict[tuple[int, str], Track] = {}
     left_out: list[str] = []
     for number, animation in enumerate(root.objects("animations")):
-        samplers, clash = animation.objects("samplers"), False
+        samplers, conflict = animation.objects("samplers"), False
         for channel in animation.objects("channels"):
             track = _track(channel, samplers, accessors, nodes, n_weights)
             if track is not None:
-                clash |= tracks.setdefault((track.node, track.path), track) is not track
-        if clash:
+                conflict |= tracks.setdefault((track.node, track.path), track) is not track
+        if conflict:
             left_out.append(animation.text("name", None) or str(number))
     notes = []
     if left_out:
-        shown = ", ".join(name[:40] for name in left_out[:8]) + (", ..." if len(left_out) > 8 else "")
-        notes.append(f"{root.where} these animations move what an earlier one moves, which counts: {shown}")
+        names = ", ".join(name[:40] for name in left_out[:8]) + (", ..." if len(left_out) > 8 else "")
+        notes.append(f"{root.where} these animations conflict with an earlier one, which takes precedence: {names}")
     return list(tracks.values()), notes
 
 
-def sample_track(track: Track, time: float) -> np.ndarray:
-    """The value ((c,) float64) of a track at `time`. Outside the keys, it is the nearest key's value."""
+def sample_track(track: Track, time: float) -> NDArray[np.float64]:
+    """The value ((c,) float64) of a track at `time`, clamped to the first and last key."""
     times, values = track.times, track.values
     keys = values[:, 1] if track.interpolation == CUBICSPLINE else values
     k = int(np.searchsorted(times, time, side="right")) - 1
-    if k < 0:
-        return keys[0]
-    if k >= len(times) - 1 or track.interpolation == STEP:
-        return keys[k]
+    before: NDArray[np.float64] = keys[max(k, 0)]
+    if k < 0 or k >= len(times) - 1 or track.interpolation == STEP:
+        return before
     step = times[k + 1] - times[k]
     t = (time - times[k]) / step
     if track.interpolation == CUBICSPLINE:
         return _hermite(values[k], values[k + 1], t, step, track.path == "rotation")
     if track.path == "rotation":
-        return _slerp(keys[k], keys[k + 1], t)
-    return (1.0 - t) * keys[k] + t * keys[k + 1]
+        return _slerp(before, keys[k + 1], t)
+    value: NDArray[np.float64] = (1.0 - t) * before + t * keys[k + 1]
+    return value
 
 
-def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
-    """Spherical linear interpolation of unit quaternions, by the shorter arc."""
+def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> NDArray[np.float64]:
+    """Spherical linear interpolation of unit quaternions along the shorter arc."""
     cosine = float(a @ b)
     sign = -1.0 if cosine < 0.0 else 1.0
     angle = np.arccos(min(abs(cosine), 1.0))
@@ -246,10 +250,12 @@ def _slerp(a: np.ndarray, b: np.ndarray, t: float) -> np.ndarray:
     return q / np.linalg.norm(q)
 
 
-def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotation: bool) -> np.ndarray:
-    """A cubic Hermite spline. Tangents are per second, so they scale with the key interval."""
+def _hermite(
+    before: NDArray[np.float64], after: NDArray[np.float64], t: float, step: float, rotation: bool
+) -> NDArray[np.float64]:
+    """A cubic Hermite spline. Tangents are per second, so they are scaled by the key interval."""
     t2, t3 = t * t, t * t * t
-    value = (
+    value: NDArray[np.float64] = (
         (2 * t3 - 3 * t2 + 1) * before[1]
         + step * (t3 - 2 * t2 + t) * before[2]
         + (3 * t2 - 2 * t3) * after[1]
@@ -258,18 +264,21 @@ def _hermite(before: np.ndarray, after: np.ndarray, t: float, step: float, rotat
     if not rotation:
         return value
     length = np.linalg.norm(value)
-    return value / length if length > 1e-12 else before[1]
+    unit: NDArray[np.float64] = value / length if length > 1e-12 else before[1]
+    return unit
 
 
-def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: list[int]) -> Track | None:
+def _track(
+    channel: Fields, samplers: list[Fields], accessors: Accessors, nodes: Nodes, n_weights: list[int]
+) -> Track | None:
     target = channel.object("target")
     path = None if target is None else target.text("path", None)
-    if path not in (*WIDTH, "weights") or "node" not in target:
-        return None  # a target that an extension defines
+    if target is None or path not in (*WIDTH, "weights") or "node" not in target:
+        return None  # a target defined by an extension
     node = target.whole("node", high=len(nodes.fields))
     if path != "weights" and nodes.fixed[node]:
-        moved = nodes.fields[node].where
-        raise InputError(f"{channel.where} moves {moved}, which has a matrix; export it with TRS instead")
+        node_name = nodes.fields[node].where
+        raise InputError(f"{channel.where} moves {node_name}, which has a matrix; export it with TRS instead")
     sampler = samplers[channel.whole("sampler", high=len(samplers))]
     interpolation = sampler.text("interpolation", LINEAR)
     if interpolation not in (STEP, LINEAR, CUBICSPLINE):
@@ -296,7 +305,7 @@ def _track(channel, samplers, accessors: Accessors, nodes: Nodes, n_weights: lis
 
 
 def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
-    """Rotation keys, normalised. The tangents of a spline are not changed."""
+    """Normalised rotation keys. Spline tangents are not changed."""
     values = values.copy()
     keys = values[:, 1] if values.ndim == 3 else values
     lengths = np.linalg.norm(keys, axis=1, keepdims=True)
@@ -306,15 +315,15 @@ def _unit_keys(values: np.ndarray, sampler: Fields) -> np.ndarray:
     return values
 
 
-# --- Cameras and KHR_lights_punctual lights, placed by nodes ----------------------------------------------------------
+# --- Cameras and KHR_lights_punctual lights ---------------------------------------------------------------------------
 
 
-HEIGHT = 1024  # pixels of a camera's picture; glTF gives only the aspect ratio
+HEIGHT = 1024  # picture height in pixels; glTF specifies only the aspect ratio
 LIGHTS_EXTENSION = "KHR_lights_punctual"
 
 
 class GltfViews:
-    """The cameras and the lights of a file's scene, in the order of their nodes."""
+    """The cameras and lights of a file's default scene, in the order of their nodes."""
 
     def __init__(self, root: Fields, nodes: Nodes):
         self.notes: list[str] = []
@@ -323,18 +332,14 @@ class GltfViews:
         self._lights = self._placed_lights(root)
 
     def holders(self) -> list[int]:
-        """Nodes that hold a camera or light."""
+        """The nodes with a camera or light."""
         return [node for node, _ in self._cameras] + [node for node, *_ in self._lights]
 
     def cameras(self, world: np.ndarray) -> list[Camera]:
-        """The cameras, which look along -Z of their nodes; `world` has the nodes' world matrices."""
+        """The cameras, which look along -Z of their nodes; `world` holds the nodes' world matrices."""
         cameras = []
         for node, lens in self._cameras:
-            position, up, backward = (
-                world[node][:3, 3],
-                self._axis(world, node, 1),
-                self._axis(world, node, 2),
-            )
+            position, up, backward = world[node][:3, 3], self._axis(world, node, 1), self._axis(world, node, 2)
             cameras.append(Camera(position, position - backward, up, height=HEIGHT, **lens))
         return cameras
 
@@ -351,31 +356,32 @@ class GltfViews:
             lights.append(light.named(name))
         return lights
 
-    def _axis(self, world: np.ndarray, node: int, column: int) -> np.ndarray:
+    def _axis(self, world: np.ndarray, node: int, column: int) -> NDArray[np.float64]:
         axis = world[node][:3, column]
         length = np.linalg.norm(axis)
         if not 0.0 < length < np.inf:
             raise InputError(f"{self._nodes.fields[node].where} holds a camera or light but its transform is flat")
-        return axis / length
+        unit: NDArray[np.float64] = axis / length
+        return unit
 
-    def _placed_cameras(self, root: Fields) -> list[tuple[int, dict]]:
-        cameras, placed = root.objects("cameras"), []
+    def _placed_cameras(self, root: Fields) -> list[tuple[int, dict[str, Any]]]:
+        cameras, entries = root.objects("cameras"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             index = self._nodes.fields[node].whole("camera", None, high=len(cameras))
             if index is None:
                 continue
             perspective, flat = cameras[index].object("perspective"), cameras[index].object("orthographic")
             if perspective is not None:
-                placed.append((node, _perspective(perspective)))
+                entries.append((node, _perspective(perspective)))
             elif flat is not None:
-                placed.append((node, _orthographic(flat)))
+                entries.append((node, _orthographic(flat)))
             else:
                 self.notes.append(f"{cameras[index].where} is neither perspective nor orthographic; left out")
-        return placed
+        return entries
 
-    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple, str]]:
+    def _placed_lights(self, root: Fields) -> list[tuple[int, str, float, tuple[float, ...], str]]:
         extension = root.extension(LIGHTS_EXTENSION)
-        lights, placed = [] if extension is None else extension.objects("lights"), []
+        lights, entries = [] if extension is None else extension.objects("lights"), []
         for node in np.flatnonzero(self._nodes.visible).tolist():
             reference = self._nodes.fields[node].extension(LIGHTS_EXTENSION)
             if reference is None:
@@ -390,11 +396,11 @@ class GltfViews:
                 self.notes.append(f"{light.where} is a spot light; taken as a point light that shines all around")
             colour = tuple(np.maximum(light.numbers("color", 3, np.ones(3)), 0.0).tolist())
             name = light.text("name", "") or self._nodes.fields[node].text("name", "")
-            placed.append((node, kind, intensity, colour, name))
-        return placed
+            entries.append((node, kind, intensity, colour, name))
+        return entries
 
 
-def _perspective(lens: Fields) -> dict:
+def _perspective(lens: Fields) -> dict[str, Any]:
     """The arguments of a perspective `Camera`."""
     vfov, aspect = np.degrees(lens.number("yfov")), lens.number("aspectRatio", 1.0)
     if not 0.0 < vfov < 180.0:
@@ -404,8 +410,8 @@ def _perspective(lens: Fields) -> dict:
     return {"vfov": float(vfov), "width": round(HEIGHT * aspect)}
 
 
-def _orthographic(lens: Fields) -> dict:
-    """The arguments of an orthographic `Camera`. Like those of perspective cameras, its clipping planes are ignored."""
+def _orthographic(lens: Fields) -> dict[str, Any]:
+    """The arguments of an orthographic `Camera`. Clipping planes are ignored, as for perspective cameras."""
     across, above = abs(lens.number("xmag")), abs(lens.number("ymag"))  # half the width and half the height
     if not 0.0 < above < np.inf:
         raise lens.bad("ymag", "a number other than 0")

@@ -1,4 +1,7 @@
-"""The glTF reader: `read_gltf` returns a file as a source of geometry, cameras and lights over time."""
+"""The glTF reader: `read_gltf` returns a file as a source of geometry, cameras and lights over time.
+
+Each node with a mesh becomes a `MeshNode`. At every time, its primitives are deformed and transformed to world space.
+"""
 
 from collections.abc import Iterator
 from functools import cached_property
@@ -6,8 +9,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...scene.camera import Camera
+from ...scene.lights import Light
 from ...scene.mesh import MeshInfo, ObjectInfo, Piece
 from ..json_fields import Fields
 from .accessors import Accessors
@@ -39,23 +45,20 @@ from .gltf_nodes import (
     world_matrices,
 )
 
-# --- A glTF file as the source of a scene -----------------------------------------------------------------------------
-
-
 MAX_TRIANGLES = 2**31 - 1
 _BATCH = 1 << 18  # vertices of a mesh's copies that are evaluated at once
 
 
 class MeshNode(NamedTuple):
-    """A mesh at a node, evaluated at each time. Each copy is an object of the scene."""
+    """A mesh at a node. Each of its copies is an object of the scene."""
 
-    first: int  # the object of the first copy
+    first: int  # object index of the first copy
     node: int
     primitives: list[Primitive]
-    runs: list[Primitive]  # the primitives, with runs of small ones joined
-    weights: np.ndarray  # (t,) float64, weights of the morph targets at rest
+    runs: list[Primitive]  # the primitives, with runs of small ones merged
+    weights: NDArray[np.float64]  # (t,) float64, weights of the morph targets at rest
     skin: Skin | None
-    copies: np.ndarray | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing within the node
+    copies: NDArray[np.float64] | None  # (k, 4, 4) float64, transforms of EXT_mesh_gpu_instancing relative to the node
 
     @property
     def n_copies(self) -> int:
@@ -63,87 +66,96 @@ class MeshNode(NamedTuple):
 
 
 class PlacedPrimitive(NamedTuple):
-    """A primitive of a mesh at a node, at one moment."""
+    """A primitive of a mesh at a node, at one moment, in world space."""
 
     node: int
     primitive: Primitive
-    matrix: np.ndarray  # (4, 4) float64, the node's transform to world space
+    matrix: NDArray[np.float64]  # (4, 4) float64, the node's transform to world space
     skinned: bool
-    vertices: np.ndarray  # (k, v, 3) float64, world; k copies
-    first: int  # number of the first copy's object
-    linear: np.ndarray | None  # (k, 3, 3) float64: the copies' transforms without translation; None: a skin moves them
+    vertices: NDArray[np.float64]  # (k, v, 3) float64, world; k copies
+    first: int  # object index of the first copy
+    linear: NDArray[np.float64] | None  # (k, 3, 3) float64: linear parts of the copies' transforms; None: skinned
 
 
 class GltfSource:
     """Geometry, cameras and lights of a glTF file (see `antumbra.scene.mesh.Source`).
 
-    Faces are in the order of nodes in the file, then of primitives, then of instances.
+    Faces are ordered by node in the file, then by primitive, then by instance.
     """
 
-    def __init__(self, file: str, meshes: list[MeshInfo], objects: list[ObjectInfo], nodes, draws, tracks, views):
+    def __init__(
+        self,
+        file: str,
+        meshes: list[MeshInfo],
+        objects: list[ObjectInfo],
+        nodes: Nodes,
+        draws: list[MeshNode],
+        tracks: list[Track],
+        views: GltfViews,
+    ) -> None:
         self.file, self.meshes, self.objects = file, meshes, objects
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
 
     def pieces(self, time: float) -> Iterator[Piece]:
-        for placed in self._placed(time, joined=True):
+        for placed in self._placed(time, merge_runs=True):
             mesh = placed.primitive.mesh
             where, first, linear = placed.primitive.where, placed.first, placed.linear
             yield Piece(placed.vertices, mesh.faces, mesh.colour, where, first=first, look=mesh.look, linear=linear)
 
     def placed(self, time: float) -> Iterator["PlacedPrimitive"]:
         """The primitives at their nodes, in the order of `pieces`."""
-        return self._placed(time, joined=False)
+        return self._placed(time, merge_runs=False)
 
-    def _placed(self, time: float, joined: bool) -> Iterator["PlacedPrimitive"]:
+    def _placed(self, time: float, merge_runs: bool) -> Iterator["PlacedPrimitive"]:
         world, weights = self._pose(time)
         for draw in self._draws:
-            for primitive in draw.runs if joined else draw.primitives:
+            for primitive in draw.runs if merge_runs else draw.primitives:
                 skinned = draw.skin is not None and primitive.joints is not None
                 positions = morphed(primitive, weights.get(draw.node, draw.weights))
                 at = draw.first
-                for vertices, linear in _placed(positions, primitive, draw, world):
+                for vertices, linear in _world_batches(positions, primitive, draw, world):
                     yield PlacedPrimitive(draw.node, primitive, world[draw.node], skinned, vertices, at, linear)
                     at += len(vertices)
 
-    def cameras(self, time: float) -> list:
+    def cameras(self, time: float) -> list[Camera]:
         return self._views.cameras(self._pose(time)[0])
 
-    def lights(self, time: float) -> list:
+    def lights(self, time: float) -> list[Light]:
         return self._views.lights(self._pose(time)[0])
 
     def _pose(self, time: float) -> tuple[np.ndarray, dict[int, np.ndarray]]:
         """(world matrices of the nodes, (n, 4, 4); {node: animated morph weights})."""
         nodes, weights = self._nodes, {}
-        moved = {p: getattr(nodes, p).copy() for p in ("translation", "rotation", "scale")}
+        pose = {p: getattr(nodes, p).copy() for p in ("translation", "rotation", "scale")}
         for track in self._tracks:
             value = sample_track(track, time)
             if track.path == "weights":
                 weights[track.node] = value
             else:
-                moved[track.path][track.node] = value
-        return world_matrices(nodes, posed_matrices(nodes, **moved)), weights
+                pose[track.path][track.node] = value
+        return world_matrices(nodes, posed_matrices(nodes, **pose)), weights
 
 
 def read_gltf(path: Path) -> tuple[GltfSource, list[str]]:
-    """(source, notes) of a .glb or .gltf file. The notes list everything that was left out."""
+    """(source, notes) for a .glb or .gltf file. The notes list everything left out."""
     document = open_gltf(path)
     root, accessors, materials = document.root, Accessors(document), Materials(document)
     nodes = read_nodes(root)
     meshes = [_Mesh(fields, i) for i, fields in enumerate(root.objects("meshes"))]
-    held = [f.whole("mesh", None, high=len(meshes)) for f in nodes.fields]
-    draws = _draws(document, accessors, materials, nodes, meshes, held)
-    n_weights = [0 if m is None else meshes[m].n_targets for m in held]
+    mesh_of_node = [f.whole("mesh", None, high=len(meshes)) for f in nodes.fields]
+    draws = _mesh_nodes(document, accessors, materials, nodes, meshes, mesh_of_node)
+    n_weights = [0 if m is None else meshes[m].n_targets for m in mesh_of_node]
     tracks, notes = read_tracks(root, accessors, nodes, n_weights)
     views = GltfViews(root, nodes)
     _check_size(document.file, draws)
     _check_transforms(nodes, draws, tracks, views)
-    source = GltfSource(document.file, *_info(meshes, held, nodes, draws), nodes, draws, tracks, views)
+    source = GltfSource(document.file, *_info(meshes, mesh_of_node, nodes, draws), nodes, draws, tracks, views)
     return source, notes + materials.notes + views.notes + ignored_fields(root)
 
 
 class _Mesh:
-    """A mesh of the file. Its primitives are read when a node shows it."""
+    """A mesh of the file. Its primitives are read when a visible node uses it."""
 
     def __init__(self, fields: Fields, index: int):
         self.fields = fields
@@ -154,15 +166,15 @@ class _Mesh:
             raise InputError(f"{fields.where} has primitives with different numbers of morph targets")
         self.n_targets = counts.pop() if counts else 0
         self._primitives: list[Primitive] | None = None
-        self._skins: set[int] = set()  # those that fit
+        self._skins: set[int] = set()  # indices of skins that passed `check_skin`
 
     @cached_property
     def runs(self) -> list[Primitive]:
-        """The primitives that were read, with runs of small ones joined."""
+        """The primitives that were read, with runs of small ones merged."""
         return join_small_primitives(self._primitives or [])
 
     def check_skin(self, index: int, skin: Skin) -> None:
-        """Raise InputError if a primitive that was read uses joints that the skin does not have."""
+        """Raise InputError if a primitive that was read uses joints that the skin lacks."""
         if index not in self._skins:
             for primitive in self._primitives or ():
                 check_skin(primitive, skin)
@@ -178,12 +190,20 @@ class _Mesh:
         return sum(p.triangles for p in self._primitives or ())
 
 
-def _draws(document: GltfDocument, accessors, materials, nodes: Nodes, meshes, held) -> list[MeshNode]:
+def _mesh_nodes(
+    document: GltfDocument,
+    accessors: Accessors,
+    materials: Materials,
+    nodes: Nodes,
+    meshes: list[_Mesh],
+    mesh_of_node: list[int | None],
+) -> list[MeshNode]:
     skins, draws = read_skins(document.root, accessors, len(nodes.fields)), list[MeshNode]()
     for node in np.flatnonzero(nodes.visible).tolist():
-        if held[node] is None:
+        mesh_index = mesh_of_node[node]
+        if mesh_index is None:
             continue
-        fields, mesh = nodes.fields[node], meshes[held[node]]
+        fields, mesh = nodes.fields[node], meshes[mesh_index]
         primitives = mesh.primitives(accessors, materials)
         index = fields.whole("skin", None, high=len(skins))
         skin = None if index is None else skins[index]
@@ -191,15 +211,15 @@ def _draws(document: GltfDocument, accessors, materials, nodes: Nodes, meshes, h
             mesh.check_skin(index, skin)
         first = draws[-1].first + draws[-1].n_copies if draws else 0
         copies = _copies(fields, accessors)
-        runs = mesh.runs if copies is None else primitives  # whose copies follow each other
+        runs = mesh.runs if copies is None else primitives  # instancing orders faces by primitive, then copy
         draws.append(MeshNode(first, node, primitives, runs, _weights(fields, mesh), skin, copies))
     return draws
 
 
-def _weights(node: Fields, mesh: _Mesh) -> np.ndarray:
+def _weights(node: Fields, mesh: _Mesh) -> NDArray[np.float64]:
     """Morph weights at rest: from the node, else from the mesh, else zero."""
     for fields in (node, mesh.fields):
-        weights = fields.numbers("weights", None, None)
+        weights: NDArray[np.float64] | None = fields.numbers("weights", None, None)
         if weights is not None and len(weights):
             if len(weights) != mesh.n_targets:
                 raise fields.bad("weights", f"{mesh.n_targets} numbers, one for each morph target")
@@ -228,31 +248,36 @@ def _copies(node: Fields, accessors: Accessors) -> np.ndarray | None:
     return copies
 
 
-def _placed(positions: np.ndarray, primitive: Primitive, draw: MeshNode, world: np.ndarray) -> Iterator[tuple]:
-    """(world positions (k, v, 3) float64, `Placed.linear`) of a primitive, a batch of copies at a time."""
+def _world_batches(
+    positions: np.ndarray, primitive: Primitive, draw: MeshNode, world: np.ndarray
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64] | None]]:
+    """(world positions (k, v, 3) float64, `PlacedPrimitive.linear`) of a primitive, one batch of copies at a time."""
     if draw.skin is not None and primitive.joints is not None:
         yield skinned(positions, primitive, draw.skin, world), None
         return
     matrices = world[draw.node][None] if draw.copies is None else world[draw.node] @ draw.copies
     batch = max(1, _BATCH // len(positions))
     for a in range(0, len(matrices), batch):
-        some = matrices[a : a + batch]
-        yield transform_points(positions, some), some[:, :3, :3]
+        chunk = matrices[a : a + batch]
+        yield transform_points(positions, chunk), chunk[:, :3, :3]
 
 
-def _info(meshes: list[_Mesh], held, nodes: Nodes, draws: list[MeshNode]) -> tuple[list[MeshInfo], list[ObjectInfo]]:
-    """The meshes that are shown, and the objects: all copies of all draws."""
-    shown = sorted({held[draw.node] for draw in draws})
-    row, instances = {mesh: i for i, mesh in enumerate(shown)}, [0] * len(shown)
+def _info(
+    meshes: list[_Mesh], mesh_of_node: list[int | None], nodes: Nodes, draws: list[MeshNode]
+) -> tuple[list[MeshInfo], list[ObjectInfo]]:
+    """The visible meshes, and the objects: all copies at all nodes."""
+    mesh_of_draw = [mesh for draw in draws if (mesh := mesh_of_node[draw.node]) is not None]  # that is, of each draw
+    mesh_ids = sorted(set(mesh_of_draw))
+    row, instances = {mesh: i for i, mesh in enumerate(mesh_ids)}, [0] * len(mesh_ids)
     objects: list[ObjectInfo] = []
-    for draw in draws:
-        mesh = row[held[draw.node]]
-        name = nodes.fields[draw.node].text("name", None) or meshes[held[draw.node]].name
+    for draw, mesh_id in zip(draws, mesh_of_draw):
+        mesh = row[mesh_id]
+        name = nodes.fields[draw.node].text("name", None) or meshes[mesh_id].name
         for k in range(draw.n_copies):
-            own = name if draw.copies is None else f"{name}[{k}]"
-            objects.append(ObjectInfo(own, mesh, instances[mesh]))
+            object_name = name if draw.copies is None else f"{name}[{k}]"
+            objects.append(ObjectInfo(object_name, mesh, instances[mesh]))
             instances[mesh] += 1
-    return [MeshInfo(meshes[m].name, meshes[m].count(), n) for m, n in zip(shown, instances)], objects
+    return [MeshInfo(meshes[m].name, meshes[m].count(), n) for m, n in zip(mesh_ids, instances)], objects
 
 
 def _check_size(file: str, draws: list[MeshNode]) -> None:
@@ -261,32 +286,14 @@ def _check_size(file: str, draws: list[MeshNode]) -> None:
         raise InputError(f"{file}: {total} triangles with all instances; at most {MAX_TRIANGLES} fit")
 
 
-def _check_transforms(nodes: Nodes, draws, tracks: list[Track], views: GltfViews) -> None:
-    """Check that the transforms of visible things have an inverse at rest, unless their scale is animated."""
-    holds = np.zeros(len(nodes.fields), bool)
+def _check_transforms(nodes: Nodes, draws: list[MeshNode], tracks: list[Track], views: GltfViews) -> None:
+    """Check that transforms of meshes, cameras and lights are invertible at rest, unless their scale is animated."""
+    used = np.zeros(len(nodes.fields), bool)
     for draw in draws:
-        holds[draw.node] = draw.skin is None
+        used[draw.node] = draw.skin is None
         if draw.skin is not None:
-            holds[draw.skin.joints] = True
-    holds[views.holders()] = True
-    needed = with_ancestors(nodes, holds)
+            used[draw.skin.joints] = True
+    used[views.holders()] = True
+    needed = with_ancestors(nodes, used)
     needed[[t.node for t in tracks if t.path == "scale"]] = False
     check_invertible(nodes, needed)
-
-
-# --- glTF 2.0: geometry, node hierarchy, animation, skins, morph targets, cameras and lights, all in float64 ----------
-#
-# The standard library reads the JSON, and each field is checked. pygltflib's dataclasses accept any type for any field
-# and invent defaults for required fields. They need 2.8 s for 0.4 MB that `json` reads in 6 ms.
-#
-# - read: `read_gltf`, a file as the source of a scene
-# - document, fields: the file with its buffers, and checked reading of JSON objects
-# - draco: compressed meshes; ignored: what is left out, in one line
-# - accessors: numbers in buffers; primitives: triangles, strips and fans
-# - nodes, animation: world matrices of nodes, and keyframes over time
-# - runs: small primitives that are placed as one
-# - deform: morph targets and skins
-# - materials: base colours; views: cameras and lights
-
-
-__all__ = ["read_gltf"]

@@ -1,11 +1,12 @@
-"""Bakes what surfaces receive into glTF files: `antumbra.bake`.
+"""Bakes visibility and light on surfaces into glTF files: `antumbra.bake`.
 
-- baking: `bake`, from a scene to a file; options: its arguments; report: what it returns
-- sources: the glTF file of any scene; parts: its primitives at their nodes; asset, edit, prune: changes of the file
-- measure: rays of all receivers, and values from their bits; hidden: receivers inside solids
-- vertices, write_vertices: values at vertices, and their attributes
-- charts, texels, textures: texture coordinates, conservative coverage, values of texels; base: colours under the light
-- write_textures, images: textures of materials, PNG and EXR
+- `bake_job`: `bake`, from a scene to a file: textures, vertex attributes, image files, and the report
+- `bake_input`: checked arguments, the scene to measure, and the glTF file to edit
+- `surface_meter`: rays from all receivers, and values from their occlusion bits
+- `baked_values`: values at vertices and texels, receivers inside solids, and texture images
+- `texture_atlas`: UV sets or a new atlas, and conservative texel coverage
+- `gltf_primitives`: primitives at their nodes, and edits of attributes and materials
+- `gltf_asset`: an editable glTF file, pruned when written
 """
 
 from .bake_job import Baked, bake

@@ -1,19 +1,21 @@
 """The checked arguments of a bake, and its input: the scene to measure, and the glTF file to edit.
 
-The file is the input itself, or a new one made from another kind of scene.
+The file is the input itself, or a new one created from any other kind of scene.
 """
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...checks import choice, flag, is_number, number, quoted, text, whole_number
 from ...engine.paged_scene import PagedScene
-from ...engine.plan import DEFAULT_PLAN, parse_plan
+from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene, Scene
-from ...engine.scene_loading import load
+from ...engine.scene_loading import SceneLike, load
 from ...engine.scene_reading import GLTF_SUFFIXES
 from ...errors import InputError
 from ...extras import import_extra
@@ -27,22 +29,23 @@ from ...scene.camera import axes
 from ...scene.default_picture import sun
 from ...scene.light_lists import without_interleave
 from ...scene.lights import AmbientOcclusion, DirectionalLight, Light, check_lights
-from .gltf_asset import Asset, open_asset
+from ...scene.mesh import Piece
+from .gltf_asset import Asset, Json, open_asset
 from .gltf_primitives import NodePrimitive, read_primitives
 from .surface_meter import QUANTITIES, MeterSettings
 
-# --- The arguments of a bake, checked ---------------------------------------------------------------------------------
+# --- Arguments --------------------------------------------------------------------------------------------------------
 
 
 MAX_TEXTURE = 16384
 _OWN_NAMES = {"ao": "_AO", "shadow": "_SHADOW", "sun": "_SUN", "light": "_LIGHT", "bent-normal": "_BENT_NORMAL"}
-_SKY = ("ao", "bent-normal")  # what asks the sky, and no lights
+_SKY = ("ao", "bent-normal")  # quantities that depend on the sky instead of lights
 
 
 class BakeOptions(NamedTuple):
     """Checked arguments of `bake`."""
 
-    asked: MeterSettings
+    settings: MeterSettings
     attribute: str
     multiply: bool
     texture: int | None
@@ -55,32 +58,33 @@ class BakeOptions(NamedTuple):
 
 
 def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
-    """The default lights of a scene; of what a sun lights, its first sun, or that of default pictures."""
+    """The default lights of a scene; for the quantity "sun", its first sun, or that of default pictures."""
     lights = [without_interleave(light) for light in scene.default_lights(time)]
     if what != "sun":
         return lights
     return [next((light for light in lights if isinstance(light, DirectionalLight)), sun(scene.up))]
 
 
-def exposure_of(values: np.ndarray, options: BakeOptions) -> float:
-    """The factor on light, from the values that were measured ((n, c), NaN where nothing is seen)."""
+def exposure_of(values: NDArray[np.float32], options: BakeOptions) -> float:
+    """The factor on light, from the measured values ((n, c), NaN for hidden points)."""
     if options.exposure is not None:
         return options.exposure
-    if options.asked.what != "light":
+    if options.settings.what != "light":
         return 1.0
     return automatic_exposure(values[None], np.isfinite(values[None, :, 0]))
 
 
-def check_output(path) -> Path:
-    """`path`, if a bake can be written there; otherwise an InputError that names the cure."""
+def check_output(path: str | os.PathLike[str]) -> Path:
+    """`path`, if a bake can be written there; otherwise an InputError with a remedy."""
     return checked_output(path, (".glb",))
 
 
 def check_options(
-    what, *, lights, radius, spp, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden, time,
-    plan, sampler, threads,
+    what: str, *, lights: Sequence[Light] | Light | None, radius: float | None, spp: int, attribute: str | None,
+    multiply: bool, texture: int | None, uv: int | None, bits: int, exr: bool, denoise: bool, exposure: float | None,
+    keep_hidden: bool, time: float, plan: str | Plan | None, sampler: str, threads: int | None,
 ) -> BakeOptions:  # fmt: skip
-    """The arguments of `bake`, checked as far as no scene is needed. Raises InputError."""
+    """Check the arguments of `bake` as far as possible without a scene. Raises InputError."""
     choice(what, "what", QUANTITIES)
     thread_count(threads)
     time = number(time, "time (seconds)", -np.inf, np.inf, "[]")
@@ -90,7 +94,7 @@ def check_options(
         text(attribute, "attribute")
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     sample_sets(whole_number(spp, "spp", 1, 1024), sampler)
-    lights = _checked_lights(what, lights, radius)
+    checked_lights = _checked_lights(what, lights, radius)
     if not is_number(bits) or bits not in (8, 16):
         raise InputError(f"bits is {quoted(bits)}; a PNG has 8 or 16")
     if texture is not None:
@@ -104,7 +108,7 @@ def check_options(
     if uv is not None:
         whole_number(uv, "uv", 0, 7)
     if denoise and what not in ("ao", "shadow"):
-        raise InputError(f"denoise is for ao and shadow, and not for {what}; leave it out and raise spp")
+        raise InputError(f"denoise is for ao and shadow, not for {what}; leave it out and raise spp")
     attribute = attribute or ("_BENT_NORMAL" if what == "bent-normal" else "COLOR_0")
     if attribute != "COLOR_0" and not (attribute.startswith("_") and attribute.isascii() and attribute[1:]):
         raise InputError(f"attribute is {attribute!r}; write COLOR_0, or a name of your own such as {_OWN_NAMES[what]}")
@@ -112,18 +116,18 @@ def check_options(
         raise InputError("multiply is for COLOR_0; leave it or attribute out")
     if exposure is not None:
         exposure = checked_exposure(exposure)
-    asked = MeterSettings(what, lights, spp, sampler, plan, time, threads)
-    return BakeOptions(asked, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
+    settings = MeterSettings(what, checked_lights, spp, sampler, plan, time, threads)
+    return BakeOptions(settings, attribute, multiply, texture, uv, bits, exr, denoise, exposure, keep_hidden)
 
 
-def _checked_lights(what: str, lights, radius) -> list[Light]:
+def _checked_lights(what: str, lights: Sequence[Light] | Light | None, radius: float | None) -> list[Light]:
     if what in _SKY:
         if lights is not None:
-            raise InputError(f"{what} asks the sky; leave lights out")
+            raise InputError(f"{what} depends on the sky, not on lights; leave lights out")
         return [AmbientOcclusion(None if radius is None else number(radius, "radius", 0.0, np.inf, "(]"))]
     if radius is not None:
-        raise InputError(f"radius is for ao and bent-normal, and not for {what}; leave it out")
-    lights = [] if lights is None else check_lights(lights, "y")  # no `Sky` among them, see below
+        raise InputError(f"radius is for ao and bent-normal, not for {what}; leave it out")
+    lights = [] if lights is None else check_lights(lights, "y")  # a `Sky` among them is rejected below
     if any(light.domain == "list" for light in lights):
         raise InputError("a bake takes lights one by one; PointLights is a list of them")
     if what == "sun" and lights and not (len(lights) == 1 and isinstance(lights[0], DirectionalLight)):
@@ -133,8 +137,7 @@ def _checked_lights(what: str, lights, radius) -> list[Light]:
     return lights
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# What a bake measures, and the glTF file that it edits: the input itself, or one that is made of another scene.
+# --- The scene and its glTF file --------------------------------------------------------------------------------------
 
 
 _INSTANCING = "EXT_mesh_gpu_instancing"
@@ -146,32 +149,32 @@ class BakeSource(NamedTuple):
     """A scene to bake, and the glTF file that it comes from."""
 
     scene: AnyScene
-    file: Path | None  # whose contents the bake keeps; None: a file is made of the scene
+    file: Path | None  # its contents are preserved; None: a file is created from the scene
 
 
 class BakeScene(NamedTuple):
-    """A scene, and a glTF file of it to edit."""
+    """A scene, and its glTF file to edit."""
 
-    scene: Scene  # as it was given: all rays are traced in it, so lights are those of its frame
+    scene: Scene  # the original scene: all rays are traced in it, so lights are in its frame
     asset: Asset
     parts: list[NodePrimitive]  # of the asset, in the frame of the scene
 
 
-def bake_source(scene, up: str | None = None) -> BakeSource:
+def bake_source(scene: SceneLike, up: str | None = None) -> BakeSource:
     """A scene, or the scene of a path or mesh. Raises InputError if it cannot be read."""
     if isinstance(scene, AnyScene):
         return BakeSource(scene, None)
-    found = load(scene, up=up)
-    return BakeSource(found, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
+    loaded = load(scene, up=up)
+    return BakeSource(loaded, Path(scene) if isinstance(scene, (str, os.PathLike)) and is_gltf(Path(scene)) else None)
 
 
 def is_gltf(path: Path) -> bool:
-    """Whether a file is glTF, whose contents a bake keeps."""
+    """Whether a file is glTF, so that a bake preserves its contents."""
     return path.suffix.lower() in GLTF_SUFFIXES
 
 
 def open_source(source: BakeSource, time: float) -> BakeScene:
-    """The file to edit, and its parts at a time. A scene that is no glTF file is written as one first.
+    """The file to edit, and its parts at a time. A scene from another source is converted to glTF first.
 
     Raises
     ------
@@ -183,37 +186,35 @@ def open_source(source: BakeSource, time: float) -> BakeScene:
         raise cast(PagedScene, scene).refusal()
     if file is None:
         asset = scene_to_asset(scene, time)
-        parts = read_primitives(_read_again(asset, scene.name), asset, time)
+        parts = read_primitives(_scene_of_asset(asset, scene.name), asset, time)
         return BakeScene(
             scene, asset, parts if scene.up == "y" else [_in_scene_frame(part, axes(scene.up)) for part in parts]
         )
     asset, read = open_asset(file), scene
-    if _has_copies(asset):
-        _give_nodes(asset, file)
-        read = _read_again(asset, scene.name)
+    if _has_instancing(asset):
+        _expand_instances(asset, file)
+        read = _scene_of_asset(asset, scene.name)
     return BakeScene(scene, asset, read_primitives(read, asset, time))
 
 
-def _read_again(asset: Asset, name: str) -> Scene:
+def _scene_of_asset(asset: Asset, name: str) -> Scene:
     """The scene of an asset, whose faces are those of its primitives."""
     with temporary_folder() as folder:
-        written = folder / f"{name}.glb".replace("/", "-")
-        written.write_bytes(asset.glb())
-        found: Any = load(written, up="y")  # a Scene: no store is a glTF file
-        return found
+        path = folder / f"{name}.glb".replace("/", "-")
+        path.write_bytes(asset.glb())
+        return cast(Scene, load(path, up="y"))  # a glTF file is not a store
 
 
 def _in_scene_frame(part: NodePrimitive, frame: np.ndarray) -> NodePrimitive:
     """A part in the frame of a scene whose right, up and backward axes are the rows of `frame`."""
-    return part._replace(
-        positions=part.positions @ frame, normals=part.normals @ frame, linear=frame.T @ part.linear
-    )  # fmt: skip
+    positions, normals = part.positions @ frame, part.normals @ frame
+    return part._replace(positions=positions, normals=normals, linear=frame.T @ part.linear)
 
 
 def scene_to_asset(scene: Scene, time: float) -> Asset:
-    """A scene in memory as glTF: its triangles at a time, with their base colours. A scene with +Z up is turned."""
+    """A scene in memory as glTF: its triangles at a time, with base colours. A scene with +Z up is rotated."""
     asset = Asset({"asset": {"version": "2.0", "generator": "antumbra"}, "scene": 0, "buffers": [{}]}, bytearray())
-    root: dict = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
+    root: Json = {"name": scene.name, "translation": scene.origin.tolist(), "children": []}
     nodes = [asset.add("nodes", root)]
     if scene.up == "z":
         nodes = [asset.add("nodes", {"name": "upright", "children": nodes, **up_axis_transform(scene.up)})]
@@ -234,26 +235,30 @@ def scene_to_asset(scene: Scene, time: float) -> Asset:
     return asset
 
 
-def _primitives(asset: Asset, vertices, faces, piece, materials) -> list[dict]:
+def _primitives(
+    asset: Asset, vertices: np.ndarray, faces: np.ndarray, piece: Piece, materials: dict[bytes, int]
+) -> list[Json]:
     """A primitive for each colour of a piece."""
     colours = np.broadcast_to(piece.colour, (len(faces), 3))
     kinds, of_face = np.unique(colours, axis=0, return_inverse=True)
     of_face = of_face.reshape(-1)
-    if len(kinds) > _MOST_MATERIALS:  # a colour for each vertex; a vertex with several colours is divided
+    if len(kinds) > _MOST_MATERIALS:  # vertex colours instead; a vertex with several colours is duplicated
         keys, corners = np.unique(faces.astype(np.int64) * len(kinds) + of_face[:, None], return_inverse=True)
         position = asset.accessor(vertices[keys // len(kinds)], bounds=True)
         colour = asset.accessor(kinds[keys % len(kinds)].astype(np.float32))
         attributes = {"POSITION": position, "COLOR_0": colour}
         return [_primitive(asset, attributes, corners.reshape(-1, 3), np.ones(3, np.float32), materials)]
-    found = []
+    primitives = []
     for k, colour in enumerate(kinds):
         used, corners = np.unique(faces[of_face == k], return_inverse=True)
         attributes = {"POSITION": asset.accessor(vertices[used], bounds=True)}
-        found.append(_primitive(asset, attributes, corners.reshape(-1, 3), colour, materials))
-    return found
+        primitives.append(_primitive(asset, attributes, corners.reshape(-1, 3), colour, materials))
+    return primitives
 
 
-def _primitive(asset: Asset, attributes: dict, faces, colour, materials: dict[bytes, int]) -> dict:
+def _primitive(
+    asset: Asset, attributes: Json, faces: np.ndarray, colour: np.ndarray, materials: dict[bytes, int]
+) -> Json:
     key = np.asarray(colour, np.float32).tobytes()
     if key not in materials:
         model = {"baseColorFactor": [*map(float, colour), 1.0], "metallicFactor": 0.0}
@@ -262,12 +267,12 @@ def _primitive(asset: Asset, attributes: dict, faces, colour, materials: dict[by
     return {"attributes": attributes, "indices": indices, "material": materials[key]}
 
 
-def _has_copies(asset: Asset) -> bool:
+def _has_instancing(asset: Asset) -> bool:
     return any(_INSTANCING in node.get("extensions", {}) for node in asset.json.get("nodes", []))
 
 
-def _give_nodes(asset: Asset, path: Path) -> None:
-    """Replace the copies of EXT_mesh_gpu_instancing by nodes: copies share all attributes, and bakes differ."""
+def _expand_instances(asset: Asset, path: Path) -> None:
+    """Replace EXT_mesh_gpu_instancing by nodes: its instances share all attributes, but baked values differ."""
     document = open_gltf(path)
     accessors = Accessors(document)
     for node in list(asset.json["nodes"]):

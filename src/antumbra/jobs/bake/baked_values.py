@@ -1,14 +1,15 @@
-"""Baked values at vertices and texels, with those of points inside solids replaced, and the images of texels.
+"""Baked values at vertices and texels, with values inside solids replaced, and the images of texels.
 
-A receiver is inside a solid if the rays of its hemisphere meet back faces first, so the orientation of the faces
-decides. Nobody sees such points, but interpolation would spread their darkness.
+A receiver is inside a solid if the rays of its hemisphere hit back faces first, so solids are defined by the
+orientation of faces. Such points are never visible, but interpolation would spread their darkness.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.scene import Scene
 from ...picture.discontinuity_filter import filter_fractions
@@ -18,18 +19,15 @@ from ...query.light_samples import light_samples
 from ...query.receivers import NOTHING
 from ...scene.lights import AmbientOcclusion
 from .gltf_primitives import NodePrimitive, face_vectors
-from .surface_meter import SIDE, Measurement, Meter, SurfacePoints, nearby
+from .surface_meter import SIDE, Measurement, Meter, SurfacePoints, curve_order
 from .texture_atlas import Cover, Sheet, Unwrapped, chart_of_faces, closest_weights, corners_of
 
-# --- Points of surfaces inside solids, which nobody sees, though interpolation would spread their darkness ------------
-#
-# A receiver is inside if the rays of its hemisphere meet back faces first. So the direction of the faces decides what
-# is solid.
+# --- Points inside solids ---------------------------------------------------------------------------------------------
 
 
 _RAYS, _ENOUGH = 16, 15  # one ray may leak through a gap
 _BATCH = 1 << 16
-_LIFT = 2.0**-20  # of the largest coordinate, off the surface
+_LIFT = 2.0**-20  # offset from the surface, in units of the largest coordinate
 
 
 class Solids:
@@ -42,15 +40,15 @@ class Solids:
         self._outward = np.cross(b - a, c - a)
         self._samples = light_samples(AmbientOcclusion(), _RAYS, "larcher-pillichshammer")[0]
 
-    def hold(self, receivers: SurfacePoints) -> np.ndarray:
+    def contain(self, receivers: SurfacePoints) -> NDArray[np.bool_]:
         """(n,) bool: which receivers are inside a solid."""
         inside = np.zeros(len(receivers.positions), bool)
         for start in range(0, len(inside), _BATCH):
             part = slice(start, start + _BATCH)
-            inside[part] = self._hold(receivers.at(part))
+            inside[part] = self._contain(receivers.at(part))
         return inside
 
-    def _hold(self, receivers: SurfacePoints) -> np.ndarray:
+    def _contain(self, receivers: SurfacePoints) -> NDArray[np.bool_]:
         local = receivers.positions - self._scene.origin
         far = np.abs(local).max(-1, keepdims=True)
         origins = receivers.positions + _LIFT * far * receivers.normals
@@ -59,11 +57,11 @@ class Solids:
         directions = a * u[:, None] + b * v[:, None] + c * receivers.normals[:, None]
         face = self._scene.closest_hit(origins[:, None], directions, time=self._time, threads=self._threads).face
         from_behind = (self._outward[face] * directions).sum(-1) > 0.0
-        return ((face >= 0) & from_behind).sum(1) >= _ENOUGH
+        return np.asarray(((face >= 0) & from_behind).sum(1) >= _ENOUGH)
 
 
 def _tangents(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors at right angles to each of the unit vectors n ((k, 3)) [Duff et al. 2017]."""
+    """Two unit vectors perpendicular to each of the unit vectors n ((k, 3)) [Duff et al. 2017]."""
     s = np.copysign(1.0, n[:, 2])
     a = -1.0 / (s + n[:, 2])
     b = n[:, 0] * n[:, 1] * a
@@ -71,14 +69,14 @@ def _tangents(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return u, np.stack([b, s + n[:, 1] ** 2 * a, -n[:, 1]], 1)
 
 
-# --- Values at vertices: measured there, or on the faces around a vertex that lies inside a solid ---------------------
+# --- Vertices ---------------------------------------------------------------------------------------------------------
 
 
-_TOWARDS = 0.125, 0.25, 0.5, 0.75, 1.0  # of the way from a hidden vertex to the centre of a face
+_TOWARDS = 0.125, 0.25, 0.5, 0.75, 1.0  # fractions of the way from a hidden vertex to the centre of a face
 
 
 class AllFaces(NamedTuple):
-    """The faces of all parts, over the vertices of all parts."""
+    """The faces of all parts, indexing the vertices of all parts."""
 
     faces: np.ndarray  # (f, 3) int64
     areas: np.ndarray  # (f,) float64, twice the area
@@ -86,34 +84,37 @@ class AllFaces(NamedTuple):
 
 
 def vertex_receivers(parts: Sequence[NodePrimitive]) -> SurfacePoints:
-    """The vertices of all parts, one part after the other."""
+    """The vertices of all parts, concatenated."""
     return SurfacePoints(np.concatenate([p.positions for p in parts]), np.concatenate([p.normals for p in parts]))
 
 
 def replace_hidden(
     values: np.ndarray, receivers: SurfacePoints, parts: Sequence[NodePrimitive], meter: Meter, solids: Solids | None
 ) -> int:
-    """Replace the values of vertices inside solids; return how many these are.
+    """Replace the values of vertices inside solids; return the number of these vertices.
 
-    values : (n, c) float32, as measured at the vertices of all parts
-    solids : None: vertices inside solids keep their own values
+    values : (n, c) float32, measured at the vertices of all parts
+    solids : None: vertices inside solids keep their values
     """
     if solids is None:
         return 0
     with report_progress("moving hidden points"):
         candidates = np.flatnonzero(may_be_hidden(values, meter))
-        hidden = candidates[solids.hold(receivers.at(candidates))]
+        hidden = candidates[solids.contain(receivers.at(candidates))]
         if len(hidden):
             _replace(values, hidden, receivers, _faces_of(parts), meter, solids)
     return len(hidden)
 
 
-def may_be_hidden(values: np.ndarray, meter: Meter) -> np.ndarray:
-    """(n,) bool: receivers that may be inside a solid, since no ray leaves it; all, if rays end before its wall."""
-    what, light = meter.asked.what, meter.asked.lights[0]
+def may_be_hidden(values: NDArray[np.float32], meter: Meter) -> NDArray[np.bool_]:
+    """(n,) bool: receivers that may be inside a solid, since no ray escapes; all of them if rays may end at a radius.
+
+    Bent normals do not tell whether rays escape, so all receivers are candidates then, too.
+    """
+    what, light = meter.settings.what, meter.settings.lights[0]
     if what == "bent-normal" or (isinstance(light, AmbientOcclusion) and light.radius is not None):
         return np.ones(len(values), bool)
-    return np.asarray((values <= 1.0 / meter.asked.spp).all(-1))
+    return np.asarray((values <= 1.0 / meter.settings.spp).all(-1))
 
 
 def _faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
@@ -125,41 +126,41 @@ def _faces_of(parts: Sequence[NodePrimitive]) -> AllFaces:
 
 
 def _replace(
-    values, hidden: np.ndarray, receivers: SurfacePoints, all_faces: AllFaces, meter: Meter, solids: Solids
+    values: np.ndarray, hidden: np.ndarray, receivers: SurfacePoints, all_faces: AllFaces, meter: Meter, solids: Solids
 ) -> None:
-    """Give hidden vertices the mean, by area, of the nearest visible points on the faces around them.
+    """Give hidden vertices the area-weighted mean of the nearest visible points on the faces around them.
 
-    A vertex whose faces are hidden too keeps its value: nobody sees it.
+    A vertex whose faces are also hidden keeps its value, since it is never visible.
     """
-    waiting = np.zeros(len(values), bool)
-    waiting[hidden] = True
+    pending = np.zeros(len(values), bool)
+    pending[hidden] = True
     for share in _TOWARDS:
-        face, corner = np.nonzero(waiting[all_faces.faces] & (all_faces.areas > 0.0)[:, None])
+        face, corner = np.nonzero(pending[all_faces.faces] & (all_faces.areas > 0.0)[:, None])
         if not len(face):
             return
         vertex = all_faces.faces[face, corner]
         centre = receivers.positions[all_faces.faces[face]].mean(1)
         points = SurfacePoints((1.0 - share) * receivers.positions[vertex] + share * centre, all_faces.normals[face])
-        seen = ~solids.hold(points)
-        if seen.any():
-            found, weight = meter.values(points.at(seen)), all_faces.areas[face[seen]]
-            total = np.bincount(vertex[seen], weight, len(values))
-            done = waiting & (total > 0.0)
+        visible = ~solids.contain(points)
+        if visible.any():
+            measured, weight = meter.values(points.at(visible)), all_faces.areas[face[visible]]
+            total = np.bincount(vertex[visible], weight, len(values))
+            done = pending & (total > 0.0)
             for c in range(values.shape[1]):
-                sums = np.bincount(vertex[seen], weight * found[:, c], len(values))
+                sums = np.bincount(vertex[visible], weight * measured[:, c], len(values))
                 values[done, c] = sums[done] / total[done]
-            waiting &= ~done
+            pending &= ~done
 
 
-# --- Values at the texels of a sheet, and the image that viewers interpolate ------------------------------------------
+# --- Texels -----------------------------------------------------------------------------------------------------------
 
 
-_REACH = 2  # texels, of the filter
-_PLACES = np.array([-0.4, 0.0, 0.4])  # of other samples in a hidden texel, from its centre
+_REACH = 2  # radius of the filter, texels
+_PLACES = np.array([-0.4, 0.0, 0.4])  # offsets of alternative samples from the centre of a hidden texel
 
 
 class SheetSurface(NamedTuple):
-    """The faces of a sheet in the world."""
+    """The faces of a sheet in world space."""
 
     positions: np.ndarray  # (f, 3, 3) float64, corners
     normals: np.ndarray  # (f, 3, 3) float64, at the corners, unit
@@ -167,7 +168,7 @@ class SheetSurface(NamedTuple):
 
 
 def surface_of(sheet: Sheet) -> SheetSurface:
-    """The faces of a sheet; faces of parts without NORMAL are flat, as viewers show them."""
+    """The faces of a sheet; faces of parts without NORMAL are flat, as viewers shade them."""
     positions = corners_of(sheet.unwrapped, [one.part.positions for one in sheet.unwrapped])
     normals = np.concatenate([_corner_normals(one) for one in sheet.unwrapped])
     uv = np.concatenate([one.uv[one.faces] for one in sheet.unwrapped]) * sheet.cover.size
@@ -175,9 +176,9 @@ def surface_of(sheet: Sheet) -> SheetSurface:
 
 
 def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray) -> SurfacePoints:
-    """Points on faces. On smooth surfaces they lie on the curve that the normals describe, not on the facets.
+    """Points on faces. On smooth surfaces they lie on the curve described by the normals, not on the facets.
 
-    So facets that bulge do not shade their neighbours [Hanika 2021].
+    Bulging facets therefore do not shadow their neighbours [Hanika 2021].
     """
     corners, normals = surface.positions[face], surface.normals[face]
     points = np.einsum("nk,nki->ni", weights, corners)
@@ -190,23 +191,25 @@ def texel_receivers(surface: SheetSurface, face: np.ndarray, weights: np.ndarray
 class Texels:
     """The texels of a sheet, and their measurement.
 
-    denoise : whether the filter smooths them
-    folder : where parts are kept; None: in memory
+    denoise : apply the discontinuity filter
+    folder : stores the parts; None: in memory
     """
 
     def __init__(self, sheet: Sheet, meter: Meter, denoise: bool, folder: Path | None = None):
         self._sheet, self._meter, self._denoise = sheet, meter, denoise
         self._surface = surface_of(sheet)
         receivers = texel_receivers(self._surface, sheet.cover.face, sheet.cover.weights)
-        self._asked = Measurement(meter, receivers, texel_blocks(sheet.cover, receivers.positions), denoise, folder)
-        self.parts = self._asked.parts
+        self._measurement = Measurement(
+            meter, receivers, texel_blocks(sheet.cover, receivers.positions), denoise, folder
+        )
+        self.parts = self._measurement.parts
 
-    def values(self, solids: Solids | None) -> tuple[np.ndarray, int]:
-        """((n, c) float32 of the texels of the sheet's cover, number of texels that nobody sees), from all parts.
+    def values(self, solids: Solids | None) -> tuple[NDArray[np.float32], int]:
+        """((n, c) float32 values of the covered texels, number of hidden texels), once all parts are done.
 
-        A texel inside a solid is sampled elsewhere in its square. If all of it is inside, it is NaN.
+        A texel inside a solid is sampled elsewhere in its square. If the whole square is inside, its value is NaN.
         """
-        values, receivers = self._asked.result(), self._asked.receivers
+        values, receivers = self._measurement.result(), self._measurement.receivers
         sheet, surface, meter = self._sheet, self._surface, self._meter
         if self._denoise:
             values = np.mean([_smoothed(sheet, surface, receivers, c, meter) for c in values.T], 0)[:, None]
@@ -214,22 +217,22 @@ class Texels:
             return values, 0
         with report_progress("moving hidden texels"):
             hidden = np.flatnonzero(may_be_hidden(values, meter))
-            hidden = hidden[solids.hold(receivers.at(hidden))]
+            hidden = hidden[solids.contain(receivers.at(hidden))]
             return values, _push_out(values, hidden, sheet.cover, surface, meter, solids)
 
 
-def texel_blocks(cover: Cover, positions: np.ndarray) -> np.ndarray:
+def texel_blocks(cover: Cover, positions: NDArray[np.float64]) -> NDArray[np.int64]:
     """(m, 16) int64: the samples of squares of 4 x 4 texels, -1 where a texel has none."""
     across = -(-cover.size // SIDE)
     x, y = cover.texel % cover.size, cover.texel // cover.size
     blocks, of = np.unique(y // SIDE * across + x // SIDE, return_inverse=True)
     places = np.full((len(blocks), SIDE * SIDE), -1)
     places[of.reshape(-1), y % SIDE * SIDE + x % SIDE] = np.arange(len(cover.texel))
-    return nearby(places, positions) if len(places) else places
+    return curve_order(places, positions) if len(places) else places
 
 
-def image_of(cover: Cover, values: np.ndarray) -> np.ndarray:
-    """(size, size, c) float32: texels without a value have that of the nearest texel that has one."""
+def image_of(cover: Cover, values: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(size, size, c) float32: the values as an image; empty texels take the value of the nearest one that has one."""
     from scipy.ndimage import distance_transform_edt
 
     texels = np.full((cover.size * cover.size, values.shape[1]), np.nan, np.float32)
@@ -239,10 +242,10 @@ def image_of(cover: Cover, values: np.ndarray) -> np.ndarray:
     if empty.all():
         return np.ones_like(image)
     y, x = distance_transform_edt(empty, return_distances=False, return_indices=True)
-    return image[y, x]
+    return np.asarray(image[y, x])
 
 
-def sample_bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def sample_bilinear(image: NDArray[np.float32], uv: NDArray[np.float64]) -> np.ndarray:
     """(n, c): an image (h, w, c) at (n, 2) texture coordinates, bilinear, clamped at its edges."""
     h, w = image.shape[:2]
     x, y = np.clip(uv[:, 0] * w - 0.5, 0.0, w - 1), np.clip(uv[:, 1] * h - 0.5, 0.0, h - 1)
@@ -250,20 +253,22 @@ def sample_bilinear(image: np.ndarray, uv: np.ndarray) -> np.ndarray:
     s, t = (x - i)[:, None], (y - k)[:, None]
     i1, k1 = np.minimum(i + 1, w - 1), np.minimum(k + 1, h - 1)
     above = (1.0 - s) * image[k, i] + s * image[k, i1]
-    return (1.0 - t) * above + t * ((1.0 - s) * image[k1, i] + s * image[k1, i1])
+    return np.asarray((1.0 - t) * above + t * ((1.0 - s) * image[k1, i] + s * image[k1, i1]))
 
 
-def seam_differences(sheet: Sheet, image: np.ndarray) -> np.ndarray:
-    """(n,) float64: how much the image differs between the two sides of a seam, at points along all seams.
+def seam_differences(sheet: Sheet, image: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(n,) float64: the difference of the image between the two sides of a seam, at points along all seams.
 
-    A seam is an edge where two charts meet on a smooth surface. A hard edge is none: its sides face apart.
+    A seam is an edge where two charts meet on a smooth surface. Hard edges, whose sides differ in normal, do not count.
     """
     surface = surface_of(sheet)
     _, corner = np.unique(surface.positions.reshape(-1, 3).astype(np.float32), axis=0, return_inverse=True)
     corner = corner.reshape(-1, 3)
     a, b = (np.concatenate([corner[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1))
-    side = {name: [np.concatenate([v[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1)]
-            for name, v in (("uv", surface.uv), ("normal", surface.normals))}  # fmt: skip
+    side = {
+        name: [np.concatenate([v[:, [k, (k + 1) % 3][e]] for k in range(3)]) for e in (0, 1)]
+        for name, v in (("uv", surface.uv), ("normal", surface.normals))
+    }
     swap = a > b
     key = np.where(swap, b, a) * (int(corner.max()) + 1) + np.where(swap, a, b)
     for pair in side.values():
@@ -276,17 +281,17 @@ def seam_differences(sheet: Sheet, image: np.ndarray) -> np.ndarray:
     ).max(1)
     aligned = [(side["normal"][e][one] * side["normal"][e][other]).sum(1) > 0.999 for e in (0, 1)]
     seam = (apart > 1e-3) & aligned[0] & aligned[1]
-    one, other, found = one[seam], other[seam], []
+    one, other, differences = one[seam], other[seam], []
     for t in (0.25, 0.5, 0.75):
         along = ((1.0 - t) * side["uv"][0] + t * side["uv"][1]) / sheet.cover.size
-        found.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
-    return np.concatenate(found)
+        differences.append(np.abs(sample_bilinear(image, along[one]) - sample_bilinear(image, along[other])).max(1))
+    return np.concatenate(differences)
 
 
 def _corner_normals(one: Unwrapped) -> np.ndarray:
     part = one.part
     if not part.flat:
-        return part.normals[one.source][one.faces]
+        return np.asarray(part.normals[one.source][one.faces])
     vectors = face_vectors(part.positions, part.faces) * part.sign
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit = np.where(length > 0.0, vectors / np.maximum(length, 1e-300), part.normals[part.faces[:, 0]])
@@ -296,9 +301,9 @@ def _corner_normals(one: Unwrapped) -> np.ndarray:
 def _push_out(
     values: np.ndarray, hidden: np.ndarray, cover: Cover, surface: SheetSurface, meter: Meter, solids: Solids
 ) -> int:
-    """Sample hidden texels beside visible ones at other places of their squares, the nearest to the centre first.
+    """Sample hidden texels beside visible ones elsewhere in their squares, starting closest to the centre.
 
-    The texels that stay hidden become NaN. Returns how many these are.
+    Texels that stay hidden become NaN; return their number.
     """
     inside = np.zeros(len(values), bool)
     inside[hidden] = True
@@ -314,44 +319,47 @@ def _push_out(
         texel, face = cover.texel[hidden], cover.face[hidden]
         places = np.stack([texel % cover.size, texel // cover.size], 1) + 0.5 + offset
         points = texel_receivers(surface, face, closest_weights(places, surface.uv[face]))
-        seen = ~solids.hold(points)
-        values[hidden[seen]] = meter.values(points.at(seen))
-        inside[hidden[seen]] = False
-        hidden = hidden[~seen]
+        visible = ~solids.contain(points)
+        values[hidden[visible]] = meter.values(points.at(visible))
+        inside[hidden[visible]] = False
+        hidden = hidden[~visible]
     values[inside] = np.nan
     return int(inside.sum())
 
 
 def _beside(cover: Cover, which: np.ndarray) -> np.ndarray:
-    """(n,) bool: the texels that touch one of `which` ((n,) bool)."""
+    """(n,) bool: the texels that touch one of the texels `which` ((n,) bool)."""
     from scipy.ndimage import binary_dilation
 
     picture = _scattered(cover, which, False, (cover.size, cover.size))
-    return binary_dilation(picture, np.ones((3, 3), bool)).reshape(-1)[cover.texel]
+    return np.asarray(binary_dilation(picture, np.ones((3, 3), bool)).reshape(-1)[cover.texel])
 
 
 def _smoothed(
     sheet: Sheet, surface: SheetSurface, receivers: SurfacePoints, counts: np.ndarray, meter: Meter
 ) -> np.ndarray:
-    """(n,) float32: the share of a light that is visible, by the discontinuity filter over texels of one chart."""
-    cover, spp = sheet.cover, meter.asked.spp
+    """(n,) float32: the visible share of a light, by the discontinuity filter over texels of one chart."""
+    cover, spp = sheet.cover, meter.settings.spp
     shape = cover.size, cover.size
-    picture = lambda values, like: _scattered(cover, values, like, shape)
+    picture: Callable[[np.ndarray, Any], np.ndarray]
+    picture = lambda values, background: _scattered(cover, values, background, shape)
     width = _texel_width(surface)[cover.face]
-    seen = PictureSurfaces(
+    surfaces = PictureSurfaces(
         picture((receivers.positions - meter.scene.origin).astype(np.float32), np.float32(0)),
         picture(receivers.normals.astype(np.float32), np.float32(0)),
         picture(cover.face.astype(np.int32), np.int32(-1)),
         picture(width.astype(np.float32), np.float32(0)),
         picture(np.ones(len(width), np.int8), np.int8(NOTHING)),
-        np.float32(1.0),  # type: ignore[arg-type]
+        np.float32(1.0),
     )
-    smooth = filter_fractions(seen, picture(counts, np.int32(0)), spp, meter.asked.threads).reshape(-1)[cover.texel]
+    smooth = filter_fractions(surfaces, picture(counts, np.int32(0)), spp, meter.settings.threads).reshape(-1)[
+        cover.texel
+    ]
     return np.where(_beside_others(sheet), np.float32(1.0) - counts / np.float32(spp), smooth).astype(np.float32)
 
 
 def _beside_others(sheet: Sheet) -> np.ndarray:
-    """(n,) bool: texels with another chart within reach of the filter."""
+    """(n,) bool: texels with another chart within the radius of the filter."""
     from scipy.ndimage import maximum_filter, minimum_filter
 
     cover = sheet.cover
@@ -359,18 +367,19 @@ def _beside_others(sheet: Sheet) -> np.ndarray:
     shape, window = (cover.size, cover.size), 2 * _REACH + 1
     most = maximum_filter(_scattered(cover, charts, -1, shape), window, mode="nearest")
     least = minimum_filter(_scattered(cover, charts, np.iinfo(np.int64).max, shape), window, mode="nearest")
-    return (most != least).reshape(-1)[cover.texel]
+    return np.asarray((most != least).reshape(-1)[cover.texel])
 
 
-def _scattered(cover: Cover, values: np.ndarray, background, shape: Sequence[int]) -> np.ndarray:
+def _scattered(cover: Cover, values: np.ndarray, background: Any, shape: Sequence[int]) -> np.ndarray:
+    """The values of covered texels as an image, with `background` elsewhere."""
     out = np.full((shape[0] * shape[1], *values.shape[1:]), background, values.dtype)
     out[cover.texel] = values
     return out.reshape(*shape, *values.shape[1:])
 
 
 def _texel_width(surface: SheetSurface) -> np.ndarray:
-    """(f,) float64: the width of a texel of each face in the world."""
+    """(f,) float64: the world-space width of a texel of each face."""
     a, b, c = (surface.positions[:, k] for k in range(3))
     p, q = surface.uv[:, 1] - surface.uv[:, 0], surface.uv[:, 2] - surface.uv[:, 0]
     texels = np.abs(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
-    return np.sqrt(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(texels, 1e-12))
+    return np.asarray(np.sqrt(np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(texels, 1e-12)))

@@ -1,15 +1,15 @@
 """An editable glTF file: its JSON, and one binary chunk to which data are appended; pruned when written.
 
-What is in the file stays as it is, byte for byte. Only JSON objects that a bake concerns change, and whatever the edit
-left unused is removed with its bytes. Objects that the file itself never used stay, since an unknown extension may use
-them; a file with unknown extensions that hold numbers is not pruned, since these may be indices.
+The contents of the file are preserved byte for byte. Only JSON objects that a bake affects change, and whatever the
+edit leaves unused is removed with its bytes. Objects that the original file did not use stay, since an unknown
+extension may use them; a file with unknown extensions that contain numbers is not pruned, since these may be indices.
 """
 
 import copy
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -29,50 +29,51 @@ from ...formats.gltf.gltf_file import (
     open_gltf,
 )
 
-# --- Removes what an edit left unused: accessors, textures, images, samplers, and their bytes -------------------------
-#
-# Objects that the file itself never used stay, since something unknown may use them. A file with unknown extensions
-# that hold numbers stays whole: these may be indices.
+# --- Pruning: accessors, textures, images, samplers, and their bytes --------------------------------------------------
 
 
-LISTS = "textures", "images", "samplers", "accessors", "bufferViews"  # each after those that refer to it
+Json: TypeAlias = dict[str, Any]
+"""An object of glTF JSON."""
+
+LISTS = "textures", "images", "samplers", "accessors", "bufferViews"  # each after the lists that refer to it
 _KNOWN = (*SUPPORTED, *HARMLESS, "KHR_node_visibility", "KHR_animation_pointer")
 
 Used = dict[str, set[int]]
-"""Name of a list of the JSON -> the indices that something refers to."""
+"""Name of a list in the JSON -> its referenced indices."""
 
 
-def used_in(root: dict) -> Used:
-    """What is used in a file."""
-    found: Used = {name: set() for name in LISTS}
+def used_in(root: Json) -> Used:
+    """The referenced indices of a file."""
+    used: Used = {name: set() for name in LISTS}
     for name, holder, key in _references(root):
-        found[name].add(holder[key])
-    return found
+        used[name].add(holder[key])
+    return used
 
 
-def prune(root: dict, binary: bytes, given: dict[str, int], before: Used) -> tuple[dict, bytes]:
-    """A copy of a file of one buffer, without what its edit left unused.
+def prune(root: Json, binary: bytes, lengths: dict[str, int], before: Used) -> tuple[Json, bytes]:
+    """A copy of a file with one buffer, without objects that its edit left unused.
 
-    given : name of a list -> its length before the edit
-    before : what was used then
+    lengths : name of a list -> its length before the edit
+    before : the indices used before the edit
     """
     root = json.loads(json.dumps(root))
     if _opaque(root):
         return root, binary
-    whole = _ranges(root)
+    spans = _ranges(root)
     for name in LISTS:
         now = used_in(root)[name]
         unused = {i for i in range(len(root.get(name, []))) if i not in now}
-        _drop(root, name, {i for i in unused if i >= given[name] or i in before[name]})
-    return _without(root, binary, whole)
+        _drop(root, name, {i for i in unused if i >= lengths[name] or i in before[name]})
+    return _without(root, binary, spans)
 
 
-def _references(root: dict) -> Iterator[tuple[str, Any, Any]]:
-    """(list, holder, key) of all indices: ``holder[key]`` is an index in ``root[list]``."""
+def _references(root: Json) -> Iterator[tuple[str, Any, Any]]:
+    """Yield (list, holder, key) for all indices: ``holder[key]`` is an index into ``root[list]``."""
     yield from ((name, holder, key) for name, holder, key in _places(root) if key in holder)
 
 
-def _places(root: dict) -> Iterator[tuple[str, Any, Any]]:
+def _places(root: Json) -> Iterator[tuple[str, Any, Any]]:
+    """Yield (list, holder, key) for all places that may contain an index."""
     for mesh in root.get("meshes", []):
         for primitive in mesh["primitives"]:
             for attributes in (primitive["attributes"], *primitive.get("targets", [])):
@@ -99,8 +100,8 @@ def _places(root: dict) -> Iterator[tuple[str, Any, Any]]:
     yield from (("textures", holder, "index") for holder in _texture_uses(root.get("materials", [])))
 
 
-def _texture_uses(value) -> Iterator[dict]:
-    """The objects of materials, of their extensions and extras, that refer to a texture."""
+def _texture_uses(value: Any) -> Iterator[Json]:
+    """Yield the objects in materials, including their extensions and extras, that refer to a texture."""
     if isinstance(value, list):
         for each in value:
             yield from _texture_uses(each)
@@ -111,16 +112,17 @@ def _texture_uses(value) -> Iterator[dict]:
             yield from _texture_uses(each)
 
 
-def _extension(holder: dict, name: str) -> dict:
-    return holder.get("extensions", {}).get(name, {})
+def _extension(holder: Json, name: str) -> Json:
+    extension: Json = holder.get("extensions", {}).get(name, {})
+    return extension
 
 
-def _sparse(accessor: dict) -> list[dict]:
+def _sparse(accessor: Json) -> list[Json]:
     return [accessor["sparse"][key] for key in ("indices", "values")] if "sparse" in accessor else []
 
 
-def _opaque(value) -> bool:
-    """Whether JSON has unknown extensions that hold numbers."""
+def _opaque(value: Any) -> bool:
+    """Whether JSON has unknown extensions that contain numbers."""
     if isinstance(value, list):
         return any(map(_opaque, value))
     if not isinstance(value, dict):
@@ -129,14 +131,14 @@ def _opaque(value) -> bool:
     return any(map(_holds_number, unknown)) or any(map(_opaque, value.values()))
 
 
-def _holds_number(value) -> bool:
+def _holds_number(value: Any) -> bool:
     if isinstance(value, (dict, list)):
         return any(map(_holds_number, value.values() if isinstance(value, dict) else value))
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _drop(root: dict, name: str, dead: set[int]) -> None:
-    """Remove objects of a list, and count the others anew."""
+def _drop(root: Json, name: str, dead: set[int]) -> None:
+    """Remove objects from a list and renumber the others."""
     if not dead:
         return
     places = np.cumsum([i not in dead for i in range(len(root[name]))]) - 1
@@ -148,22 +150,22 @@ def _drop(root: dict, name: str, dead: set[int]) -> None:
         del root[name]
 
 
-def _ranges(root: dict) -> list[tuple[int, int]]:
-    """The bytes that accessors and buffer views have: (first, end) of each."""
+def _ranges(root: Json) -> list[tuple[int, int]]:
+    """The byte range (first, end) of each accessor and buffer view."""
     views = root.get("bufferViews", [])
     shared = {a["bufferView"] for a in root.get("accessors", []) if "bufferView" in a}
     shared -= {part["bufferView"] for a in root.get("accessors", []) for part in _sparse(a)}
-    whole = [_span(view) for i, view in enumerate(views) if i not in shared]
-    return whole + [_span_of(accessor, views) for accessor in root.get("accessors", []) if "bufferView" in accessor]
+    spans = [_span(view) for i, view in enumerate(views) if i not in shared]
+    return spans + [_span_of(accessor, views) for accessor in root.get("accessors", []) if "bufferView" in accessor]
 
 
-def _span(view: dict) -> tuple[int, int]:
+def _span(view: Json) -> tuple[int, int]:
     first = view.get("byteOffset", 0)
     return first, first + view["byteLength"]
 
 
-def _span_of(accessor: dict, views: list[dict]) -> tuple[int, int]:
-    """The bytes of an accessor, from the first row to the last."""
+def _span_of(accessor: Json, views: list[Json]) -> tuple[int, int]:
+    """The byte range of an accessor, from the first row to the last."""
     view = views[accessor["bufferView"]]
     if accessor["type"] not in WIDTHS or accessor["componentType"] not in COMPONENTS:
         return _span(view)
@@ -172,8 +174,8 @@ def _span_of(accessor: dict, views: list[dict]) -> tuple[int, int]:
     return first, first + view.get("byteStride", row) * (accessor["count"] - 1) + row
 
 
-def _without(root: dict, binary: bytes, before: list[tuple[int, int]]) -> tuple[dict, bytes]:
-    """The file without the words of four bytes that only objects of `before` had, which are gone."""
+def _without(root: Json, binary: bytes, before: list[tuple[int, int]]) -> tuple[Json, bytes]:
+    """The file without the four-byte words of the ranges `before` that no remaining object uses."""
     words = np.ones(-(-len(binary) // 4), bool)
     for first, end in before:
         words[first // 4 : -(-end // 4)] = False
@@ -199,10 +201,7 @@ def _without(root: dict, binary: bytes, before: list[tuple[int, int]]) -> tuple[
     return root, padded[words].tobytes()
 
 
-# --- A glTF file that is edited: its JSON, and its buffers as one binary chunk, to which data are appended ------------
-#
-# What is in the file stays as it is, byte for byte. Only the JSON objects that a bake concerns are changed, and what
-# they alone used is left out.
+# --- Editing ----------------------------------------------------------------------------------------------------------
 
 
 _CODES = {np.dtype(kind): code for code, kind in COMPONENTS.items()}
@@ -217,30 +216,33 @@ class Asset:
     ----------
     json : dict
     binary : bytearray
-        The only buffer: those of the file one after the other, and what was appended.
+        The only buffer: the file's buffers concatenated, then appended data.
     """
 
-    def __init__(self, json: dict, binary: bytearray):
+    def __init__(self, json: Json, binary: bytearray):
         self.json, self.binary = json, binary
-        self._given, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
+        self._lengths, self._used = {name: len(json.get(name, [])) for name in LISTS}, used_in(json)
 
-    def objects(self, key: str) -> list[dict]:
-        """A list at the top of the JSON, which is made if it is missing."""
-        return self.json.setdefault(key, [])
+    def objects(self, key: str) -> list[Any]:
+        """A top-level list of the JSON, created if missing."""
+        values: list[Any] = self.json.setdefault(key, [])
+        return values
 
-    def add(self, key: str, fields: dict) -> int:
-        """Append a JSON object to a list at the top, and return its index."""
+    def add(self, key: str, fields: Json) -> int:
+        """Append a JSON object to a top-level list, and return its index."""
         self.objects(key).append(fields)
         return len(self.json[key]) - 1
 
-    def view(self, data: bytes, **fields) -> int:
+    def view(self, data: bytes, **fields: Any) -> int:
         """Append data as a bufferView."""
         self.binary += bytes(-len(self.binary) % 4)
         start = len(self.binary)
         self.binary += data
         return self.add("bufferViews", {"buffer": 0, "byteOffset": start, "byteLength": len(data), **fields})
 
-    def accessor(self, values: np.ndarray, *, normalized: bool = False, bounds: bool = False, indices=False) -> int:
+    def accessor(
+        self, values: np.ndarray, *, normalized: bool = False, bounds: bool = False, indices: bool = False
+    ) -> int:
         """Append an accessor of the rows of `values`, (n,) or (n, k), in their dtype.
 
         bounds : write min and max, which POSITION needs
@@ -252,18 +254,18 @@ class Asset:
             fields |= _bounds(values)
         return self.add("accessors", fields)
 
-    def fill(self, index: int, values: np.ndarray, *, bounds: bool = False, indices=False) -> None:
-        """Give an accessor of the file values, (n, k), in their dtype."""
+    def fill(self, index: int, values: np.ndarray, *, bounds: bool = False, indices: bool = False) -> None:
+        """Replace the data of an existing accessor by `values`, (n, k), in their dtype."""
         accessor = self.json["accessors"][index]
         for earlier in ("byteOffset", "min", "max"):
             accessor.pop(earlier, None)
         accessor |= self._stored(np.ascontiguousarray(values), indices) | (_bounds(values) if bounds else {})
 
-    def _stored(self, values: np.ndarray, indices: bool) -> dict:
-        """Append the rows of `values`; the fields of their accessor."""
+    def _stored(self, values: np.ndarray, indices: bool) -> Json:
+        """Append the rows of `values`; return the fields of their accessor."""
         width, row = (values.shape[1], values[0].nbytes) if values.ndim > 1 else (1, values.itemsize)
         more = {} if indices or row % 4 == 0 else {"byteStride": row + -row % 4}
-        if more:  # rows of vertex attributes begin at multiples of four bytes
+        if more:  # rows of vertex attributes must be aligned to four bytes
             padded = np.zeros((len(values), more["byteStride"]), np.uint8)
             padded[:, :row] = values.reshape(len(values), -1).view(np.uint8)
             data = padded.tobytes()
@@ -278,19 +280,19 @@ class Asset:
         }
 
     def texture(self, png: bytes, name: str) -> int:
-        """Append a PNG as a texture whose edges are clamped."""
+        """Append a PNG as a texture with wrap mode CLAMP_TO_EDGE."""
         image = self.add("images", {"name": name, "mimeType": "image/png", "bufferView": self.view(png)})
         sampler = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}
         return self.add("textures", {"name": name, "sampler": self.add("samplers", sampler), "source": image})
 
     def uses(self, extension: str) -> None:
-        """Name an extension among those that the file uses."""
-        used: list = self.objects("extensionsUsed")
+        """Add an extension to `extensionsUsed`."""
+        used = self.objects("extensionsUsed")
         if extension not in used:
             used.append(extension)
 
     def uses_no_more(self, extension: str) -> None:
-        """Take an extension from those that the file uses."""
+        """Remove an extension from `extensionsUsed` and `extensionsRequired`."""
         for key in ("extensionsUsed", "extensionsRequired"):
             if extension in self.json.get(key, []):
                 self.json[key].remove(extension)
@@ -298,19 +300,19 @@ class Asset:
                     del self.json[key]
 
     def glb(self) -> bytes:
-        """The file as binary glTF, without what edits left unused."""
-        root, binary = prune(self.json, bytes(self.binary), self._given, self._used)
+        """The file as binary glTF, without objects that edits left unused."""
+        root, binary = prune(self.json, bytes(self.binary), self._lengths, self._used)
         root["buffers"] = [{**(root.get("buffers") or [{}])[0], "byteLength": len(binary)}]
         text = json.dumps(root, allow_nan=False, separators=(",", ":"), ensure_ascii=False).encode()
         return assemble_glb(text, binary)
 
 
-def _bounds(values: np.ndarray) -> dict:
+def _bounds(values: np.ndarray) -> Json:
     return {"min": values.min(0).tolist(), "max": values.max(0).tolist()}
 
 
 def open_asset(path: Path) -> Asset:
-    """A .glb or .gltf file, with all its buffers in one, and the images beside it in the buffer; nothing is compressed.
+    """Open a .glb or .gltf file, merge its buffers and external images into one buffer, and decompress it.
 
     Raises
     ------
@@ -335,7 +337,8 @@ def open_asset(path: Path) -> Asset:
     return asset
 
 
-def _append_buffer(binary: bytearray, buffer, file: str, index: int) -> int:
+def _append_buffer(binary: bytearray, buffer: np.ndarray | None, file: str, index: int) -> int:
+    """Append a buffer at a multiple of four bytes; return its start."""
     if buffer is None:
         raise InputError(f"{file}: buffers[{index}] has no data; {CURE}")
     binary += bytes(-len(binary) % 4)
@@ -344,8 +347,8 @@ def _append_buffer(binary: bytearray, buffer, file: str, index: int) -> int:
     return start
 
 
-def _embed_image(asset: Asset, image: dict, document: GltfDocument) -> None:
-    """Move an image beside the file into its buffer. A missing one keeps its name."""
+def _embed_image(asset: Asset, image: Json, document: GltfDocument) -> None:
+    """Copy an external image into the buffer. A missing file keeps its URI."""
     uri = image.get("uri")
     if uri is None or is_data_uri(uri):
         return
@@ -356,7 +359,7 @@ def _embed_image(asset: Asset, image: dict, document: GltfDocument) -> None:
 
 
 def _decompress(asset: Asset, document: GltfDocument) -> None:
-    """Give accessors the values that Draco has compressed. The extension goes: baked attributes are not in its data."""
+    """Decompress Draco data into accessors, and drop the extension, whose data lack the baked attributes."""
     accessors = Accessors(document)
     for mesh, of_mesh in zip(asset.json.get("meshes", []), document.root.objects("meshes")):
         for primitive, fields in zip(mesh["primitives"], of_mesh.objects("primitives")):
@@ -364,7 +367,7 @@ def _decompress(asset: Asset, document: GltfDocument) -> None:
                 continue
             for index in decompress(fields, accessors):
                 place = {"bounds": primitive["attributes"]["POSITION"], "indices": primitive["indices"]}
-                asset.fill(index, accessors.stored(index), **{name: index == own for name, own in place.items()})
+                asset.fill(index, accessors.stored(index), **{name: index == target for name, target in place.items()})
             del primitive["extensions"][DRACO]
             if not primitive["extensions"]:
                 del primitive["extensions"]

@@ -1,40 +1,41 @@
-"""The primitives of a glTF file by node, with world positions and normals, and edits of their attributes and materials."""
+"""The primitives of a glTF file by node: world positions and normals, and edits of attributes and materials."""
 
 import copy
 from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.scene import Scene
 from ...formats.gltf.accessors import Accessors
 from ...formats.gltf.gltf_file import GltfDocument
 from ...formats.json_fields import Fields
-from .gltf_asset import Asset
+from .gltf_asset import Asset, Json
 
-# --- Parts of a scene: the primitives of a glTF file at their nodes, with world positions and normals -----------------
+# --- Primitives at nodes ----------------------------------------------------------------------------------------------
 
 
 class NodePrimitive(NamedTuple):
-    """A primitive at a node, as it is at the time of a bake."""
+    """A primitive at a node, at the time of a bake: a part of the scene."""
 
     node: int
-    index: int  # type: ignore[assignment]  # of the primitive in its mesh
+    place: int  # index of the primitive in its mesh
     where: str  # name in errors
-    json: dict  # the primitive in the file
+    json: Json  # the primitive in the file
     rows: np.ndarray  # (v,) int64: rows of the accessors that its faces use, in order
-    count: int  # type: ignore[assignment]  # rows of the accessors
+    row_count: int  # all rows of the accessors
     positions: np.ndarray  # (v, 3) float64, world
     normals: np.ndarray  # (v, 3) float64, unit, world
     faces: np.ndarray  # (f, 3) int32 into `positions`
     flat: bool  # no NORMAL in the file: viewers shade each face with its own normal
-    linear: np.ndarray  # (3, 3) float64, the node's transform without its translation; 1 if a skin moves the part
-    sign: float  # -1.0 if the node mirrors: then the file's corners run the other way round
+    linear: np.ndarray  # (3, 3) float64, the node's transform without translation; identity if a skin moves the part
+    sign: float  # -1.0 if the node mirrors, which reverses the winding of faces
 
 
 def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimitive]:
-    """The parts of a scene whose source is a glTF file, in the order of its faces.
+    """The parts of a scene whose source is a glTF file, in face order.
 
     asset : the same file
     """
@@ -53,12 +54,16 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
         linear = np.eye(3) if placed.skinned else placed.matrix[:3, :3]
         sign = -1.0 if np.linalg.det(linear) < 0.0 else 1.0
         stored = json["attributes"].get("NORMAL")
-        given = None if stored is None else accessors.floats(stored, "VEC3")[rows].astype(np.float64)
-        if given is None or moved:
-            keys = primitive.mesh.positions if given is None else np.concatenate([primitive.mesh.positions, given], 1)
+        file_normals = None if stored is None else accessors.floats(stored, "VEC3")[rows].astype(np.float64)
+        if file_normals is None or moved:
+            keys = (
+                primitive.mesh.positions
+                if file_normals is None
+                else np.concatenate([primitive.mesh.positions, file_normals], 1)
+            )
             normals = smooth_normals(positions, faces, keys) * sign
         else:
-            normals = given @ np.linalg.inv(linear)
+            normals = file_normals @ np.linalg.inv(linear)
         normals = _unit(normals, positions, faces, sign)
         parts.append(
             NodePrimitive(
@@ -80,22 +85,21 @@ def read_primitives(scene: Scene, asset: Asset, time: float) -> list[NodePrimiti
 
 
 def accessors_of(asset: Asset, name: str) -> Accessors:
-    """The accessors of an asset, as it is now."""
-
+    """The accessors of an asset in its current state."""
     binary = np.frombuffer(bytes(asset.binary), np.uint8)
     return Accessors(GltfDocument(name, Path(), Fields(asset.json, f"{name}:"), [binary]))
 
 
-def face_vectors(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(f, 3) float64: the normals of faces, twice their area long."""
+def face_vectors(positions: NDArray[np.float64], faces: NDArray[np.integer]) -> NDArray[np.float64]:
+    """(f, 3) float64: the normals of faces, with twice their area as length."""
     a, b, c = (positions[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
 
-def smooth_normals(positions: np.ndarray, faces: np.ndarray, keys: np.ndarray) -> np.ndarray:
-    """(v, 3) float64: the mean of the faces around each vertex; vertices with equal keys are one.
+def smooth_normals(positions: NDArray[np.float64], faces: NDArray[np.integer], keys: np.ndarray) -> NDArray[np.float64]:
+    """(v, 3) float64: the mean normal of the faces around each vertex; vertices with equal keys are merged.
 
-    A face counts by its angle at the vertex. So it does not matter how a polygon is divided into triangles.
+    Faces are weighted by their angle at the vertex, so the triangulation of a polygon does not matter.
     """
     _, same = np.unique(np.ascontiguousarray(keys), axis=0, return_inverse=True)
     same, vectors = same.reshape(-1), face_vectors(positions, faces)
@@ -107,14 +111,16 @@ def smooth_normals(positions: np.ndarray, faces: np.ndarray, keys: np.ndarray) -
     return sums[same]
 
 
-def _angles(positions: np.ndarray, faces: np.ndarray, k: int) -> np.ndarray:
+def _angles(positions: NDArray[np.float64], faces: NDArray[np.integer], k: int) -> NDArray[np.float64]:
     """(f,) float64: the angle of each face at its corner k."""
     a, b, c = (positions[faces[:, (k + i) % 3]] for i in range(3))
-    return np.arctan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1))
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(b - a, c - a), axis=1), ((b - a) * (c - a)).sum(1)))
 
 
-def _unit(normals: np.ndarray, positions: np.ndarray, faces: np.ndarray, sign: float) -> np.ndarray:
-    """Unit normals. A vertex whose normal is zero has that of one of its faces, or up."""
+def _unit(
+    normals: NDArray[np.float64], positions: NDArray[np.float64], faces: NDArray[np.integer], sign: float
+) -> NDArray[np.float64]:
+    """Unit normals. A zero normal is replaced by that of one of the vertex's faces, or by up."""
     length = np.linalg.norm(normals, axis=1)
     bad = ~(np.isfinite(length) & (length > 0.0))
     if bad.any():
@@ -125,108 +131,114 @@ def _unit(normals: np.ndarray, positions: np.ndarray, faces: np.ndarray, sign: f
             use = solid & bad[faces[:, k]]
             normals[faces[use, k]] = of_face[use]
         length = np.linalg.norm(normals, axis=1)
-    return normals / length[:, None]
+    return np.asarray(normals / length[:, None])
 
 
-def to_local(directions: np.ndarray, part: NodePrimitive) -> np.ndarray:
+def to_local(directions: NDArray[np.floating], part: NodePrimitive) -> NDArray[np.float32]:
     """World directions in the frame of the file's normals, unit."""
     local = directions @ part.linear
-    return (local / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)).astype(np.float32)
+    unit = local / np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-30)
+    return np.asarray(unit.astype(np.float32))
 
 
-# --- Edits of a glTF file for a bake: meshes of its own for each node, attributes, materials --------------------------
+# --- Edits ------------------------------------------------------------------------------------------------------------
 
 
 UNLIT = "KHR_materials_unlit"
 
 
-def own_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[dict]:
-    """The JSON of each part's primitive, in a mesh that no other node shows.
+def unshared_primitives(asset: Asset, parts: Sequence[NodePrimitive]) -> list[Json]:
+    """The JSON of each part's primitive, in a mesh that no other node uses.
 
-    Baked values differ from node to node. A mesh that several nodes show is divided: the first of these nodes keeps
-    it, the others get copies. The copies share all accessors.
+    Since baked values differ between nodes, a mesh used by several nodes is duplicated: the first node keeps it, the
+    others get copies, which share all accessors.
     """
     nodes, meshes = asset.json["nodes"], asset.json["meshes"]
     baked = list(dict.fromkeys(part.node for part in parts))
     others = {node.get("mesh") for i, node in enumerate(nodes) if i not in set(baked)}
-    kept: set[int] = set()
+    used_meshes: set[int] = set()
     for i in baked:
         mesh = nodes[i]["mesh"]
-        if mesh in kept or mesh in others:
+        if mesh in used_meshes or mesh in others:
             nodes[i]["mesh"] = asset.add("meshes", copy.deepcopy(meshes[mesh]))
-        kept.add(mesh)
-    return [meshes[nodes[part.node]["mesh"]]["primitives"][part.index] for part in parts]
+        used_meshes.add(mesh)
+    return [meshes[nodes[part.node]["mesh"]]["primitives"][part.place] for part in parts]
+
+
+Key = TypeVar("Key", bound=Hashable)
 
 
 def change_materials(
-    asset: Asset, primitives: Sequence[dict], keys: Sequence[Hashable], change: Callable[[dict, Any], None]
+    asset: Asset, primitives: Sequence[Json], keys: Sequence[Key], change: Callable[[Json, Key], None]
 ) -> None:
     """Call ``change(material, key)`` for the material of each primitive.
 
-    A material is changed once for each key. It is copied if other primitives, or those of another key, have it too.
+    A material is changed once per key. It is copied if primitives outside `primitives`, or with another key, use it.
     """
-    changed, mine = {}, {id(primitive) for primitive in primitives}
-    everything = [primitive for mesh in asset.json["meshes"] for primitive in mesh["primitives"]]
-    taken = {primitive.get("material") for primitive in everything if id(primitive) not in mine}
+    changed, baked_ids = dict[tuple[int | None, Key], int](), {id(primitive) for primitive in primitives}
+    all_primitives = [primitive for mesh in asset.json["meshes"] for primitive in mesh["primitives"]]
+    used_materials = {primitive.get("material") for primitive in all_primitives if id(primitive) not in baked_ids}
     for primitive, key in zip(primitives, keys):
         index = primitive.get("material")
         if (index, key) not in changed:
             if index is None:
-                own = asset.add("materials", {})
-            elif index in taken:
-                own = asset.add("materials", copy.deepcopy(asset.json["materials"][index]))
+                material_index = asset.add("materials", {})
+            elif index in used_materials:
+                material_index = asset.add("materials", copy.deepcopy(asset.json["materials"][index]))
             else:
-                own = index
-            changed[index, key] = own
-            taken.add(index)
+                material_index = index
+            changed[index, key] = material_index
+            used_materials.add(index)
         primitive["material"] = changed[index, key]
-    for (_, key), own in changed.items():
-        change(asset.json["materials"][own], key)
+    for (_, key), material_index in changed.items():
+        change(asset.json["materials"][material_index], key)
 
 
-def make_unlit(asset: Asset, material: dict) -> None:
-    """Tell viewers to show the base colour as it is: the light is in it already."""
+def make_unlit(asset: Asset, material: Json) -> None:
+    """Make a material unlit, so that viewers do not light its base colour again."""
     material.setdefault("extensions", {})[UNLIT] = {}
     asset.uses(UNLIT)
 
 
-def all_rows(part: NodePrimitive, values: np.ndarray) -> np.ndarray:
-    """(count, c): values of the part's vertices at the rows of its accessors; 1 where no face uses a row."""
-    out = np.ones((part.count, values.shape[1]), np.float32)
+def all_rows(part: NodePrimitive, values: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(row_count, c): values of the part's vertices at the rows of its accessors; 1 in rows that no face uses."""
+    out = np.ones((part.row_count, values.shape[1]), np.float32)
     out[part.rows] = values
     return out
 
 
-def write_colours(asset: Asset, accessors: Accessors, primitive: dict, colours: np.ndarray, multiply: bool) -> None:
-    """Write COLOR_0 of a primitive: linear RGB in 16 bits. The alpha of an earlier COLOR_0 stays.
+def write_colours(
+    asset: Asset, accessors: Accessors, primitive: Json, colours: NDArray[np.floating], multiply: bool
+) -> None:
+    """Write COLOR_0 of a primitive: 16-bit linear RGB. The alpha of an existing COLOR_0 is preserved.
 
     colours : (rows, 1 or 3) float32 in [0, 1]
-    multiply : multiply the earlier colours, instead of replacing them
+    multiply : multiply existing colours instead of replacing them
     """
     rgba = np.ones((len(colours), 4))
-    earlier = primitive["attributes"].get("COLOR_0")
-    if earlier is not None:
-        before = accessors.floats(earlier, "VEC3", "VEC4")
-        rgba[:, 3 if not multiply else 0 : before.shape[1]] = before[:, 3 if not multiply else 0 :]
+    index = primitive["attributes"].get("COLOR_0")
+    if index is not None:
+        existing = accessors.floats(index, "VEC3", "VEC4")
+        rgba[:, 3 if not multiply else 0 : existing.shape[1]] = existing[:, 3 if not multiply else 0 :]
     rgba[:, :3] *= colours
-    whole = np.round(65535.0 * np.clip(rgba, 0.0, 1.0)).astype("<u2")
-    primitive["attributes"]["COLOR_0"] = asset.accessor(whole, normalized=True)
+    quantized = np.round(65535.0 * np.clip(rgba, 0.0, 1.0)).astype("<u2")
+    primitive["attributes"]["COLOR_0"] = asset.accessor(quantized, normalized=True)
 
 
 class Remapper:
-    """Rewrites the attributes of primitives for other vertices; equal ones are written once."""
+    """Rewrites the attributes of primitives for new vertices; identical accessors are written once."""
 
     def __init__(self, asset: Asset, accessors: Accessors):
         self._asset, self._accessors = asset, accessors
-        self._made: dict[tuple[int, bytes], int] = {}
+        self._remapped_accessors: dict[tuple[int, bytes], int] = {}
         self._indices: dict[bytes, int] = {}
 
-    def remap(self, primitive: dict, rows: np.ndarray, faces: np.ndarray) -> None:
-        """Make `rows` ((v,) of the accessors) the vertices of a primitive, and `faces` ((f, 3) into them) its faces."""
+    def remap(self, primitive: Json, rows: NDArray[np.int64], faces: NDArray[np.integer]) -> None:
+        """Set a primitive's vertices to `rows` ((v,) of its accessors) and its faces to `faces` ((f, 3) into them)."""
         key = rows.astype(np.int64).tobytes()
         for attributes in (primitive["attributes"], *primitive.get("targets", [])):
             for name, index in attributes.items():
-                attributes[name] = self._taken(index, rows, key, name == "POSITION")
+                attributes[name] = self._remapped(index, rows, key, name == "POSITION")
         kind = "<u2" if len(rows) < 65535 else "<u4"
         indices = faces.reshape(-1).astype(kind)
         if indices.tobytes() not in self._indices:
@@ -234,12 +246,12 @@ class Remapper:
         primitive["indices"] = self._indices[indices.tobytes()]
         primitive.pop("mode", None)
 
-    def _taken(self, index: int, rows: np.ndarray, key: bytes, bounds: bool) -> int:
-        if (index, key) not in self._made:
+    def _remapped(self, index: int, rows: np.ndarray, key: bytes, bounds: bool) -> int:
+        if (index, key) not in self._remapped_accessors:
             normalized = bool(self._asset.json["accessors"][index].get("normalized"))
             values = self._accessors.stored(index)[rows]
-            made = self._asset.accessor(
+            accessor = self._asset.accessor(
                 values[:, 0] if values.shape[1] == 1 else values, normalized=normalized, bounds=bounds
             )
-            self._made[index, key] = made
-        return self._made[index, key]
+            self._remapped_accessors[index, key] = accessor
+        return self._remapped_accessors[index, key]

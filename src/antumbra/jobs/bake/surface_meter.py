@@ -1,14 +1,16 @@
 """Measure surface points: trace all receivers in blocks of sixteen neighbours, and evaluate their occlusion bits.
 
 Each receiver of a block has its own sample set, and neighbours share packets. Blocks of scattered receivers follow a
-space-filling curve; those of texels are 4 x 4 texels.
+space-filling curve; a block of a texture is 4 x 4 texels.
 """
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...engine.plan import Plan
 from ...engine.scene import Scene
 from ...picture.irradiance import facing_of
 from ...picture.light_visibility import irradiance_shares, open_directions
@@ -24,16 +26,16 @@ from ..work_parts import Parts, about_parts, inexact_plan
 
 SIDE = 4  # receivers along the side of a block
 BLOCK = SIDE * SIDE
-_PART = 1 << 12  # blocks of a part, which are asked at once
+_PART = 1 << 12  # blocks per part, traced by one query
 
 QUANTITIES = {
-    "ao": "the share of the sky that is open, weighted by the cosine",
-    "shadow": "the share of the lights that is visible",
+    "ao": "the cosine-weighted visible share of the sky",
+    "shadow": "the visible share of the lights",
     "sun": "the irradiance of the sun over its intensity",
     "light": "the irradiance of all lights, linear RGB",
-    "bent-normal": "the mean open direction",
+    "bent-normal": "the mean unoccluded direction",
 }
-"""Name of what a bake measures -> its meaning."""
+"""Name of a quantity that a bake measures -> its meaning."""
 
 
 class SurfacePoints(NamedTuple):
@@ -42,18 +44,18 @@ class SurfacePoints(NamedTuple):
     positions: np.ndarray  # (n, 3) float64, world
     normals: np.ndarray  # (n, 3) float64, unit
 
-    def at(self, index) -> "SurfacePoints":
+    def at(self, index: NDArray[Any] | slice) -> "SurfacePoints":
         return SurfacePoints(self.positions[index], self.normals[index])
 
 
 class MeterSettings(NamedTuple):
-    """What a bake measures, and how."""
+    """The quantity that a bake measures, and its settings."""
 
     what: str  # a key of QUANTITIES
     lights: list[Light]
     spp: int
     sampler: str
-    plan: str | None
+    plan: str | Plan | None
     time: float
     threads: int | None
 
@@ -61,12 +63,12 @@ class MeterSettings(NamedTuple):
     def channels(self) -> int:
         return 3 if self.what in ("light", "bent-normal") else 1
 
-    def samples(self) -> list[np.ndarray]:
+    def samples(self) -> list[NDArray[np.float64]]:
         return [light_samples(light, self.spp, self.sampler) for light in self.lights]
 
 
-def curve_blocks(positions: np.ndarray) -> np.ndarray:
-    """(m, 16) int64: receivers in blocks along a space-filling curve; -1 fills the last block."""
+def curve_blocks(positions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(m, 16) int64: receivers in blocks along a space-filling curve; -1 pads the last block."""
     order = (
         np.argsort(morton_codes(positions - positions.mean(0)), kind="stable") if len(positions) else np.empty(0, int)
     )
@@ -75,111 +77,114 @@ def curve_blocks(positions: np.ndarray) -> np.ndarray:
     return places.reshape(-1, BLOCK)
 
 
-def nearby(blocks: np.ndarray, positions: np.ndarray) -> np.ndarray:
-    """The (m, 16) blocks along a space-filling curve, each by its first receiver."""
+def curve_order(blocks: NDArray[np.int64], positions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The (m, 16) blocks, sorted along a space-filling curve by their first receivers."""
     first = blocks[np.arange(len(blocks)), (blocks >= 0).argmax(1)]
-    return blocks[np.argsort(morton_codes(positions[first] - positions.mean(0)), kind="stable")]
+    return np.asarray(blocks[np.argsort(morton_codes(positions[first] - positions.mean(0)), kind="stable")])
+
+
+Shadows: TypeAlias = list[tuple[ShadowQuery, np.ndarray]]
+"""The query and the occlusion bits of each light."""
 
 
 class Meter:
-    """Measures receivers of one scene; they share one tree.
+    """Measures receivers of one scene, for which one tree is built.
 
     Parameters
     ----------
     scene : Scene
-    asked : Asked
+    settings : MeterSettings
     receivers : int
-        About so many receivers come.
+        Approximate number of receivers to come.
     """
 
-    def __init__(self, scene: Scene, asked: MeterSettings, receivers: int):
-        self.scene, self.asked, self._samples, self.rays = scene, asked, asked.samples(), 0
+    def __init__(self, scene: Scene, settings: MeterSettings, receivers: int):
+        self.scene, self.settings, self._samples, self.rays = scene, settings, settings.samples(), 0
         self._later = receivers * sum(samples.shape[1] for samples in self._samples)
-        self._engine = scene.engine.with_options(asked.plan, asked.threads, None)
+        self._engine = scene.engine.with_options(settings.plan, settings.threads, None)
 
-    def values(self, receivers: SurfacePoints) -> np.ndarray:
-        """(n, c) float32: what each of a few receivers gets, at once."""
-        out = np.zeros((len(receivers.positions), self.asked.channels), np.float32)
+    def values(self, receivers: SurfacePoints) -> NDArray[np.float32]:
+        """(n, c) float32: the values of a few receivers, traced by one query."""
+        out = np.zeros((len(receivers.positions), self.settings.channels), np.float32)
         grid = _grid(curve_blocks(receivers.positions))
         there = grid >= 0
-        out[grid[there]] = self.worth(self.answered(receivers, grid, there))[there]
+        out[grid[there]] = self.evaluate(self.shadows(receivers, grid, there))[there]
         return out
 
-    def answered(
-        self, receivers: SurfacePoints, grid: np.ndarray, there: np.ndarray
-    ) -> list[tuple[ShadowQuery, np.ndarray]]:
-        """The query and the bits of each light, of the receivers of a grid."""
+    def shadows(self, receivers: SurfacePoints, grid: NDArray[np.int64], there: NDArray[np.bool_]) -> Shadows:
+        """Trace the receivers of a grid; `there`: which of its cells have one."""
         world, normals = receivers.positions[grid], receivers.normals[grid]
-        asking = Receivers.moved_off(world, normals, self.scene.origin)
-        asking = asking._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
-        found = self._engine.shadows(
-            asking, self.asked.lights, self._samples, time=self.asked.time, later=self._later
-        )  # fmt: skip
+        ends = Receivers.moved_off(world, normals, self.scene.origin)
+        ends = ends._replace(sides=np.where(there, 1, NOTHING).astype(np.int8))
+        settings = self.settings
+        results = self._engine.shadows(ends, settings.lights, self._samples, time=settings.time, later=self._later)
         self.rays += int(there.sum()) * sum(samples.shape[1] for samples in self._samples)
-        return found
+        return results
 
-    def worth(self, answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
-        """(h, w, c) float32, from the bits of each light."""
-        what, threads = self.asked.what, self.asked.threads
+    def evaluate(self, shadows: Shadows) -> NDArray[np.float32]:
+        """(h, w, c) float32: the quantity, from the occlusion bits of each light."""
+        what, threads = self.settings.what, self.settings.threads
         if what in ("ao", "shadow"):
-            return self._shares(answered).mean(-1, keepdims=True, dtype=np.float32)
+            return np.asarray(self._shares(shadows).mean(-1, keepdims=True, dtype=np.float32))
         if what == "bent-normal":
-            ((query, bits),) = answered
+            ((query, bits),) = shadows
             return _directions(open_directions(query, bits, threads), query.normals)
-        total = np.zeros((*answered[0][0].sides.shape, self.asked.channels), np.float32)
-        for light, (query, bits) in zip(self.asked.lights, answered):
+        total = np.zeros((*shadows[0][0].sides.shape, self.settings.channels), np.float32)
+        for light, (query, bits) in zip(self.settings.lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
-            total += self._arrived(light, query, bits, tint)
+            total += self._irradiance(light, query, bits, tint)
         return total
 
-    def _arrived(self, light: Light, query: ShadowQuery, bits: np.ndarray, tint) -> np.ndarray:
+    def _irradiance(
+        self, light: Light, query: ShadowQuery, bits: np.ndarray, tint: float | NDArray[np.float32]
+    ) -> NDArray[np.float32]:
         """(h, w, 1 or 3) float32: the irradiance from a light with its shadows; ambient light is a uniform sky."""
-        threads, surfaces = self.asked.threads, _surfaces(query, self.scene.origin)
-        if light.domain == "list":  # it has intensities and colours of its own
+        threads, surfaces = self.settings.threads, _surfaces(query, self.scene.origin)
+        if light.domain == "list":  # the list has its own intensities and colours
             return arriving_irradiance(surfaces, light, query, bits, threads=threads)
         share = irradiance_shares(facing_of(surfaces, None), query, bits, threads)
         if light.domain != "hemisphere":
             share = share * arriving_irradiance(surfaces, light, query, bits, threads=threads)
-        return share[..., None] * tint
+        return np.asarray(share[..., None] * tint)
 
-    def _shares(self, answered) -> np.ndarray:
-        return np.stack([fraction_lit(b, q.samples.shape[1], self.asked.threads) for q, b in answered], -1)
+    def _shares(self, shadows: Shadows) -> NDArray[np.float32]:
+        return np.stack([fraction_lit(b, q.samples.shape[1], self.settings.threads) for q, b in shadows], -1)
 
 
 class Measurement:
-    """A measurement of many receivers, part by part.
+    """A measurement of many receivers, in parts.
 
     meter : Meter
     receivers : SurfacePoints
     blocks : (m, 16) int64
         From `curve_blocks`, or blocks of texels.
     counted : bool
-        Whether the number of each light's samples that are occluded is measured, instead of values.
+        Count the occluded samples of each light instead of evaluating the quantity.
     folder : Path or None
-        Where parts are kept; None: in memory.
+        Stores the parts; None: in memory.
     """
 
     def __init__(self, meter: Meter, receivers: SurfacePoints, blocks: np.ndarray, counted: bool, folder: Path | None):
         self.receivers, self.blocks = receivers, blocks
         self._meter, self._counted = meter, counted
-        asked, about = meter.asked, None
+        settings, about = meter.settings, None
         if folder is not None:
-            lights = [light_record(light) for light in asked.lights]
-            settings = asked.what, lights, asked.spp, asked.sampler, inexact_plan(asked.plan), counted
-            scene = scene_digest(meter.scene, meter.scene.clamped(asked.time), asked.threads)
-            about = about_parts("bake", scene, *settings, *receivers, blocks)
+            lights, plan = [light_record(light) for light in settings.lights], inexact_plan(settings.plan)
+            scene = scene_digest(meter.scene, meter.scene.clamped(settings.time), settings.threads)
+            quantity = settings.what, lights, settings.spp, settings.sampler, plan, counted
+            about = about_parts("bake", scene, *quantity, *receivers, blocks)
         self.parts = Parts("tracing rays", len(blocks), _PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
         grid = _grid(self.blocks[first:last])
         there, meter = grid >= 0, self._meter
-        answered = meter.answered(self.receivers, grid, there)
-        return {"found": (_counts(answered) if self._counted else meter.worth(answered))[there]}
+        shadows = meter.shadows(self.receivers, grid, there)
+        return {"found": (_counts(shadows) if self._counted else meter.evaluate(shadows))[there]}
 
     def result(self) -> np.ndarray:
-        """(n, c) float32 values, or (n, lights) int32 counts, when all parts are done; 0 where no block has it."""
-        kind, asked = (np.int32 if self._counted else np.float32), self._meter.asked
-        width = len(asked.lights) if self._counted else asked.channels
+        """(n, c) float32 values or (n, lights) int32 counts, once all parts are done; 0 for receivers in no block."""
+        kind, settings = (np.int32 if self._counted else np.float32), self._meter.settings
+        width = len(settings.lights) if self._counted else settings.channels
         out = np.zeros((len(self.receivers.positions), width), kind)
         for k, (first, last) in enumerate(self.parts.ranges):
             grid = _grid(self.blocks[first:last])
@@ -187,23 +192,23 @@ class Measurement:
         return out
 
 
-def _counts(answered: list[tuple[ShadowQuery, np.ndarray]]) -> np.ndarray:
-    """(h, w, lights) int32: the number of each light's samples that are occluded."""
-    return np.stack([np.bitwise_count(bits).sum(-1, dtype=np.int32) for _, bits in answered], -1)
+def _counts(shadows: Shadows) -> NDArray[np.int32]:
+    """(h, w, lights) int32: the number of occluded samples of each light."""
+    return np.stack([np.bitwise_count(bits).sum(-1, dtype=np.int32) for _, bits in shadows], -1)
 
 
-def _grid(blocks: np.ndarray) -> np.ndarray:
-    """(4, 4 m): the receivers of m blocks as a picture four rows high, so that each block has all sample sets."""
+def _grid(blocks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(4, 4 m): the receivers of m blocks as a picture four rows high, so that each block uses all sample sets."""
     return blocks.reshape(-1, SIDE, SIDE).transpose(1, 0, 2).reshape(SIDE, -1)
 
 
 def _surfaces(query: ShadowQuery, origin: np.ndarray) -> GBuffer:
-    """The receivers of a query as the surfaces of a picture."""
+    """The receivers of a query as a G-buffer."""
     zero = np.zeros(query.sides.shape, np.float32)
     return GBuffer(query.origins, query.normals.astype(np.float32), query.ids, zero, query.sides, origin)
 
 
-def _directions(sums: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Unit vectors of sums of directions; the normal where nothing is open."""
+def _directions(sums: np.ndarray, normals: np.ndarray) -> NDArray[np.float32]:
+    """Sums of directions, normalized; the normal where all directions are occluded."""
     length = np.linalg.norm(sums, axis=-1, keepdims=True)
     return np.where(length > 1e-6, sums / np.maximum(length, 1e-6), normals).astype(np.float32)

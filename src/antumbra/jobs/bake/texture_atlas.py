@@ -3,10 +3,11 @@
 Every texel whose square meets a triangle gets a sample, at the triangle's nearest point.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...extras import import_extra
@@ -14,24 +15,23 @@ from ...formats.gltf.accessors import Accessors
 from ...progress import report_progress
 from .gltf_primitives import NodePrimitive
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Conservative coverage: every texel whose square meets a triangle gets a sample, at the triangle's nearest point.
+# --- Conservative coverage --------------------------------------------------------------------------------------------
 
 
-_PAIRS = 1 << 20  # of texels and triangles that are tested at once
+_PAIRS = 1 << 20  # pairs of texels and triangles tested at a time
 
 
 class Cover(NamedTuple):
-    """The sample of each texel of a square sheet; texel (x, y) is x + y size, its centre (x + 1/2, y + 1/2)."""
+    """The samples of a square sheet's texels; texel (x, y) is x + y size, its centre (x + 1/2, y + 1/2)."""
 
-    size: int  # texels along a side
-    texel: np.ndarray  # (n,) int64, the texels that have a sample, in order
+    size: int  # texels per side
+    texel: np.ndarray  # (n,) int64, the texels that have a sample, ascending
     face: np.ndarray  # (n,) int64, the face of each sample
-    weights: np.ndarray  # (n, 3) float64, of the face's corners, in [0, 1]
+    weights: np.ndarray  # (n, 3) float64, barycentric coordinates in [0, 1]
     overlap: float  # share of these texels whose centre is inside two faces
 
 
-def cover(corners: np.ndarray, size: int) -> Cover:
+def cover(corners: NDArray[np.float64], size: int) -> Cover:
     """The samples of a sheet.
 
     Parameters
@@ -43,8 +43,8 @@ def cover(corners: np.ndarray, size: int) -> Cover:
     Returns
     -------
     Cover
-        Of the faces that meet a texel, the one nearest to its centre counts. Its nearest point is the sample. Faces
-        without area on the sheet have no samples.
+        Among the faces that meet a texel, the one nearest to its centre is used; the nearest point on it is the sample.
+        Faces without area on the sheet have no samples.
     """
     nearest, face = np.full(size * size, np.inf, np.float32), np.full(size * size, -1, np.int64)
     inside = np.zeros(size * size, np.int32)
@@ -61,8 +61,8 @@ def cover(corners: np.ndarray, size: int) -> Cover:
     return Cover(size, texel, face, closest_weights(_centres(texel, size), corners[face]), overlap)
 
 
-def closest_weights(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(n, 3) float64: weights of the corners ((n, 3, 2)) for the point of each triangle that is nearest to a point."""
+def closest_weights(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) float64: barycentric coordinates of the point in each triangle ((n, 3, 2)) nearest to a point."""
     weights, best = _barycentric(points, corners), np.zeros(len(points))
     outside = ~(weights >= 0.0).all(1)
     best[outside] = np.inf
@@ -76,8 +76,8 @@ def closest_weights(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return weights
 
 
-def _pairs(corners: np.ndarray, size: int):
-    """Yield (texels, faces) of all texels that meet a face, some rows of faces at a time."""
+def _pairs(corners: NDArray[np.float64], size: int) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Yield (texels, faces) for all texels that meet a face, a batch of face rows at a time."""
     area = np.abs(_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
     faces = np.flatnonzero(area > 1e-12)
     low, high = corners[faces, :, 1].min(1), corners[faces, :, 1].max(1)
@@ -85,18 +85,18 @@ def _pairs(corners: np.ndarray, size: int):
     rows = np.clip(np.floor(high), 0, size - 1).astype(np.int64) - first + 1
     for some in _batches(rows, _PAIRS // 4):
         of, y = _spread(faces[some], first[some], rows[some])
-        left, right = _span(corners[of], y)
-        meets = left <= right
-        of, y, left, right = of[meets], y[meets], left[meets], right[meets]
-        start = np.clip(np.floor(left), 0, size - 1).astype(np.int64)
-        count = np.clip(np.floor(right), 0, size - 1).astype(np.int64) - start + 1
+        x_min, x_max = _span(corners[of], y)
+        meets = x_min <= x_max
+        of, y, x_min, x_max = of[meets], y[meets], x_min[meets], x_max[meets]
+        start = np.clip(np.floor(x_min), 0, size - 1).astype(np.int64)
+        count = np.clip(np.floor(x_max), 0, size - 1).astype(np.int64) - start + 1
         for part in _batches(count, _PAIRS):
             row = np.repeat(y[part], count[part])
             face, x = _spread(of[part], start[part], count[part])
             yield row * size + x, face
 
 
-def _batches(counts: np.ndarray, most: int):
+def _batches(counts: NDArray[np.int64], most: int) -> Iterator[slice]:
     """Yield slices whose counts sum to about `most`."""
     ends = np.cumsum(counts)
     start = 0
@@ -107,14 +107,14 @@ def _batches(counts: np.ndarray, most: int):
 
 
 def _spread(owner: np.ndarray, first: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(owner repeated, first, first + 1, ... of each)."""
+    """(each owner repeated `count` times, first, first + 1, ... for each)."""
     starts = np.cumsum(count) - count
     return np.repeat(owner, count), np.arange(count.sum()) - np.repeat(starts - first, count)
 
 
 def _span(corners: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The least and greatest x of each triangle within the row y to y + 1; empty if it does not reach the row."""
-    left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
+    """The minimum and maximum x of each triangle within the row y to y + 1; an empty range if it misses the row."""
+    x_min, x_max = np.full(len(y), np.inf), np.full(len(y), -np.inf)
     for k in range(3):
         a, b = corners[:, k], corners[:, (k + 1) % 3]
         rise = b[:, 1] - a[:, 1]
@@ -125,12 +125,12 @@ def _span(corners: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         high = np.where(rise == 0.0, 1.0, np.minimum(ends.max(0), 1.0))
         for t in (low, high):
             x = np.where(low <= high, a[:, 0] + t * (b[:, 0] - a[:, 0]), np.nan)
-            left, right = np.fmin(left, x), np.fmax(right, x)
-    return left, right
+            x_min, x_max = np.fmin(x_min, x), np.fmax(x_max, x)
+    return x_min, x_max
 
 
 def _distance(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(float32 distance of points from triangles, whether they are inside by more than rounding)."""
+    """(float32 distance of points from triangles, whether they are inside by more than rounding error)."""
     weights = _barycentric(points, corners)
     gap = np.full(len(points), np.inf)
     for k in range(3):
@@ -147,7 +147,7 @@ def _barycentric(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _on_segment(points: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(t, squared distance) of the point a + t (b - a) of each segment that is nearest to a point."""
+    """(t, squared distance) of the point a + t (b - a) on each segment nearest to a point."""
     along, from_a = b - a, points - a
     length = (along * along).sum(1)
     t = np.clip((from_a * along).sum(1) / np.where(length > 0.0, length, 1.0), 0.0, 1.0)
@@ -160,18 +160,17 @@ def _centres(texel: np.ndarray, size: int) -> np.ndarray:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Texture coordinates for a bake: a UV set of the file, or an atlas by xatlas; and the sheets, one for each image.
+# --- Sheets, one per image --------------------------------------------------------------------------------------------
 
 
 PADDING = 4
-"""Texels between the charts of an atlas: more than the radius of the filter, and than bilinear lookups reach."""
+"""Texels between the charts of an atlas: more than the radius of the filter and of bilinear lookups."""
 
 _OUTSIDE = 1e-4
-_OVERLAP = 0.005  # of a sheet's texels: exporters let charts touch, and rounding makes them overlap
+_OVERLAP = 0.005  # tolerated share of a sheet's texels: exporters let charts touch, and rounding makes them overlap
 
 
 class Unwrapped(NamedTuple):
@@ -187,24 +186,24 @@ class Sheet(NamedTuple):
     """Parts that share an image."""
 
     members: list[int]  # indices of parts
-    unwrapped: list[Unwrapped]  # of each of them
+    unwrapped: list[Unwrapped]  # one per part
     cover: Cover
 
 
 def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
-    """One sheet with all parts; xatlas divides them into charts. Texels have about the same size everywhere."""
+    """One sheet with all parts, which xatlas divides into charts. Texels have about the same size everywhere."""
     xatlas = import_extra("xatlas", "an atlas (--texture without --uv)", "bake")
-    made, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
+    packing, middle = xatlas.Atlas(), np.mean([p.positions.mean(0) for p in parts], 0)
     for part in parts:
-        made.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
+        packing.add_mesh((part.positions - middle).astype(np.float32), part.faces.astype(np.uint32))
     options = xatlas.PackOptions()
     options.resolution, options.padding, options.bilinear, options.create_image = size, PADDING, True, False
     with report_progress("unwrapping"):
-        made.generate(pack_options=options)
-    scale = np.array([made.width, made.height], np.float64) / max(made.width, made.height, 1)
+        packing.generate(pack_options=options)
+    scale = np.array([packing.width, packing.height], np.float64) / max(packing.width, packing.height, 1)
     unwrapped = []
     for i, part in enumerate(parts):
-        source, faces, uv = made[i]
+        source, faces, uv = packing[i]
         unwrapped.append(
             Unwrapped(part, uv.astype(np.float64) * scale, faces.astype(np.int64), source.astype(np.int64))
         )
@@ -212,12 +211,12 @@ def atlas(parts: Sequence[NodePrimitive], size: int) -> list[Sheet]:
 
 
 def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: int, size: int) -> list[Sheet]:
-    """Sheets by a UV set of the file: one for all parts if these do not overlap, else one for each part.
+    """Sheets for a UV set of the file: one for all parts if they do not overlap, else one per part.
 
     Raises
     ------
     InputError
-        If a part has no such set, leaves [0, 1] or overlaps itself.
+        If a part has no such set, its coordinates leave [0, 1], or it overlaps itself.
     """
     unwrapped = [_set_of(part, accessors, uv_set) for part in parts]
     together = _cover_sheet(unwrapped, size)
@@ -236,12 +235,12 @@ def uv_set_sheets(parts: Sequence[NodePrimitive], accessors: Accessors, uv_set: 
 
 
 def corners_of(unwrapped: Sequence[Unwrapped], values: Sequence[np.ndarray]) -> np.ndarray:
-    """(f, 3, k): values at the vertices of parts, at the corners of all their faces."""
+    """(f, 3, k): vertex values of parts, gathered at the corners of all their faces."""
     return np.concatenate([rows[one.source][one.faces] for one, rows in zip(unwrapped, values)])
 
 
-def chart_of_faces(unwrapped: Sequence[Unwrapped]) -> np.ndarray:
-    """(f,) int64: the chart of each face; faces of a chart share vertices in the sheet."""
+def chart_of_faces(unwrapped: Sequence[Unwrapped]) -> NDArray[np.int64]:
+    """(f,) int64: the chart of each face; faces of a chart are connected by vertices on the sheet."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -263,9 +262,9 @@ def _cover_sheet(unwrapped: Sequence[Unwrapped], size: int) -> Cover:
 def _set_of(part: NodePrimitive, accessors: Accessors, uv_set: int) -> Unwrapped:
     name, attributes = f"TEXCOORD_{uv_set}", part.json["attributes"]
     if name not in attributes:
-        held = ", ".join(k[9:] for k in sorted(attributes) if k.startswith("TEXCOORD_"))
-        there = f"it has the UV sets {held}; " if held else "it has none; "
-        raise InputError(f"{part.where} has no {name}; {there}leave --uv out for an atlas")
+        sets = ", ".join(k[9:] for k in sorted(attributes) if k.startswith("TEXCOORD_"))
+        available = f"it has the UV sets {sets}; " if sets else "it has none; "
+        raise InputError(f"{part.where} has no {name}; {available}leave --uv out for an atlas")
     uv = accessors.finite(attributes[name], "VEC2")[part.rows]
     if uv.min() < -_OUTSIDE or uv.max() > 1.0 + _OUTSIDE:
         low, high = uv.min(), uv.max()

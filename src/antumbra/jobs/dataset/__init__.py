@@ -1,7 +1,7 @@
 """Data sets: pictures of a scene from many cameras under many lights, with object, face and blocker ids.
 
 - `dataset_job`: `dataset`, which renders unfinished frames
-- `random_views`: cameras and lights, given or drawn from a seed
+- `random_views`: cameras and lights, explicit or random from a seed
 - `dataset_layers`: layer names and values, and blocker ids
 - `dataset_files`: the folder, finished frames, and contact sheets
 """

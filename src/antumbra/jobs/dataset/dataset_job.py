@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from time import perf_counter
 from typing import NamedTuple
 
 from ...checks import flag
+from ...engine.plan import Plan
 from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...files import checked_folder
@@ -19,36 +21,45 @@ from ...scene.camera import Camera
 from ...scene.lights import Light
 from ...version import VERSION
 from ..executors import Executor, checked_shard, do_missing, executor_of
-from ..scene_records import FORMAT, camera_record, differences, digest_of, light_record, object_records, scene_record
+from ..scene_records import (
+    FORMAT,
+    Record,
+    camera_record,
+    differences,
+    digest_of,
+    light_record,
+    object_records,
+    scene_record,
+)
 from .dataset_files import MANIFEST, DatasetFolder, read_json, write_json
 from .dataset_layers import Objects, channels, light_blockers, light_layer, masks, objects_of
 from .random_views import CameraSet, SamplingRegion, camera_set, lights_of, sampling_region
 
 
 class Dataset(NamedTuple):
-    """A data set on disk, and what a call of `dataset` did for it."""
+    """A data set on disk, and what one call of `dataset` contributed."""
 
     folder: Path  # with manifest.json, frames/ and masks/
     frames: int  # number of cameras
     lights: int  # number of lights; each has a layer and a mask
     rendered: int  # frames that the call rendered
-    finished: int  # frames of the call's shard that were finished before
-    complete: bool  # whether all frames of all shards are finished, and the manifest lists them
-    seconds: float  # time of the call
+    finished: int  # frames of the call's shard that were already finished
+    complete: bool  # whether all frames of all shards are finished and listed in the manifest
+    seconds: float  # duration of the call
 
 
 @with_progress
 def dataset(
-    scene: SceneLike, folder, cameras: Sequence[Camera] | None = None, lights: Sequence[Light] | Light | None = None, *,
-    orbit: int = 0, random: int = 0, random_lights: int = 0, seed: int = 0, size: tuple[int, int] = (512, 512),
-    spp: int = 16, sampler: str = "larcher-pillichshammer", time: float = 0.0, plan=None, threads: int | None = None,
-    max_memory: int | None = None, shard: tuple[int, int] = (0, 1), overwrite: bool = False,
-    progress: Progress = None, keep: Executor | None = None,
+    scene: SceneLike, folder: str | PathLike[str], cameras: Sequence[Camera] | None = None,
+    lights: Sequence[Light] | Light | None = None, *, orbit: int = 0, random: int = 0, random_lights: int = 0,
+    seed: int = 0, size: tuple[int, int] = (512, 512), spp: int = 16, sampler: str = "larcher-pillichshammer",
+    time: float = 0.0, plan: str | Plan | None = None, threads: int | None = None, max_memory: int | None = None,
+    shard: tuple[int, int] = (0, 1), overwrite: bool = False, progress: Progress = None, keep: Executor | None = None,
 ) -> Dataset:  # fmt: skip
-    """Render a data set: for each camera an EXR file with a layer for each light, and a mask of each light's shadow.
+    """Render a data set: per camera, an EXR file with a layer for each light, and a shadow mask for each light.
 
-    A call goes on where another one was stopped, and ends with the same bytes. A call that finds all frames finished
-    changes nothing.
+    A call resumes where an earlier one stopped, and the resulting bytes are the same. If all frames are finished, the
+    call changes nothing.
 
     Parameters
     ----------
@@ -61,26 +72,27 @@ def dataset(
     lights : list of lights, one light, or None
         None: `Scene.default_lights`; no such light if `random_lights` is given.
     orbit : int
-        Number of cameras that stand around the scene at equal angles; inside, if a closed box is around everything.
+        Number of cameras around the scene at equal angles, or inside it if a closed box surrounds everything.
     random : int
-        Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and
-        stands in no wall.
+        Number of cameras in and around the scene. Each looks at a point in the scene's bounds, sees surfaces, and does
+        not stand in a wall.
     random_lights : int
-        Number of lights, by turns a sun 10 to 80 degrees high and a sphere in free space.
+        Number of lights, alternately a sun 10 to 80 degrees high and a sphere in free space.
     seed : int
-        Decides random cameras and lights. Camera k depends on the scene, the seed and k alone.
+        Seed of random cameras and lights. Camera k depends only on the scene, the seed and k.
     size : (width, height)
-        Pixels of the cameras that are not given.
+        Resolution of all cameras other than `cameras`, in pixels.
     spp, sampler, time, plan, threads, max_memory
         As in `antumbra.render`.
     shard : (i, n)
-        Render only the frames k with ``k % n == i``. The call that finds all frames finished completes the manifest.
+        Render only the frames k with ``k % n == i``. The call after which all frames are finished completes the
+        manifest.
     overwrite : bool
-        Render all frames of the shard again, also if the folder has a data set of other settings, which is removed.
+        Render all frames of the shard again. If the folder has a data set with other settings, it is removed.
     progress : function of (text, done, total), or bool, optional
-        Called after each frame. False: nothing is shown. None: terminals and notebooks show a bar after a second.
-    keep : engine, optional
-        Who renders the frames, see `antumbra.jobs.executors`. None: this process.
+        Called after each frame. False: show nothing. None: terminals and notebooks show a bar after a second.
+    keep : executor, optional
+        Renders the frames, see `antumbra.jobs.executors`. None: this process.
 
     Returns
     -------
@@ -89,8 +101,8 @@ def dataset(
     Raises
     ------
     InputError
-        If a value is out of range, no view is found for a random camera, the folder has a data set of other settings
-        or other files, or it cannot be written.
+        If a value is out of range, no view is found for a random camera, the folder contains a data set with other
+        settings or other files, or it cannot be written.
     """
     start = perf_counter()
     path = checked_folder(folder)
@@ -99,10 +111,10 @@ def dataset(
     share, overwrite = checked_shard(shard), flag(overwrite, "overwrite")
     if keep is not None:
         keep = executor_of(keep)
-    place = sampling_region(scene, options.time, threads)
-    views = camera_set(scene, cameras, orbit, random, seed, size, place.time)
+    region = sampling_region(scene, options.time, threads)
+    views = camera_set(scene, cameras, orbit, random, seed, size, region.time)
     renderer = Renderer(scene, plan, threads, max_memory=max_memory)
-    work = _FrameUnits(place, views, lights_of(place, lights, random_lights, seed), options, renderer)
+    work = _FrameUnits(region, views, lights_of(region, lights, random_lights, seed), options, renderer)
     work.open(path, overwrite)
     if keep is None:
         do_missing(work, range(share.number, len(work), share.of))
@@ -113,22 +125,22 @@ def dataset(
 
 
 class _FrameUnits:
-    """A data set that is being made: units of work, one for each frame."""
+    """A data set being rendered: the `Units` of an executor, one per frame."""
 
     what = "frames"
     folder: DatasetFolder
 
     def __init__(
-        self, place: SamplingRegion, views: CameraSet, lights: list[Light], options: RenderOptions, renderer: Renderer
+        self, region: SamplingRegion, views: CameraSet, lights: list[Light], options: RenderOptions, renderer: Renderer
     ):
-        self.place, self.views, self.lights, self.options = place, views, lights, options
+        self.region, self.views, self.lights, self.options = region, views, lights, options
         self.rendered = self.finished = 0  # frames
-        self._renderer, self._again = renderer, set[int]()  # frames to render, finished or not
+        self._renderer, self._again = renderer, set[int]()  # frames to render even if finished
         self._objects: Objects | None = None
         plan = renderer.plan
         settings = {
             "version": VERSION,
-            "scene": scene_record(place.scene, place.time, place.threads),
+            "scene": scene_record(region.scene, region.time, region.threads),
             "seed": views.seed,
             "cameras": views.record(),
             "lights": [{"layer": light_layer(k), **light_record(light)} for k, light in enumerate(lights)],
@@ -163,23 +175,23 @@ class _FrameUnits:
         self.rendered += 1
 
     def clear(self) -> None:
-        """All files are results."""
+        """No-op: all files are results."""
 
     def open(self, path: Path, overwrite: bool) -> None:
-        """Open the folder, with a manifest of these settings."""
+        """Open the folder, and write a manifest with these settings if needed."""
         self.folder = folder = DatasetFolder(path, digest_of(self.settings), self.views.total, len(self.lights))
-        found = (read_json(path / MANIFEST) or {}).get("settings")
-        found = found if isinstance(found, dict) else None
-        if found is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
+        old_settings = (read_json(path / MANIFEST) or {}).get("settings")
+        old_settings = old_settings if isinstance(old_settings, dict) else None
+        if old_settings is None and path.exists() and not all(p.name.startswith(".") for p in path.iterdir()):
             raise InputError(f"{path}: has files, but no data set's {MANIFEST}; name a new folder")
-        other = [] if found is None else differences(found, self.settings)
+        other = [] if old_settings is None else differences(old_settings, self.settings)
         if other and not overwrite:
             raise InputError(
                 f"{path}: holds a data set of other settings ({'; '.join(other)}); "
                 "name another folder, or replace it (--overwrite, overwrite=True)"
             )
         folder.prepare()
-        if found is None or overwrite:
+        if old_settings is None or overwrite:
             folder.drop_others()
             write_json(self._manifest([]), path / MANIFEST)
         folder.prepare("frames", "masks")
@@ -188,18 +200,18 @@ class _FrameUnits:
 
     def _render(self, k: int) -> None:
         """Render and write frame k."""
-        scene, time, threads = self.place[:3]
-        made, camera = self.views.camera(self.place, k)
+        scene, time, threads = self.region[:3]
+        kind, camera = self.views.camera(self.region, k)
         frame = self._renderer.render(camera, self.lights, options=self.options)
         self._objects = self._objects or objects_of(scene)
         blocked = light_blockers(scene, frame, self.lights, time, threads)
-        seen = frame.mask
+        covered = frame.mask
         about = {
-            "made": made,
+            "made": kind,
             "camera": camera_record(camera),
             "origin": scene.origin.tolist(),
-            "seen": float(seen.mean()),
-            "lit": [float(v[seen].mean(dtype=float)) if seen.any() else None for v in frame.visibility],
+            "seen": float(covered.mean()),
+            "lit": [float(v[covered].mean(dtype=float)) if covered.any() else None for v in frame.visibility],
         }
         self.folder.write(k, channels(frame, self._objects, blocked), masks(frame), about)
 
@@ -214,12 +226,12 @@ class _FrameUnits:
         write_json(self._manifest(frames), self.folder.path / MANIFEST)
         return True
 
-    def _manifest(self, frames: list[dict]) -> dict:
+    def _manifest(self, frames: list[Record]) -> Record:
         return {
             "format": FORMAT,
             "complete": len(frames) == self.views.total,
             "settings": self.settings,
             "settings_sha256": digest_of(self.settings),
-            "objects": object_records(self.place.scene),
+            "objects": object_records(self.region.scene),
             "frames": frames,
         }

@@ -1,12 +1,13 @@
 """The image layers of a data set: names and values, and blocker ids, the first face on the way to a light's centre.
 
 Names are LAYER.PASS.CHANNEL, as Blender writes them to multi-layer EXR; OpenEXR groups channels by the names before the
-last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has its own layer.
+last dot. The layer ``ViewLayer`` contains the surfaces that the camera sees, and each light has its own layer.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
 from ...picture.frame import Frame
@@ -15,50 +16,46 @@ from ...query.gbuffer import GBuffer
 from ...query.receivers import point_receivers
 from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
 
-# --- Blocker ids: for each pixel the first face on the way to the centre of a light -----------------------------------
+# --- Blocker ids ------------------------------------------------------------------------------------------------------
 
 
 def has_centre(light: Light) -> bool:
-    """Whether rays can be sent to the light's centre. Ambient light and lists of lights have none."""
+    """Whether a light has a centre, to which rays can be traced. Ambient lights and light lists have none."""
     return isinstance(light, PointLight | QuadLight | DiskLight | SphereLight | DirectionalLight)
 
 
-def towards_centre(light: Light, world: np.ndarray) -> tuple[np.ndarray, float]:
-    """(directions, tmax) of rays from (m, 3) points to the light's centre; a distant light's rays have no end."""
+def towards_centre(light: Light, world: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """(directions, tmax) of rays from (m, 3) points to the light's centre; rays to a distant light are unbounded."""
     if isinstance(light, DirectionalLight):
         return np.broadcast_to(-light.direction, world.shape), np.inf
     if isinstance(light, QuadLight):
         return light.corner + 0.5 * (light.u + light.v) - world, 1.0
-    centre = light.position if isinstance(light, PointLight) else light.center  # type: ignore[attr-defined]
+    centre = light.position if isinstance(light, PointLight) else cast(DiskLight | SphereLight, light).center
     return centre - world, 1.0
 
 
-def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threads: int | None) -> np.ndarray:
-    """(H, W) int32: the face that keeps the centre of a light from each pixel; -1 where none does.
+def blockers(scene: AnyScene, gbuffer: GBuffer, light: Light, time: float, threads: int | None) -> NDArray[np.int32]:
+    """(H, W) int32: the face that hides a light's centre from each pixel; -1 where none does.
 
-    It is the pixel's own face where the surface faces away from the centre. Elsewhere it is the face of the nearest
-    hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face. It starts at the pixel's
-    position, moved by 2^-21 of its largest coordinate along the normal, both as `GBuffer` gives them.
+    Where the surface faces away from the centre, this is the pixel's own face. Elsewhere it is the face of the nearest
+    hit, by `Scene.closest_hit`, of a ray to the centre. The ray skips the pixel's own face and starts at the pixel's
+    position, moved along the normal by 2^-21 of its largest coordinate; position and normal are those of the `GBuffer`.
     """
     out = np.full(gbuffer.face.shape, -1, np.int32)
-    seen = gbuffer.face >= 0
-    if not seen.any():
+    covered = gbuffer.face >= 0
+    if not covered.any():
         return out
-    own, position = gbuffer.face[seen], gbuffer.position[seen].astype(np.float64)
-    normal = gbuffer.normal[seen].astype(np.float64)
+    pixel_face, position = gbuffer.face[covered], gbuffer.position[covered].astype(np.float64)
+    normal = gbuffer.normal[covered].astype(np.float64)
     world = point_receivers(position, normal, position, single=False) + gbuffer.origin
     directions, tmax = towards_centre(light, world)
     x, y, z = (normal * directions).T
-    hit = scene.closest_hit(world, directions, 0.0, tmax, own, time, threads=threads)
-    out[seen] = np.where(x + y + z > 0.0, hit.face, own)
+    hit = scene.closest_hit(world, directions, 0.0, tmax, pixel_face, time, threads=threads)
+    out[covered] = np.where(x + y + z > 0.0, hit.face, pixel_face)
     return out
 
 
-# --- The layers of a picture of a data set: their names, and their values ---------------------------------------------
-#
-# Names are LAYER.PASS.CHANNEL, as Blender writes them to a multi-layer EXR. OpenEXR groups channels by the names
-# before the last dot. The layer ``ViewLayer`` has the surfaces that the camera sees, and each light has a layer of its
-# own.
+# --- Layers -----------------------------------------------------------------------------------------------------------
 
 
 VIEW = "ViewLayer"
@@ -84,21 +81,21 @@ def light_layer(k: int) -> str:
 def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -> dict[str, np.ndarray]:
     """All channels of a picture: name -> (H, W) float32, or uint32 with the bits of an int32 id.
 
-    blocked : for each light its `blockers`, or None
+    blocked : the `blockers` of each light, or None
     """
-    g = frame.gbuffer
-    seen = g.face >= 0
-    thing = np.where(seen, objects.of_face[np.where(seen, g.face, 0)], -1).astype(np.int32)
-    instance = np.where(seen, objects.instance[np.where(seen, thing, 0)], -1).astype(np.int32)
+    gbuffer = frame.gbuffer
+    covered = gbuffer.face >= 0
+    object_id = np.where(covered, objects.of_face[np.where(covered, gbuffer.face, 0)], -1).astype(np.int32)
+    instance = np.where(covered, objects.instance[np.where(covered, object_id, 0)], -1).astype(np.int32)
     passes = {
         **{f"{VIEW}.Combined.{c}": frame.image[..., k] for k, c in enumerate("RGB")},
-        f"{VIEW}.Combined.A": seen.astype(np.float32),
-        f"{VIEW}.Depth.Z": g.depth,
-        **{f"{VIEW}.Position.{c}": g.position[..., k] for k, c in enumerate("XYZ")},
-        **{f"{VIEW}.Normal.{c}": g.normal[..., k] for k, c in enumerate("XYZ")},
-        f"{VIEW}.IndexOB.X": thing,
+        f"{VIEW}.Combined.A": covered.astype(np.float32),
+        f"{VIEW}.Depth.Z": gbuffer.depth,
+        **{f"{VIEW}.Position.{c}": gbuffer.position[..., k] for k, c in enumerate("XYZ")},
+        **{f"{VIEW}.Normal.{c}": gbuffer.normal[..., k] for k, c in enumerate("XYZ")},
+        f"{VIEW}.IndexOB.X": object_id,
         f"{VIEW}.Instance.X": instance,
-        f"{VIEW}.Triangle.X": g.face,
+        f"{VIEW}.Triangle.X": gbuffer.face,
     }
     for k, (visibility, blocker) in enumerate(zip(frame.visibility, blocked)):
         passes[f"{light_layer(k)}.Visibility.X"] = visibility
@@ -107,11 +104,13 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
     return {name: stored(values) for name, values in passes.items()}
 
 
-def light_blockers(scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads) -> list[np.ndarray | None]:
-    """For each light its `blockers`; None if it has no centre."""
+def light_blockers(
+    scene: AnyScene, frame: Frame, lights: list[Light], time: float, threads: int | None
+) -> list[NDArray[np.int32] | None]:
+    """The `blockers` of each light; None for lights without a centre."""
     return [blockers(scene, frame.gbuffer, s, time, threads) if has_centre(s) else None for s in lights]
 
 
-def masks(frame: Frame) -> list[np.ndarray]:
-    """For each light (H, W) uint8: the share of it that is hidden, 255 for all of it; 0 in the background."""
+def masks(frame: Frame) -> list[NDArray[np.uint8]]:
+    """For each light, (H, W) uint8: its hidden share, 255 for all of it; 0 in the background."""
     return [np.rint(255.0 * (1.0 - v.astype(np.float64))).astype(np.uint8) for v in frame.visibility]

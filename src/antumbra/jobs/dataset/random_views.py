@@ -1,4 +1,4 @@
-"""The cameras and lights of a data set: given, on an orbit, or drawn from a seed.
+"""The cameras and lights of a data set: explicit ones, cameras on an orbit, and random ones from a seed.
 
 A random camera or light depends only on the scene, the seed and its number.
 """
@@ -17,90 +17,89 @@ from ...scene.camera import AZIMUTH, MAX_SIZE, Camera, axes, bounding_sphere, de
 from ...scene.default_picture import Room
 from ...scene.lights import DirectionalLight, Light, SphereLight, check_lights
 from ...scene.triangles import Hit
-from ..scene_records import camera_record
+from ..scene_records import Record, camera_record
 
-# --- Cameras and lights that a data set draws from its seed. Number k depends on the scene, the seed and k alone ------
+# --- Random and orbit views -------------------------------------------------------------------------------------------
 
 
 TRIES = 512
-"""Places that are tried for a camera or a light."""
+"""Maximum number of positions tried for a camera or a light."""
 
 VFOV = 60.0
-_BACK, _WIDEST = 0.9, 75.0  # of an orbit in a closed box: share of the way to it, and degrees
+_BACK, _WIDEST = 0.9, 75.0  # orbit in a closed box: fraction of the distance to the box, and maximum vfov in degrees
 _CAMERA, _LIGHT = 1, 2  # streams of random numbers
-_PROBE = 16  # rays across and down a view that is tried
-_LEAST_SEEN = 0.25  # of a view's rays
-_LEAST_CLEAR = 0.01  # of the radius, around a camera
-_MARGINS = 0.0, 0.5  # of the radius, around the bounds: places in the scene, and around it
-_LEAST_FACES = 8  # that a view's rays meet, in scenes of many faces
+_PROBE = 16  # rays across and down a candidate view
+_LEAST_SEEN = 0.25  # minimum share of a view's rays that hit surfaces
+_LEAST_CLEAR = 0.01  # minimum clearance around a camera, in radii of the bounds
+_MARGINS = 0.0, 0.5  # margins around the bounds, in their radii: positions in the scene, and around it
+_LEAST_FACES = 8  # minimum number of faces that a view's rays hit, in scenes of many faces
 _ELEVATION = np.radians(10.0), np.radians(80.0)  # of suns
-_MANY, _ENOUGH = 1000, 100_000  # faces from which the bounds are found, and faces that are looked at
-_MOST_FACES = 2.0, 98.0  # percentiles
-_MORE = 0.1  # of the width, on each side
-_SIZES = 0.01, 0.05  # radius of a sphere light, of the radius
+_MANY, _ENOUGH = 1000, 100_000  # minimum faces for which bounds are computed from face centres, and maximum used
+_MOST_FACES = 2.0, 98.0  # percentiles of face centres
+_MORE = 0.1  # enlargement of the bounds on each side, in widths
+_SIZES = 0.01, 0.05  # radius of a sphere light, in radii of the bounds
 
 SEES_LITTLE, IN_A_WALL = "see little", "are in or at a wall"
 
 
 class SamplingRegion(NamedTuple):
-    """Where places are drawn, and the rays that judge them."""
+    """The region from which positions are sampled, and the ray tests that validate them."""
 
     scene: AnyScene
     time: float  # seconds
     threads: int | None
-    bounds: np.ndarray  # (2, 3) float64, world: the part of the scene that most faces are in
+    bounds: np.ndarray  # (2, 3) float64, world: bounds of the part of the scene with most of its faces
 
     @property
     def radius(self) -> float:
         return bounding_sphere(self.bounds)[1]
 
     def box(self, margin: float) -> np.ndarray:
-        """(2, 3) float64: the bounds, `margin` wider on all sides but the lower one."""
+        """(2, 3) float64: the bounds, enlarged by `margin` on all sides except the bottom."""
         upward = axes(self.scene.up)[1]
         return self.bounds + margin * np.stack([upward - 1.0, np.ones(3)])
 
     def nearest(self, position: np.ndarray, directions: np.ndarray) -> tuple[Hit, np.ndarray]:
-        """The nearest face along each direction, and whether its back is seen."""
-        ask = lambda side: self.scene.closest_hit(
-            position, directions, time=self.time, cull_faces=side, threads=self.threads
-        )
-        first = ask(None)
-        return first, (first.face >= 0) & (first.face != ask("back").face)
+        """The nearest face along each direction, and whether it is hit from behind."""
+        scene, time, threads = self[:3]
+        first = scene.closest_hit(position, directions, time=time, threads=threads)
+        front = scene.closest_hit(position, directions, time=time, cull_faces="back", threads=threads)
+        return first, (first.face >= 0) & (first.face != front.face)
 
     def walled(self, position: np.ndarray, clear: float) -> bool:
-        """Whether a surface is nearer than `clear`, or most of the surfaces around show their backs."""
+        """Whether a surface is nearer than `clear`, or most surfaces around are hit from behind."""
         hit, back = self.nearest(position, _AROUND)
         return bool(hit.t.min() < clear or 2 * back.sum() > (hit.face >= 0).sum())
 
 
 def sampling_region(scene: AnyScene, time: float, threads: int | None) -> SamplingRegion:
-    """The `Place` of a scene. A plain around a town, of few faces, is left out of its bounds.
+    """The `SamplingRegion` of a scene. Its bounds leave out large surroundings of few faces, such as a plain.
 
-    The bounds hold the centres of all faces but 2 % on each side, and a tenth more. A scene of few faces has its own
-    bounds, and so has a store.
+    They contain all face centres but 2 % on each side, enlarged by a tenth. For scenes of few faces, and for stores,
+    they are the scene's bounds.
     """
     if scene.n_triangles < _MANY or isinstance(scene, PagedScene):
         return SamplingRegion(scene, time, threads, scene.bounds)
     triangles = scene.triangles(time, threads)
-    some = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
-    centres = some.mean(axis=1, dtype=np.float64) + triangles.origin
+    sample = triangles.vertices[:: -(-len(triangles.vertices) // _ENOUGH)]
+    centres = sample.mean(axis=1, dtype=np.float64) + triangles.origin
     lower, upper = np.percentile(centres, _MOST_FACES, axis=0, method="nearest")
-    more = _MORE * (upper - lower)
-    return SamplingRegion(scene, time, threads, np.clip(np.stack([lower - more, upper + more]), *scene.bounds))
+    margin = _MORE * (upper - lower)
+    return SamplingRegion(scene, time, threads, np.clip(np.stack([lower - margin, upper + margin]), *scene.bounds))
 
 
-def orbit_camera(place: SamplingRegion, k: int, n: int, size: tuple[int, int]) -> Camera:
-    """Camera k of n that stand around the scene at equal angles, and show its bounding sphere.
+def orbit_camera(region: SamplingRegion, k: int, n: int, size: tuple[int, int]) -> Camera:
+    """Camera k of n cameras around the scene at equal angles, each of which shows its bounding sphere.
 
-    In a closed box, such as a sky box, they stand around what it encloses, if necessary nearer and with a wider lens.
-    In a box that is too tight for this, they look at the middle of the room, from most of the way to what is around it.
+    In a closed box, such as a sky box, they surround its contents, if necessary closer and with a wider lens. In a box
+    too tight for this, they look at the centre of the room, from most of the distance to its surroundings.
     """
-    scene, turn = place.scene, 2.0 * np.pi * k / n
+    scene, turn = region.scene, 2.0 * np.pi * k / n
     room = scene.view.room
     if room is None or room.planes is None:
         return default_camera(scene.bounds, scene.up, *size, turn)
     if room.points is None:
-        return _across(place, room, turn, size)
+        return _across(region, room, turn, size)
     bounds = np.stack([room.points.min(0), room.points.max(0)])
     camera = default_camera(bounds, scene.up, *size, turn)
     back = camera.position - camera.target
@@ -113,85 +112,85 @@ def orbit_camera(place: SamplingRegion, k: int, n: int, size: tuple[int, int]) -
     return Camera(camera.target + share * back, camera.target, camera.up, vfov, *size)
 
 
-def _across(place: SamplingRegion, room: Room, turn: float, size: tuple[int, int]) -> Camera:
-    """A camera that looks at the middle of a room, level; `turn`: radians around the up axis."""
-    right, upward, towards = axes(place.scene.up)
+def _across(region: SamplingRegion, room: Room, turn: float, size: tuple[int, int]) -> Camera:
+    """A camera that looks horizontally at the centre of a room; `turn`: radians around the up axis."""
+    right, upward, towards = axes(region.scene.up)
     back = np.sin(AZIMUTH + turn) * right + np.cos(AZIMUTH + turn) * towards
-    free = min(float(place.nearest(room.middle, back[None])[0].t[0]), room.way(room.middle, back))
+    free = min(float(region.nearest(room.middle, back[None])[0].t[0]), room.way(room.middle, back))
     return Camera(room.middle + _BACK * free * back, room.middle, upward, VFOV, *size)
 
 
-def random_camera(place: SamplingRegion, seed: int, k: int, size: tuple[int, int]) -> Camera:
-    """A camera that looks at a point in the bounds of the place.
+def random_camera(region: SamplingRegion, seed: int, k: int, size: tuple[int, int]) -> Camera:
+    """A camera that looks at a point in the bounds of the region.
 
-    Places in the bounds and around them are tried by turns. At least a quarter of a grid of the camera's rays meet
-    surfaces, several faces of them, and most of these show their fronts. No surface is nearer than 1 % of the bounds'
-    radius. So the camera stands in no wall.
+    Positions inside the bounds and around them are tried alternately. Of a grid of the camera's rays, at least a
+    quarter hit surfaces, they hit several faces, and most of these from the front. No surface is nearer than 1 % of the
+    bounds' radius, so the camera does not stand in a wall.
 
     Raises
     ------
     InputError
-        If there is no such view in `TRIES` tries.
+        If `TRIES` tries find no such view.
     """
     rng, faults = np.random.default_rng([seed, _CAMERA, k]), Counter[str]()
-    radius, upward = place.radius, axes(place.scene.up)[1]
+    radius, upward = region.radius, axes(region.scene.up)[1]
     for i in range(TRIES):
         margin = _MARGINS[(k + i) % len(_MARGINS)]
-        position, target = rng.uniform(*place.box(margin * radius)), rng.uniform(*place.bounds)
+        position, target = rng.uniform(*region.box(margin * radius)), rng.uniform(*region.bounds)
         try:
             camera = Camera(position, target, upward, VFOV, *size)
         except InputError:  # straight up or down
             continue
-        fault = _fault(place, camera, radius)
+        fault = _fault(region, camera, radius)
         if fault is None:
             return camera
         faults[fault] += 1
-    raise _none(place, f"view for random camera {k}", faults, "give cameras instead (--camera)")
+    raise _none(region, f"view for random camera {k}", faults, "give cameras instead (--camera)")
 
 
-def random_light(place: SamplingRegion, seed: int, k: int) -> Light:
+def random_light(region: SamplingRegion, seed: int, k: int) -> Light:
     """A sun 10 to 80 degrees above the horizon if k is even; a sphere in free space in the scene if k is odd.
 
     Raises
     ------
     InputError
-        If there is no free space in `TRIES` tries.
+        If `TRIES` tries find no free space.
     """
     rng = np.random.default_rng([seed, _LIGHT, k])
-    right, upward, towards = axes(place.scene.up)
+    right, upward, towards = axes(region.scene.up)
     if k % 2 == 0:
         azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*_ELEVATION)
         flat = np.sin(azimuth) * right + np.cos(azimuth) * towards
         return DirectionalLight(-(np.cos(elevation) * flat + np.sin(elevation) * upward), intensity=float(np.pi))
-    radius, faults = place.radius, Counter[str]()
+    radius, faults = region.radius, Counter[str]()
     for _ in range(TRIES):
-        centre, size = rng.uniform(*place.box(0.0)), radius * rng.uniform(*_SIZES)
-        if not place.walled(centre, size):
+        centre, size = rng.uniform(*region.box(0.0)), radius * rng.uniform(*_SIZES)
+        if not region.walled(centre, size):
             return SphereLight(centre, size, intensity=float(np.pi * (radius / 2.0) ** 2))
         faults[IN_A_WALL] += 1
-    raise _none(place, f"place for random light {k}", faults, "give lights instead (--light)")
+    raise _none(region, f"place for random light {k}", faults, "give lights instead (--light)")
 
 
-def _fault(place: SamplingRegion, camera: Camera, radius: float) -> str | None:
-    rays = camera.resized(_PROBE, _PROBE).rays(place.scene.origin)
+def _fault(region: SamplingRegion, camera: Camera, radius: float) -> str | None:
+    rays = camera.resized(_PROBE, _PROBE).rays(region.scene.origin)
     across = np.arange(_PROBE) + 0.5
     directions = rays.corner + across[:, None] * rays.dx + across[:, None, None] * rays.dy
-    hit, back = place.nearest(camera.position, directions)
-    seen = hit.face >= 0
-    if seen.mean() < _LEAST_SEEN or len(np.unique(hit.face[seen])) < min(_LEAST_FACES, place.scene.n_triangles // 8):
+    hit, back = region.nearest(camera.position, directions)
+    hits = hit.face >= 0
+    if hits.mean() < _LEAST_SEEN or len(np.unique(hit.face[hits])) < min(_LEAST_FACES, region.scene.n_triangles // 8):
         return SEES_LITTLE
-    if 2 * back.sum() > seen.sum() or place.walled(camera.position, _LEAST_CLEAR * radius):
+    if 2 * back.sum() > hits.sum() or region.walled(camera.position, _LEAST_CLEAR * radius):
         return IN_A_WALL
     return None
 
 
-def _none(place: SamplingRegion, what: str, faults: Counter[str], cure: str) -> InputError:
-    found = ", ".join(f"{n} {fault}" for fault, n in faults.items())
-    return InputError(f"{place.scene.name}: no {what} in {TRIES} tries ({found}); {cure}")
+def _none(region: SamplingRegion, what: str, faults: Counter[str], cure: str) -> InputError:
+    counts = ", ".join(f"{n} {fault}" for fault, n in faults.items())
+    return InputError(f"{region.scene.name}: no {what} in {TRIES} tries ({counts}); {cure}")
 
 
 def _sphere(n: int) -> np.ndarray:
-    """(n, 3) float64: directions spread evenly, on a Fibonacci spiral."""
+    """(n, 3) float64: evenly spread directions, on a Fibonacci spiral."""
     i = np.arange(n) + 0.5
     z, turn = 1.0 - 2.0 * i / n, np.pi * (3.0 - np.sqrt(5.0)) * i
     flat = np.sqrt(1.0 - z * z)
@@ -200,7 +199,7 @@ def _sphere(n: int) -> np.ndarray:
 
 _AROUND = _sphere(64)
 
-# --- The cameras and lights that a data set is asked for --------------------------------------------------------------
+# --- Camera and light sets --------------------------------------------------------------------------------------------
 
 
 MOST_FRAMES = 10_000_000
@@ -209,57 +208,61 @@ _MOST_SEED = 2**63 - 1
 
 
 class CameraSet(NamedTuple):
-    """The cameras: first the given ones, then an orbit, then random ones."""
+    """The cameras: first the explicit ones, then an orbit, then random ones."""
 
-    given: list[Camera]
+    explicit: list[Camera]
     orbit: int  # number of cameras around the scene
-    random: int  # number of cameras drawn from the seed
+    random: int  # number of random cameras
     seed: int
-    size: tuple[int, int]  # width, height of the cameras that are not given
+    size: tuple[int, int]  # width, height of orbit and random cameras
 
     @property
     def total(self) -> int:
-        return len(self.given) + self.orbit + self.random
+        return len(self.explicit) + self.orbit + self.random
 
-    def camera(self, place: SamplingRegion, k: int) -> tuple[str, Camera]:
-        """Camera k, and how it was made: "given", "orbit" or "random"."""
-        if k < len(self.given):
-            return "given", self.given[k]
-        k -= len(self.given)
+    def camera(self, region: SamplingRegion, k: int) -> tuple[str, Camera]:
+        """The kind of camera k, "given", "orbit" or "random"; and the camera."""
+        if k < len(self.explicit):
+            return "given", self.explicit[k]
+        k -= len(self.explicit)
         if k < self.orbit:
-            return "orbit", orbit_camera(place, k, self.orbit, self.size)
-        return "random", random_camera(place, self.seed, k - self.orbit, self.size)
+            return "orbit", orbit_camera(region, k, self.orbit, self.size)
+        return "random", random_camera(region, self.seed, k - self.orbit, self.size)
 
-    def record(self) -> dict:
-        """What decides the cameras, for the settings."""
-        given = [camera_record(camera) for camera in self.given]
-        return {"given": given, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
+    def record(self) -> Record:
+        """The settings that determine the cameras."""
+        cameras = [camera_record(camera) for camera in self.explicit]
+        return {"given": cameras, "orbit": self.orbit, "random": self.random, "size": list(self.size)}
 
 
-def camera_set(scene: AnyScene, cameras: Sequence[Camera] | None, orbit, random, seed, size, time: float) -> CameraSet:
-    """The checked `Views`. If nothing is asked for, they are the scene's own cameras, or its default camera."""
+def camera_set(
+    scene: AnyScene, cameras: Sequence[Camera] | None, orbit: int, random: int, seed: int, size: tuple[int, int],
+    time: float,
+) -> CameraSet:  # fmt: skip
+    """A checked `CameraSet`. By default, it has the scene's own cameras, or its default camera."""
     orbit = whole_number(orbit, "orbit", 0, MOST_FRAMES)
     random = whole_number(random, "random", 0, MOST_FRAMES)
     seed = whole_number(seed, "seed", 0, _MOST_SEED)
     width, height = listed(size, "size (width, height)", 2)
     size = whole_number(width, "picture width", 1, MAX_SIZE), whole_number(height, "picture height", 1, MAX_SIZE)
     if cameras is None:
-        own = [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
-        cameras = own if own or orbit or random else [scene.default_camera(*size)]
-    cameras = items(cameras, Camera, "a camera")
-    views = CameraSet(cameras, orbit, random, seed, size)
+        scene_cameras = (
+            [] if orbit or random else [scene.camera(i, time).resized(*size) for i in range(len(scene.cameras))]
+        )
+        cameras = scene_cameras if scene_cameras or orbit or random else [scene.default_camera(*size)]
+    views = CameraSet(items(cameras, Camera, "a camera"), orbit, random, seed, size)
     if not 1 <= views.total <= MOST_FRAMES:
         raise InputError(f"{views.total} cameras; a data set has 1 to {MOST_FRAMES:,}, give cameras, orbit or random")
     return views
 
 
-def lights_of(place: SamplingRegion, lights: Sequence[Light] | Light | None, random, seed) -> list[Light]:
-    """The given lights, then random ones. If nothing is asked for: the scene's default lights."""
-    random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), place.scene
+def lights_of(region: SamplingRegion, lights: Sequence[Light] | Light | None, random: int, seed: int) -> list[Light]:
+    """The explicit lights, then random ones; by default, the scene's default lights."""
+    random, scene = whole_number(random, "random_lights", 0, MOST_LIGHTS), region.scene
     if lights is None:
-        lights = [] if random else scene.default_lights(place.time)
-    given = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
-    found = check_lights(given + [random_light(place, seed, k) for k in range(random)], scene.up)
-    if len(found) > MOST_LIGHTS:
-        raise InputError(f"{len(found)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
-    return found
+        lights = [] if random else scene.default_lights(region.time)
+    explicit_lights = items(lights, Light, "a light", "give an antumbra.PointLight, QuadLight, ... or a list of them")
+    all_lights = check_lights(explicit_lights + [random_light(region, seed, k) for k in range(random)], scene.up)
+    if len(all_lights) > MOST_LIGHTS:
+        raise InputError(f"{len(all_lights)} lights; a data set has at most {MOST_LIGHTS}, each is a layer")
+    return all_lights

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import as_array
 from ...engine.accelerator import Accelerated
@@ -23,22 +23,30 @@ from ..sensor_files import SUFFIXES, check_point_file, read_array, read_columns
 from ..sensors import Sensors, corners_of, point_sensors
 from ..work_parts import Parts
 
-# --- Lines of sight between pairs of points, and what blocks them -----------------------------------------------------
+# --- Sightlines -------------------------------------------------------------------------------------------------------
 
 
-_PLAN = "bsah+wide"  # its tree is also that of ray queries
-_PART = 1 << 16  # pairs that are traced at a time
+_PLAN = "bsah+wide"  # ray queries use the same tree
+_PART = 1 << 16  # pairs traced at a time
 
 
 class Sightlines(NamedTuple):
-    """Pairs of points, and what stands between them; the leading shape (...) is that of the pairs."""
+    """Visibility of pairs of points, and what blocks it; the leading shape (...) is that of the pairs."""
 
     visible: np.ndarray  # (...) bool: the two points see each other
     face: np.ndarray  # (...) int32: the blocking face nearest to the observer; -1 if visible, or if none is known
-    object: np.ndarray  # (...) int32: its object, an index in `Scene.objects`; -1 where `face` is
+    object: np.ndarray  # (...) int32: its object, an index into `Scene.objects`; -1 where `face` is
     point: np.ndarray  # (..., 3) float64, world: where it blocks; NaN if visible
     distance: np.ndarray  # (...) float64, world units: from the observer to this point; NaN if visible
     length: np.ndarray  # (...) float64, world units: from the observer to the target
+
+
+class _Ends(NamedTuple):
+    """The observers, or the targets, as `line_of_sight` receives them."""
+
+    points: ArrayLike
+    normals: ArrayLike | None
+    faces: ArrayLike | None
 
 
 class _Pairs(NamedTuple):
@@ -62,28 +70,28 @@ def line_of_sight(
     target_normals: ArrayLike | None = None, faces: ArrayLike | None = None, target_faces: ArrayLike | None = None,
     time: float = 0.0, threads: int | None = None, progress: Progress = None,
 ) -> Sightlines:  # fmt: skip
-    """Find whether observers see targets, and the face, the object and the point that block those that do not.
+    """Find whether observers see targets, and the face, object and point that block the others.
 
-    A triangle blocks if it meets the segment between the two points, strictly between its ends. The answer is exact.
+    A triangle blocks if it meets the segment between the two points, strictly between its ends. The result is exact.
 
     Parameters
     ----------
     scene : Scene, or anything that `antumbra.load` takes
     observers, targets : (..., 3) float
-        World coordinates. They broadcast: ``a[:, None], b[None]`` asks all pairs.
+        World coordinates. They broadcast: ``a[:, None], b[None]`` tests all pairs.
     normals, target_normals : (..., 3) float, optional
         For ends on surfaces, towards the visible side. Such an end is moved off its surface by a few units in the last
-        place, and what lies below its horizon is blocked by its own surface. None: the points are used unchanged.
+        place, and its own surface blocks everything below its horizon. None: the points are used unchanged.
     faces, target_faces : (...) int, optional
-        The faces of the scene on which ends lie, -1: none. They do not block this pair, but for the horizon of
-        normals. An end that lies on a face, such as the middle of a window pane, needs its face or its normal here:
-        float32 can round it to either side of the face.
+        The faces of the scene on which ends lie, -1: none. They do not block this pair, except by the horizon of a
+        normal. An end on a face, such as the centre of a window pane, needs its face or its normal, since float32 can
+        round it to either side of the face.
     time : float
         Seconds.
     threads : int, optional
         None: all cores.
     progress : function of (text, done, total), or bool, optional
-        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -92,37 +100,38 @@ def line_of_sight(
     Raises
     ------
     InputError
-        If shapes do not broadcast, numbers are NaN or infinite, a normal is zero, or the scene is in a store.
+        If shapes do not broadcast, a number is NaN or infinite, a normal is zero, or the scene is in a store.
 
     Notes
     -----
-    Of faces at the same distance in float64, the lowest index blocks. A pair that is blocked by nothing but a horizon
-    names the face of `faces` or `target_faces`, and the end that lies on it.
+    Among faces at the same distance in float64, the lowest index blocks. For a pair that only a horizon blocks, the
+    result has the face from `faces` or `target_faces`, and the end on it as the blocking point.
     """
     scene, threads = scene_of(scene), thread_count(threads)
-    pairs, shape = _checked(scene, (observers, normals, faces), (targets, target_normals, target_faces))
+    begin, end = _Ends(observers, normals, faces), _Ends(targets, target_normals, target_faces)
+    pairs, shape = _checked(scene, begin, end)
     ready = scene.engine.with_options(_PLAN, threads, None).accelerated(time)
     n = len(pairs.begin)
     work = lambda first, last: _blocks(pairs.part(first, last), ready, threads)
     parts = Parts(f"{n} lines of sight", n, _PART, work)
     LocalExecutor().finish([parts])
-    found = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
+    blocks = parts.joined(("t", "face")) if n else _blocks(pairs, ready, threads)
     away = pairs.end.astype(np.float64) - pairs.begin
-    length, t, face = np.linalg.norm(away, axis=1), found["t"], found["face"]
+    length, t, face = np.linalg.norm(away, axis=1), blocks["t"], blocks["face"]
     point = pairs.begin + t[:, None] * away + scene.origin
     objects = np.where(face >= 0, scene.object_of_face[face], -1).astype(np.int32)
     visible = np.isnan(t)
-    given = visible, face, objects, point, t * length, length
-    return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in given))
+    fields = visible, face, objects, point, t * length, length
+    return Sightlines(*(array.reshape((*shape, *array.shape[1:])) for array in fields))
 
 
-def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[int, ...]]:
-    """The pairs, and their leading shape; begin, end: (points, normals, faces)."""
-    at, named = [as_array(begin[0], "observers"), as_array(end[0], "targets")], ("observers", "targets")
-    for points, what in zip(at, named):
+def _checked(scene: AnyScene, begin: _Ends, end: _Ends) -> tuple[_Pairs, tuple[int, ...]]:
+    """The pairs and their leading shape."""
+    at = [as_array(begin.points, "observers"), as_array(end.points, "targets")]
+    for points, what in zip(at, ("observers", "targets")):
         if points.ndim < 1 or points.shape[-1] != 3:
             raise InputError(f"{what} must have shape (..., 3), not {points.shape}")
-    faces = [as_array(-1 if each[2] is None else each[2], "faces") for each in (begin, end)]
+    faces = [as_array(-1 if each.faces is None else each.faces, "faces") for each in (begin, end)]
     try:
         shape = np.broadcast_shapes(at[0].shape[:-1], at[1].shape[:-1], faces[0].shape, faces[1].shape)
     except ValueError:
@@ -130,19 +139,19 @@ def _checked(scene: AnyScene, begin: tuple, end: tuple) -> tuple[_Pairs, tuple[i
             f"shapes do not broadcast: observers {at[0].shape}, targets {at[1].shape}, "
             f"faces {faces[0].shape}, target_faces {faces[1].shape}"
         ) from None
-    ends, units, own = [], [], []
-    for points, (_, normals, _), face in zip(at, (begin, end), faces):
-        wide = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3)
-        if normals is not None:
-            normals = np.broadcast_to(_as_normals(normals, shape), (*shape, 3)).reshape(-1, 3)
-        made = Receivers.of(wide, normals, scene.origin)
-        ends.append(made.origins[0])
-        units.append(None if normals is None else made.normals[0])
-        own.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
-    return _Pairs(*ends, *units, *own), shape
+    ends, units, face_lists = list[np.ndarray](), list[np.ndarray | None](), list[np.ndarray]()
+    for points, each, face in zip(at, (begin, end), faces):
+        positions, normals = np.broadcast_to(points, (*shape, 3)).reshape(-1, 3), None
+        if each.normals is not None:
+            normals = np.broadcast_to(_as_normals(each.normals, shape), (*shape, 3)).reshape(-1, 3)
+        receivers = Receivers.of(positions, normals, scene.origin)
+        ends.append(receivers.origins[0])
+        units.append(None if normals is None else receivers.normals[0])
+        face_lists.append(_as_faces(np.broadcast_to(face, shape).ravel(), scene.n_triangles))
+    return _Pairs(*ends, *units, *face_lists), shape
 
 
-def _as_normals(normals, shape) -> np.ndarray:
+def _as_normals(normals: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     array = as_array(normals, "normals")
     if array.ndim < 1 or array.shape[-1] != 3:
         raise InputError(f"normals must have shape (..., 3), not {array.shape}")
@@ -159,7 +168,7 @@ def _as_faces(faces: np.ndarray, count: int) -> np.ndarray:
 
 
 def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str, np.ndarray]:
-    """Where each pair is blocked: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
+    """The block of each pair: t (n,) float64 from 0 to 1, NaN if visible; face (n,) int32."""
     n = len(pairs.begin)
     ray, prim = _first_hits(pairs, ready, threads)
     other = prim != pairs.end_face[ray]
@@ -167,9 +176,9 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
     t = _parameters(pairs, ray, ready.triangles.vertices[prim])
     order = np.lexsort((prim, t, ray))
     blocked, nearest = np.unique(ray[order], return_index=True)
-    found, face = np.full(n, np.nan), np.full(n, -1, np.int32)
-    found[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
-    for unit, own, place, sign in (
+    first_t, face = np.full(n, np.nan), np.full(n, -1, np.int32)
+    first_t[blocked], face[blocked] = t[order][nearest], prim[order][nearest]
+    for unit, surface_face, place, sign in (
         (pairs.end_unit, pairs.end_face, 1.0, -1.0),
         (pairs.begin_unit, pairs.begin_face, 0.0, 1.0),
     ):
@@ -177,34 +186,34 @@ def _blocks(pairs: _Pairs, ready: Accelerated, threads: int | None) -> dict[str,
             continue
         away = sign * (pairs.end.astype(np.float64) - pairs.begin)
         hidden = ~((away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]) + away[:, 2] * unit[:, 2] > 0.0)
-        hidden &= np.isnan(found) if place else True
-        found[hidden], face[hidden] = place, own[hidden]
-    return {"t": found, "face": face}
+        hidden &= np.isnan(first_t) if place else True
+        first_t[hidden], face[hidden] = place, surface_face[hidden]
+    return {"t": first_t, "face": face}
 
 
 def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of a segment and a triangle that stops it, but for the faces of the segments' beginnings."""
+    """All pairs of a segment and a triangle that stops it, except the face on which the segment begins."""
     assert ready.bvh is not None
-    asked = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
-    met = intersections(ready.bvh, *asked)
-    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(met.first)), met.prims
+    segments = pairs.begin, pairs.end, pairs.begin_face.astype(np.int32), threads
+    hits = intersections(ready.bvh, *segments)
+    ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(hits.first)), hits.prims
     if ready.cutouts is None:
         return ray, prim
-    more = all_stops(ready.cutouts, *asked)
-    return np.concatenate([ray, more[0]]), np.concatenate([prim, more[1]])
+    cutout_hits = all_stops(ready.cutouts, *segments)
+    return np.concatenate([ray, cutout_hits[0]]), np.concatenate([prim, cutout_hits[1]])
 
 
-def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _parameters(pairs: _Pairs, ray: np.ndarray, corners: np.ndarray) -> NDArray[np.float64]:
     """(n,) float64 from 0 to 1: where segments meet the planes of triangles."""
     begin, v = pairs.begin[ray].astype(np.float64), corners.astype(np.float64)
     normal = np.cross(v[:, 1] - v[:, 0], v[:, 2] - v[:, 0])
     height = ((v[:, 0] - begin) * normal).sum(1)
     with np.errstate(invalid="ignore", divide="ignore"):
         t = height / ((pairs.end[ray] - begin) * normal).sum(1)
-    return np.clip(np.nan_to_num(t), 0.0, 1.0)
+    return np.asarray(np.clip(np.nan_to_num(t), 0.0, 1.0))
 
 
-# --- Pairs of points from files ---------------------------------------------------------------------------------------
+# --- Pairs from files -------------------------------------------------------------------------------------------------
 
 
 _ENDS = "x1", "y1", "z1", "x2", "y2", "z2"
@@ -214,7 +223,7 @@ _INDICES = "from", "to"
 
 
 class PairList(NamedTuple):
-    """Pairs of points, as `line_of_sight` takes them."""
+    """Pairs of points: arguments of `line_of_sight`."""
 
     observers: np.ndarray  # (n, 3) float64
     targets: np.ndarray  # (n, 3) float64
@@ -225,14 +234,14 @@ class PairList(NamedTuple):
 
 
 def check_pairs(text: str) -> None:
-    """Raise an InputError, before a scene is read, unless `--pairs` is "all", "zip" or a file that can be read."""
+    """Raise an InputError, before a scene is read, unless `--pairs` is "all", "zip" or a readable file."""
     if text in ("all", "zip"):
         return
     check_point_file(text, "--pairs", f"all, zip, or a {', '.join(SUFFIXES)} file")
 
 
 def read_pairs(path: Path) -> PairList:
-    """Pairs from a file that has both points of each.
+    """Read pairs from a file with both points of each pair.
 
     - CSV with a header, Parquet, NPZ: columns x1, y1, z1, x2, y2, z2, and optionally nx1 to nz1, nx2 to nz2 (normals of
       ends on surfaces) and face1, face2 (the faces on which ends lie, -1: none)
@@ -255,17 +264,22 @@ def read_pairs(path: Path) -> PairList:
     missing = [name for name in _ENDS if name not in columns]
     if missing:
         raise InputError(f"{path.name}: column {missing[0]!r} is missing; pairs need the columns {', '.join(_ENDS)}")
-    three = lambda names: np.stack([columns[n] for n in names], 1) if all(n in columns for n in names) else None
     first, second = (columns[n].astype(np.int64) if n in columns else None for n in _FACES)
-    observers, targets = three(_ENDS[:3]), three(_ENDS[3:])
+    observers, targets = _vectors(columns, _ENDS[:3]), _vectors(columns, _ENDS[3:])
     assert observers is not None and targets is not None
-    return PairList(observers, targets, three(_NORMALS[:3]), three(_NORMALS[3:]), first, second)
+    normals, target_normals = _vectors(columns, _NORMALS[:3]), _vectors(columns, _NORMALS[3:])
+    return PairList(observers, targets, normals, target_normals, first, second)
+
+
+def _vectors(columns: dict[str, np.ndarray], names: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """(n, 3) float64: three columns; None if one is missing."""
+    return np.stack([columns[n] for n in names], 1) if all(n in columns for n in names) else None
 
 
 def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
-    """Pairs of two lists of points: "all", "zip" (one by one), or a file of their indices.
+    """Pairs of two lists of points: "all", "zip" (element-wise), or a file of their indices.
 
-    The file has the columns ``from`` and ``to``, or is a .npy file of (n, 2) whole numbers; the first point is 0.
+    The file has the columns ``from`` and ``to``, or is a .npy file of (n, 2) integers; indices start at 0.
     """
     if text == "all":
         first, second = (index.ravel() for index in np.indices((len(observers), len(targets))))
@@ -275,11 +289,9 @@ def pairs_of(text: str, observers: Sensors, targets: Sensors) -> PairList:
         first = second = np.arange(len(observers))
     else:
         first, second = _indices(Path(text), len(observers), len(targets))
-    cut = lambda array, places: None if array is None else array[places]
-    return PairList(
-        observers.points[first], targets.points[second], cut(observers.normals, first), cut(targets.normals, second),
-        cut(observers.faces, first), cut(targets.faces, second),
-    )  # fmt: skip
+    fields = (observers.normals, first), (targets.normals, second), (observers.faces, first), (targets.faces, second)
+    optional = [None if array is None else array[indices] for array, indices in fields]
+    return PairList(observers.points[first], targets.points[second], *optional)
 
 
 def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.ndarray]:
@@ -297,53 +309,53 @@ def _indices(path: Path, observers: int, targets: int) -> tuple[np.ndarray, np.n
     return columns["from"].astype(np.int64), columns["to"].astype(np.int64)
 
 
-# --- Lines of sight as a table, and as a model: green as far as they see, red beyond what blocks them -----------------
+# --- Tables, and models with lines that are green up to the block and red beyond it -----------------------------------
 
 
 _GREEN, _RED, _GREY = (0.05, 0.6, 0.1), (0.7, 0.03, 0.03), (0.35, 0.35, 0.35)  # linear
 
 
-def sight_table(scene: AnyScene, pairs: PairList, found: Sightlines) -> Table:
-    """A row for each pair; its sensor is the observer."""
+def sight_table(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> Table:
+    """A table with one row per pair; the sensor of a row is the observer."""
     names = np.array([each.name for each in scene.objects] + [""])
-    columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in
-               zip(("x2", "y2", "z2"), pairs.targets.T)}  # fmt: skip
+    targets = zip(("x2", "y2", "z2"), pairs.targets.T)
+    columns = {name: Column(values, "", f"{name[0]} of the target") for name, values in targets}
     columns |= {
-        "visible": Column(found.visible, "", "the two points see each other"),
-        "length": Column(found.length, "m", "distance from the observer to the target"),
-        "face": Column(found.face, "", "the blocking face nearest to the observer"),
-        "object": Column(found.object, "", "the object of this face"),
-        "name": Column(names[found.object], "", "the object's name"),
-        **_city_columns(scene, found),
-        "distance": Column(found.distance, "m", "distance from the observer to the block"),
+        "visible": Column(sightlines.visible, "", "the two points see each other"),
+        "length": Column(sightlines.length, "m", "distance from the observer to the target"),
+        "face": Column(sightlines.face, "", "the blocking face nearest to the observer"),
+        "object": Column(sightlines.object, "", "the object of this face"),
+        "name": Column(names[sightlines.object], "", "the object's name"),
+        **_city_columns(scene, sightlines),
+        "distance": Column(sightlines.distance, "m", "distance from the observer to the block"),
     }
-    for name, values in zip(("px", "py", "pz"), found.point.T):
+    for name, values in zip(("px", "py", "pz"), sightlines.point.T):
         columns[name] = Column(values, "", f"{name[1]} of the point that blocks")
     return Table(point_sensors(pairs.observers), columns, {"job": "los"}, scene)
 
 
-def _city_columns(scene: AnyScene, found: Sightlines) -> dict[str, Column]:
-    """What a city model knows of the blocking face."""
+def _city_columns(scene: AnyScene, sightlines: Sightlines) -> dict[str, Column]:
+    """Attributes of the blocking face from a city model."""
     if scene.city is None:
         return {}
     types, parents = (np.array([*names, ""]) for names in (scene.city.types, scene.city.parents))
     return {
-        "type": Column(types[found.object], "", "the object's type"),
-        "parent": Column(parents[found.object], "", "the object that it is a part of"),
-        "surface": Column(scene.city.surface_types(found.face), "", "type of the face's semantic surface"),
+        "type": Column(types[sightlines.object], "", "the object's type"),
+        "parent": Column(parents[sightlines.object], "", "the object that it is a part of"),
+        "surface": Column(scene.city.surface_types(sightlines.face), "", "type of the face's semantic surface"),
     }
 
 
-def sight_model(scene: AnyScene, pairs: PairList, found: Sightlines) -> bytes:
+def sight_model(scene: AnyScene, pairs: PairList, sightlines: Sightlines) -> bytes:
     """A GLB file of the scene and the lines."""
     corners = (corners_of(scene) - scene.origin).reshape(-1, 3)
     soup = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     parts = [ColouredMesh(scene.name, corners, np.broadcast_to(_GREY, corners.shape), soup)]
-    hidden = ~found.visible
-    stop = np.where(hidden[:, None], found.point, pairs.targets)
+    hidden = ~sightlines.visible
+    stop = np.where(hidden[:, None], sightlines.point, pairs.targets)
     for name, colour, begin, end in (
         ("seen", _GREEN, pairs.observers, stop),
-        ("hidden", _RED, found.point[hidden], pairs.targets[hidden]),
+        ("hidden", _RED, sightlines.point[hidden], pairs.targets[hidden]),
     ):
         if len(begin):
             ends = np.stack([begin, end], 1).reshape(-1, 3) - scene.origin

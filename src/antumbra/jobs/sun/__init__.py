@@ -2,8 +2,8 @@
 
 - `sun_hours`: `sun_hours` and `sky_view`
 - `location`: latitude, longitude, time zone and true north of a scene
-- `sun_positions`: time intervals, and the sun position of each
-- `solar_radiation`: EPW files, and clear skies
+- `sun_positions`: time intervals and the sun position of each
+- `solar_radiation`: EPW files and clear skies
 - `daylight_rules`: rules on sun hours
-- `sun_visibility`: which suns each sensor sees, and sums over them
+- `sun_visibility`: visible suns of each sensor, and sums over them
 """

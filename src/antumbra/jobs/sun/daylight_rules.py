@@ -1,7 +1,7 @@
-"""Daylight rules on sun hours, such as BR 209 and EN 17037; only rules whose text is certain.
+"""Daylight rules on sun hours, such as BR 209 and EN 17037; only rules whose text could be verified.
 
-Each rule is linear: a sun counts towards a criterion with a weight, and a sensor's score is the sum over the suns that
-it sees. `weights_of` gives a matrix, and ``seen @ weights.T`` the scores.
+Each rule is linear: a sun counts towards a criterion with a weight, and a sensor's score is the sum over its visible
+suns. `weights_of` returns the weight matrix; the scores are ``visible @ weights.T``.
 """
 
 from calendar import month_name
@@ -10,6 +10,7 @@ from datetime import date, timedelta
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...checks import quoted, spelling_hint
 from ...errors import InputError
@@ -19,16 +20,16 @@ BRIGHT = 120.0
 """W/m2: sunshine is bright if direct normal irradiance is above this (World Meteorological Organization)."""
 
 _MONTHS = 12
-_ROUNDING = 1e-9  # so that a sum of twelfths of an hour reaches a whole number
+_ROUNDING = 1e-9  # tolerance, so that a sum of twelfths of an hour reaches a whole number
 
 
 class Criterion(NamedTuple):
     """One threshold of a rule."""
 
     name: str
-    least: float  # hours; or, if `share`, the part of the hours of all suns of the rule
+    least: float  # hours; or, if `share`, the fraction of the hours of all suns of the rule
     share: bool = False
-    period: tuple[int, int] = (101, 1231)  # first and last day, 100 * month + day; it may cross the new year
+    period: tuple[int, int] = (101, 1231)  # first and last day, 100 * month + day; may span the new year
 
 
 class Rule(NamedTuple):
@@ -37,23 +38,23 @@ class Rule(NamedTuple):
     name: str
     citation: str
     text: str  # the rule, in our words
-    notes: str  # its approximations, and what it leaves to the user
-    days: Callable[[int], list[date]]  # of a year
+    notes: str  # its approximations, and the choices left to the user
+    days: Callable[[int], list[date]]  # default days of a year
     step: int  # minutes
     criteria: tuple[Criterion, ...]  # a sensor passes if it meets all
-    area: float | None = None  # part of each area that has to pass; None: each sensor by itself
-    period: tuple[int, int] | None = None  # first and last of the days of which one is asked; None: a whole year
+    area: float | None = None  # fraction of each area that must pass; None: sensors are judged individually
+    period: tuple[int, int] | None = None  # the rule applies to one day, between these two; None: to a whole year
 
 
-def weights_of(rule: Rule, suns: Suns) -> np.ndarray:
-    """What each sun adds to each criterion if a sensor sees it: (criteria, k) float64.
+def weights_of(rule: Rule, suns: Suns) -> NDArray[np.float64]:
+    """(criteria, k) float64: what each visible sun adds to the score of each criterion.
 
     If the suns have direct radiation, probable hours count only while it is above `BRIGHT`.
 
     Raises
     ------
     InputError
-        If no sun is there to count.
+        If no sun counts.
     """
     hours = suns.hours if suns.dni is None else suns.hours * (suns.dni > BRIGHT)
     days, rows = month_days(suns.local), []
@@ -70,16 +71,16 @@ def weights_of(rule: Rule, suns: Suns) -> np.ndarray:
     return np.array(rows, np.float64)
 
 
-def meets_rule(rule: Rule, scores: np.ndarray) -> np.ndarray:
-    """Whether each sensor meets all criteria: (n,) bool, for scores (n, criteria)."""
+def meets_rule(rule: Rule, scores: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) bool: whether each sensor meets all criteria, for scores (n, criteria)."""
     least = np.array([criterion.least for criterion in rule.criteria])
-    return np.all(scores >= least - _ROUNDING, axis=1)
+    return np.asarray(np.all(scores >= least - _ROUNDING, axis=1))
 
 
 def check_rule(name: str, days: list[date] | None, areas: bool) -> None:
-    """Raise an InputError, before work begins, if a rule does not fit the days, or lacks its areas.
+    """Raise an InputError, before work begins, if the days do not suit a rule, or it needs areas and has none.
 
-    days : those that were given; None: those of the rule
+    days : None: those of the rule
     """
     rule = rule_named(name)
     if rule.area is not None and not areas:
@@ -101,12 +102,12 @@ def check_rule(name: str, days: list[date] | None, areas: bool) -> None:
 
 
 def _day_text(day: int) -> str:
-    """100 * month + day in words, such as "21 March"."""
+    """The text of 100 * month + day, such as "21 March"."""
     return f"{day % 100} {month_name[day // 100]}"
 
 
 def rule_named(name: str) -> Rule:
-    """A rule of `RULES`. Raises InputError with all names if there is none."""
+    """A rule of `RULES`. Raises InputError with all names if there is none of this name."""
     if not isinstance(name, str) or name not in RULES:
         raise InputError(f"rule {quoted(name)} is unknown; {spelling_hint(name, RULES)}use one of {', '.join(RULES)}")
     return RULES[name]
@@ -124,9 +125,9 @@ def _equinox(year: int) -> list[date]:
 _BR_209 = "P. Littlefair, Site layout planning for daylight and sunlight, BR 209, BRE, editions of 2011 and 2022"
 _EN_17037 = "EN 17037:2018+A1:2021, Daylight in buildings, exposure to sunlight"
 _EN_NOTES = (
-    "The standard lets the day be any from 1 February to 21 March; 21 March is the preset. The sky is clear. The "
-    "sensor is a point of an opening of one habitable room, at least 1.2 m above the floor. Suns count above a lowest "
-    "altitude that depends on the country: give sensors and lowest altitude to match."
+    "The standard allows any day from 1 February to 21 March; the default is 21 March. The sky is clear. The sensor is "
+    "a point of an opening of one habitable room, at least 1.2 m above the floor. Suns count above a minimum altitude "
+    "that depends on the country: choose sensors and minimum altitude accordingly."
 )
 
 
@@ -147,8 +148,8 @@ RULES: dict[str, Rule] = {
             "21 September and 21 March.",
             "Probable sunlight hours are the long-term average of hours of bright sun on unobstructed ground. With an "
             f"EPW file, hours with direct normal irradiance above {BRIGHT:g} W/m2 count: one typical year stands for "
-            "the long-term average. Without one, every hour of sun above the horizon counts alike: cloudy winters then "
-            "weigh too much.",
+            "the long-term average. Without one, every hour of sun above the horizon counts alike, which gives "
+            "cloudy winters too much weight.",
             _whole_year,
             60,
             (Criterion("annual", 0.25, True), Criterion("winter", 0.05, True, (921, 321))),
@@ -158,8 +159,8 @@ RULES: dict[str, Rule] = {
             _BR_209,
             "At least half of a garden or amenity area gets at least two hours of sun on 21 March.",
             "Sun hours are those of a clear sky, with the sun at any height above the horizon. The ground is the "
-            "lowest surface of the scene, or the upper side of a low slab there. Cells inside buildings do not belong "
-            "to an area. Trees shade as they are modelled; assessments often leave them out.",
+            "lowest surface of the scene, or the top of a low slab there. Cells inside buildings do not belong to an "
+            "area. Trees cast shade as modelled; assessments often leave them out.",
             _equinox,
             5,
             (Criterion("hours", 2.0),),

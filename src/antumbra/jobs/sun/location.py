@@ -1,12 +1,15 @@
-"""Where on Earth a scene lies: latitude, longitude, time zone, and true north in the scene's frame."""
+"""The location of a scene on Earth: latitude, longitude, time zone, and true north in the scene's frame."""
 
 import re
 from datetime import UTC, timedelta, timezone, tzinfo
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ...checks import number, quoted, text
-from ...engine.scene_loading import scene_of
+from ...engine.scene_loading import SceneLike, scene_of
 from ...errors import InputError
 from ...extras import import_extra
 from ...scene.crs import checked_crs
@@ -41,10 +44,10 @@ def parse_zone(text: str) -> tzinfo:
     raise InputError(f"timezone {quoted(text)} is unknown; {_CURE}")
 
 
-# --- Where on Earth a scene lies, and how it is turned ----------------------------------------------------------------
+# --- Places -----------------------------------------------------------------------------------------------------------
 
 
-_DEGENERATE = 89.999  # degrees: nearer to a pole, there is no direction of north
+_DEGENERATE = 89.999  # degrees: closer to a pole, north is undefined
 _MARGIN = 1.0  # degrees around the area of use of a CRS
 
 
@@ -66,28 +69,31 @@ class Place(_PlaceFields):
     Raises
     ------
     InputError
-        If a number is out of range: latitudes lie between -90 and 90, and longitudes between -360 and 360 degrees. If
-        the time zone is unknown.
+        If the time zone is unknown, or a number is out of range: latitudes lie between -90 and 90 degrees, longitudes
+        between -360 and 360.
     """
 
-    def __new__(cls, latitude, longitude, elevation=0.0, north=0.0, timezone=None):
+    def __new__(
+        cls, latitude: float, longitude: float, elevation: float = 0.0, north: float = 0.0, timezone: str | None = None
+    ) -> "Place":
         return checked_place(super().__new__(cls, latitude, longitude, elevation, north, timezone))
 
 
 def place_of(
-    scene, *, crs=None, latitude=None, longitude=None, north=None, elevation=None, timezone=None
-) -> Place | None:
+    scene: SceneLike, *, crs: str | None = None, latitude: float | None = None, longitude: float | None = None,
+    north: float | None = None, elevation: float | None = None, timezone: str | None = None,
+) -> Place | None:  # fmt: skip
     """The place of a scene.
 
-    A position that is given replaces the one of a coordinate reference system (CRS). Grid north and true north then
-    count as one, unless `north` is given.
+    An explicit position overrides that of a coordinate reference system (CRS). Grid north is then taken to be true
+    north unless `north` is given.
 
     Parameters
     ----------
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
-        Its bounds, its up axis, and its CRS are used.
+        Its bounds, up axis and CRS are used.
     crs : str, optional
-        Such as "EPSG:7415"; it replaces the scene's CRS.
+        Such as "EPSG:7415"; overrides the scene's CRS.
     latitude, longitude : float, optional
         Degrees, WGS 84; both or none.
     north : float, optional
@@ -100,7 +106,7 @@ def place_of(
     Returns
     -------
     Place or None
-        None if neither arguments nor the scene tell the position.
+        None if neither the arguments nor the scene define the position.
 
     Raises
     ------
@@ -108,35 +114,35 @@ def place_of(
         If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
         `place_of_crs` refuses the CRS.
     """
-    given = given_position(
+    position = given_position(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
-    )  # fmt: skip
+    )
     if crs is not None:
         checked_crs(text(crs, "crs"))
     scene = scene_of(scene)
     crs = crs or getattr(scene, "crs", None)
     if latitude is not None:
-        return Place(**given)
-    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**given))
+        return Place(**position)
+    return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**position))
 
 
-def given_position(**given) -> dict[str, Any]:
-    """Those fields of a `Place` that are not None. It needs no scene, so that mistakes are found before one is read.
+def given_position(**fields: Any) -> dict[str, Any]:
+    """The fields of a `Place` that are not None, checked. It needs no scene, so mistakes surface before one is read.
 
     Raises
     ------
     InputError
-        If only one of latitude and longitude is given, or a value is wrong.
+        If only one of latitude and longitude is given, or a value is invalid.
     """
-    found = {name: value for name, value in given.items() if value is not None}
-    if ("latitude" in found) != ("longitude" in found):
+    values = {name: value for name, value in fields.items() if value is not None}
+    if ("latitude" in values) != ("longitude" in values):
         raise InputError("a position needs a latitude and a longitude; give both")
-    Place(**({"latitude": 0.0, "longitude": 0.0} | found))
-    return found
+    Place(**({"latitude": 0.0, "longitude": 0.0} | values))
+    return values
 
 
 def checked_place(place: Place) -> Place:
-    """`place` as floats, with its longitude from -180 to 180. Raises InputError if a value is wrong."""
+    """`place` with float fields and its longitude in [-180, 180]. Raises InputError if a value is invalid."""
     limits = {"latitude": 90.0, "longitude": 360.0, "elevation": 9000.0, "north": 360.0}
     values: dict[str, Any] = {
         name: number(getattr(place, name), name, -limit, limit, "[]") for name, limit in limits.items()
@@ -148,27 +154,27 @@ def checked_place(place: Place) -> Place:
     return place._replace(**values)
 
 
-def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -> Place:
+def place_of_crs(crs: str, bounds: NDArray[np.floating], up: str = "z", timezone: str | None = None) -> Place:
     """The place of a scene in the coordinates of a projected coordinate reference system (CRS).
 
-    Coordinates are easting and northing along the scene's own east and north axes, whatever order the CRS gives them.
-    Feet are allowed if heights are in feet, too: directions depend on no unit.
+    Coordinates are easting and northing along the scene's own east and north axes, regardless of the CRS's axis order.
+    Feet are allowed if heights are also in feet, since directions do not depend on the unit.
 
     Parameters
     ----------
     crs : str
         Anything that pyproj accepts, such as "EPSG:7415". Of a compound CRS, the projected part is used.
     bounds : (2, 3) float, world
-        The position is that of its middle, the elevation that of its lower end.
+        The position is that of the centre, the elevation that of the lower end.
     up : "y" or "z"
     timezone : str, optional
-        Becomes the place's.
+        Time zone of the place.
 
     Raises
     ------
     InputError
-        If pyproj is missing, the CRS is unknown, it is not projected, its axes do not point east and north, its heights
-        have another unit than its plan, or the scene lies outside its area of use.
+        If pyproj is missing, the CRS is unknown or not projected, its axes do not point east and north, its heights
+        and horizontal coordinates differ in unit, or the scene lies outside its area of use.
 
     Notes
     -----
@@ -178,16 +184,16 @@ def place_of_crs(crs: str, bounds, up: str = "z", timezone: str | None = None) -
     projected, metres = _projected(pyproj, crs)
     x, y, height = _middle(bounds, up)
     project = pyproj.Proj(projected)
-    own = project(x, y, inverse=True)  # in the CRS's own datum
+    geodetic = project(x, y, inverse=True)  # in the CRS's own datum
     to_wgs84 = pyproj.Transformer.from_crs(projected.geodetic_crs, "EPSG:4326", always_xy=True)
-    longitude, latitude = to_wgs84.transform(*own)
+    longitude, latitude = to_wgs84.transform(*geodetic)
     _check_area(projected, crs, (x, y), (longitude, latitude))
-    convergence = project.get_factors(*own).meridian_convergence
+    convergence = project.get_factors(*geodetic).meridian_convergence
     return checked_place(Place(latitude, longitude, height * metres, -convergence, timezone))
 
 
-def _projected(pyproj, text: str):
-    """(the projected CRS, metres in one unit of height)."""
+def _projected(pyproj: Any, text: str) -> tuple[Any, float]:
+    """(the projected CRS, metres per unit of height)."""
     crs = pyproj.CRS.from_user_input(checked_crs(text))
     parts = crs.sub_crs_list if crs.is_compound else [crs]
     plan = parts[0].source_crs if parts[0].is_bound else parts[0]
@@ -197,22 +203,22 @@ def _projected(pyproj, text: str):
     if [axis.direction for axis in plan.axis_info[:2]] not in (["east", "north"], ["north", "east"]):
         raise InputError(f"crs {text} has axes that do not point east and north; {cure}")
     units = {axis.unit_conversion_factor for part in [plan, *parts[1:]] for axis in part.axis_info}
-    if max(units) - min(units) > 1e-4 * max(units):  # the survey foot and the international foot are one here
+    if max(units) - min(units) > 1e-4 * max(units):  # the survey foot and the international foot count as equal
         raise InputError(f"crs {text} has other units for heights than for the plan; {cure}")
     return plan, max(units)
 
 
-def _middle(bounds, up: str) -> tuple[float, float, float]:
-    """(easting, northing, height of the lower end) of bounds, in units of the scene."""
+def _middle(bounds: NDArray[np.floating], up: str) -> tuple[float, float, float]:
+    """(easting of the centre, northing of the centre, lowest height) of bounds, in units of the scene."""
     (x0, y0, z0), (x1, y1, z1) = ((float(c) for c in corner) for corner in bounds)
     if up == "z":
         return (x0 + x1) / 2.0, (y0 + y1) / 2.0, z0
     return (x0 + x1) / 2.0, -(z0 + z1) / 2.0, y0
 
 
-def _check_area(projected, text: str, middle: tuple[float, float], found: tuple[float, float]) -> None:
-    """Raise InputError if a position (longitude, latitude) is outside the area in which the CRS is used."""
-    longitude, latitude = found
+def _check_area(projected: Any, text: str, middle: tuple[float, float], position: tuple[float, float]) -> None:
+    """Raise an InputError if a position (longitude, latitude) is outside the CRS's area of use."""
+    longitude, latitude = position
     area = projected.area_of_use
     inside = abs(latitude) <= _DEGENERATE
     if inside and area is not None:

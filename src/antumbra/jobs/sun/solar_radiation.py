@@ -1,9 +1,12 @@
-"""Solar radiation by interval: from an EPW weather file, or of a clear sky."""
+"""Solar radiation per time interval, from an EPW weather file or for a clear sky."""
 
-from datetime import timedelta, timezone
-from typing import NamedTuple
+from collections.abc import Iterable
+from datetime import date, timedelta, timezone
+from os import PathLike
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...checks import path_of
 from ...errors import InputError
@@ -13,39 +16,39 @@ from .location import Place, checked_place
 from .sun_positions import Times, intervals, month_days, zone_of
 
 TYPICAL_YEAR = 2025
-"""The year of the suns of a typical year, whose months come from several years. It has no 29 February."""
+"""Year assigned to the suns of a typical year, whose months come from several years. It has no 29 February."""
 
-_MISSING = 9999.0  # of radiation in EPW files
+_MISSING = 9999.0  # marks missing radiation in EPW files
 _HOUR = 3600
 
 
 class Weather(NamedTuple):
-    """Radiation in intervals of time."""
+    """Radiation per time interval."""
 
     times: Times  # n intervals
     dni: np.ndarray  # (n,) float64, direct normal irradiance, W/m2
     dhi: np.ndarray  # (n,) float64, diffuse horizontal irradiance, W/m2
 
 
-def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
-    """Read an EPW file with one row an hour. A row is the hour before its time stamp.
+def read_epw(path: str | PathLike[str], place: Place | None = None) -> tuple[Weather, Place]:
+    """Read an EPW file with one row per hour. A row covers the hour before its time stamp.
 
     Parameters
     ----------
     path : str or path-like
     place : Place, optional
-        None: the file's position and time zone. Otherwise only its time zone is taken from the file, if it has none.
+        None: the file's position and time zone. If the place has no time zone, that of the file is used.
 
     Returns
     -------
     weather : Weather
-        The 8760 hours of a year, or 8784. A typical year (TMY) gets the suns of `TYPICAL_YEAR`.
+        The 8760 or 8784 hours of a year. A typical year (TMY) gets the suns of `TYPICAL_YEAR`.
     place : Place
 
     Raises
     ------
     InputError
-        If pvlib is missing, the file is not an EPW file, it has several rows an hour, or radiation is missing.
+        If pvlib is missing, the file is not an EPW file, it has several rows per hour, or radiation is missing.
     """
     import_extra("pvlib", "an EPW file", "sun")
     from pvlib.iotools import read_epw as read
@@ -55,38 +58,40 @@ def read_epw(path, place: Place | None = None) -> tuple[Weather, Place]:
     try:
         table, head = read(path)
         table = table[["year", "month", "day", "hour", "dni", "dhi"]].astype(np.float64)
-        own = Place(head["latitude"], head["longitude"], head["altitude"], 0.0, _offset_text(float(head["TZ"])))
-    except Exception as error:  # pvlib checks nothing: each kind of damage raises another exception
+        file_place = Place(head["latitude"], head["longitude"], head["altitude"], 0.0, _offset_text(float(head["TZ"])))
+    except Exception as error:  # pvlib does not validate: each kind of damage raises a different exception
         reason = " ".join(str(error).split())[:100] or type(error).__name__
         raise InputError(f"{path.name}: not an EPW file ({reason}); download it again") from None
     _check(table, path.name)
-    place = checked_place(own if place is None else place._replace(timezone=place.timezone or own.timezone))
+    place = checked_place(
+        file_place if place is None else place._replace(timezone=place.timezone or file_place.timezone)
+    )
     starts = _starts(table, float(head["TZ"]), path.name)
     times = intervals(starts, starts + _HOUR, zone_of(place))
     return Weather(times, table["dni"].to_numpy(), table["dhi"].to_numpy()), place
 
 
-def on_days(weather: Weather, days) -> Weather:
-    """The intervals of a year's weather on some days, whatever their year.
+def on_days(weather: Weather, days: Iterable[date]) -> Weather:
+    """The intervals of a year's weather that fall on some days, regardless of their year.
 
     days : iterable of datetime.date
 
     Raises
     ------
     InputError
-        If the weather has none of the days.
+        If the weather covers none of the days.
     """
-    wanted = [100 * day.month + day.day for day in days]
-    found = np.isin(month_days(weather.times.local), wanted)
-    if not found.any():
+    day_numbers = [100 * day.month + day.day for day in days]
+    selected = np.isin(month_days(weather.times.local), day_numbers)
+    if not selected.any():
         raise InputError("the weather file has none of these days; choose others")
-    return Weather(Times(*(column[found] for column in weather.times)), weather.dni[found], weather.dhi[found])
+    return Weather(Times(*(column[selected] for column in weather.times)), weather.dni[selected], weather.dhi[selected])
 
 
 def clear_sky(place: Place, times: Times) -> Weather:
-    """Radiation of a clear sky at the middle of each interval.
+    """Clear-sky radiation at the middle of each interval.
 
-    It is pvlib's model of a clear sky [Ineichen and Perez 2002], with pvlib's monthly climatology of Linke turbidity.
+    This is pvlib's clear-sky model [Ineichen and Perez 2002] with pvlib's monthly climatology of Linke turbidity.
 
     Raises
     ------
@@ -102,7 +107,7 @@ def clear_sky(place: Place, times: Times) -> Weather:
     return Weather(times, sky["dni"].to_numpy(np.float64), sky["dhi"].to_numpy(np.float64))
 
 
-def _check(table, file: str) -> None:
+def _check(table: Any, file: str) -> None:
     keys = table[["year", "month", "day", "hour"]].to_numpy()
     if len(np.unique(keys, axis=0)) < len(keys) or not np.isin(table["hour"], np.arange(1, 25)).all():
         raise InputError(f"{file}: there is not one row for each hour; use an hourly EPW file")
@@ -113,8 +118,8 @@ def _check(table, file: str) -> None:
         )
 
 
-def _starts(table, offset: float, file: str) -> np.ndarray:
-    """Begin of each row's hour, in seconds since 1970 in UTC ((n,) int64)."""
+def _starts(table: Any, offset: float, file: str) -> NDArray[np.int64]:
+    """(n,) int64: start of each row's hour, in seconds since 1970 UTC."""
     year = table["year"].to_numpy(np.int64)
     if (year != year[0]).any():  # a typical year
         year = np.full(len(year), TYPICAL_YEAR)
@@ -126,10 +131,10 @@ def _starts(table, offset: float, file: str) -> np.ndarray:
     starts = days.astype("datetime64[s]").astype(np.int64) + _HOUR * (hour - 1) - round(_HOUR * offset)
     if (np.diff(starts) <= 0).any():
         raise InputError(f"{file}: its rows are not in the order of time; use an EPW file of one year")
-    return starts
+    return np.asarray(starts)
 
 
 def _offset_text(hours: float) -> str:
-    """The fixed offset of `parse_zone`."""
+    """A fixed offset, as `parse_zone` reads it."""
     text = timezone(timedelta(minutes=round(60 * hours))).tzname(None)
     return "+00:00" if text == "UTC" else text[3:]

@@ -1,11 +1,12 @@
-"""`sun_hours` and `sky_view`: tables of the sun, and of the share of the sky, that each sensor sees."""
+"""`sun_hours` and `sky_view`: tables of the direct sun, and of the share of the sky, that reaches each sensor."""
 
+import os
 from collections.abc import Iterable, Sequence
 from datetime import date
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import choice, flag, instance, items, whole_number
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
@@ -16,8 +17,8 @@ from ...files import atomic_output, check_disk_space, checked_output
 from ...kernels.parallel import thread_count
 from ...progress import Progress, with_progress
 from ..bit_matrices import row_file_size
-from ..executors import checked_keep, executor_of
-from ..ground_areas import SPACING
+from ..executors import Keep, checked_keep, executor_of
+from ..ground_areas import SPACING, AreaLike
 from ..result_table import Column, Table
 from ..sensor_files import sensors_of
 from ..sensors import Sensors, sensors_from
@@ -27,15 +28,15 @@ from .solar_radiation import TYPICAL_YEAR, clear_sky, on_days, read_epw
 from .sun_positions import Suns, checked_step, days_of, suns_of, times_of, zone_of
 from .sun_visibility import SunQuery, SunSums, Tally, sum_suns, sun_query
 
-# --- How much of the sky sensors see: `sky_view`, and the sky-view factor of `sun_hours` ------------------------------
+# --- Sky view ---------------------------------------------------------------------------------------------------------
 
 
 MOST_DIRECTIONS = 1 << 14
 SKY_VIEW_ABOUT = "sky-view factor: share of a uniform sky's light that arrives"
 
 
-def sky_directions(count: int, up: str) -> np.ndarray:
-    """(count, 3) float64: unit vectors to points of equal share of the sky, on a spiral (Vogel's, lifted)."""
+def sky_directions(count: int, up: str) -> NDArray[np.float64]:
+    """(count, 3) float64: unit vectors on Vogel's spiral lifted to the hemisphere, each for an equal share of sky."""
     i = np.arange(count)
     height, angle = (i + 0.5) / count, i * np.pi * (3.0 - np.sqrt(5.0))
     width = np.sqrt(1.0 - height * height)
@@ -48,19 +49,19 @@ def sky_view(
     scene: SceneLike, sensors: Sensors | ArrayLike | str = "face", *, directions: int = 4096,
     plan: str | Plan | None = None, threads: int | None = None, progress: Progress = None,
 ) -> Table:  # fmt: skip
-    """Find how much of the sky each sensor sees. It needs no place and no dates.
+    """Find how much of the sky each sensor sees. No place or dates are needed.
 
-    Two definitions are common, and each has its column:
+    Two definitions are common, and each has a column:
 
-    - ``sky_view``: the sky-view factor, in which a direction counts by its cosine to the sensor's normal. It is the
-      share of a uniform sky's light that arrives, over the light on an open horizontal plane.
-    - ``sky_share``: the share of the sky's hemisphere that is visible, in which all directions count alike. On a
-      floor, obstructions near the horizon take more from it than from ``sky_view``.
+    - ``sky_view``: the sky-view factor, which weights each direction by its cosine to the sensor's normal. It is the
+      light received from a uniform sky, relative to that on an open horizontal plane.
+    - ``sky_share``: the visible share of the sky's hemisphere, with equal weight for all directions. On a floor,
+      obstructions near the horizon reduce it more than ``sky_view``.
 
-    Both are 1 on an open floor and 0.5 on a free wall: half of the hemisphere above the wall's plane is ground.
+    Both are 1 on an open floor and 0.5 on an unobstructed wall, where half of the hemisphere in front is ground.
 
-    Directions below the horizon belong to the ground. Sensors without normals are points in the air: both columns count
-    all directions alike.
+    Directions below the horizon belong to the ground. Sensors without normals are points in the air, for which both
+    columns weight all directions equally.
 
     Parameters
     ----------
@@ -68,11 +69,11 @@ def sky_view(
     sensors : Sensors, str, or (n, 3) float
         As in `sun_hours`.
     directions : int
-        Number of directions, 1 to 16384. In a street, 1024 err by up to 0.007, and 4096 by up to 0.002.
+        Number of directions, 1 to 16384. In a street, the error is up to 0.007 with 1024, and up to 0.002 with 4096.
     plan, threads
         As in `antumbra.render`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
@@ -82,13 +83,13 @@ def sky_view(
     Raises
     ------
     InputError
-        If a text has another form, or a number is out of range.
+        If a text is malformed or a number is out of range.
     """
     count = whole_number(directions, "directions", 1, MOST_DIRECTIONS)
     scene, threads = scene_of(scene), thread_count(threads)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
-    named = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
-    sensors = sensors_from(scene, named, None, "sensors")
+    checked = sensors_of(sensors, scene, threads) if isinstance(sensors, str) else sensors
+    sensors = sensors_from(scene, checked, None, "sensors")
     tally = sum_suns(sky_query(scene, sensors, count, plan, threads), what="sky")
     columns = {
         "sky_view": Column(share_of_sky(tally), "", SKY_VIEW_ABOUT),
@@ -97,8 +98,8 @@ def sky_view(
     return Table(sensors, columns, {"job": "sky view", "directions": count}, scene)
 
 
-def sky_query(scene: AnyScene, sensors: Sensors, count: int, plan, threads) -> SunQuery:
-    """The directions of the sky as suns, whose energy is that of a uniform sky."""
+def sky_query(scene: AnyScene, sensors: Sensors, count: int, plan: str | Plan | None, threads: int | None) -> SunQuery:
+    """A query with sky directions as suns, whose energy is that of a uniform sky."""
     towards = sky_directions(count, scene.up)
     zeros, times = np.zeros(count), np.zeros(count, "datetime64[s]")
     suns = Suns(times, times, np.ones(count), towards, zeros, zeros)
@@ -106,29 +107,29 @@ def sky_query(scene: AnyScene, sensors: Sensors, count: int, plan, threads) -> S
     return sun_query(scene, sensors, suns, np.empty((count, 0), np.int64), 1, energy=energy, plan=plan, threads=threads)
 
 
-def share_of_sky(tally: Tally) -> np.ndarray:
-    """(n,) float64 in [0, 1]: the sky-view factor, from the sums over the directions of `asked_sky`."""
-    return np.minimum(tally.energy, 1.0)
+def share_of_sky(tally: Tally) -> NDArray[np.float64]:
+    """(n,) float64 in [0, 1]: the sky-view factor, from the sums over the directions of `sky_query`."""
+    return np.asarray(np.minimum(tally.energy, 1.0))
 
 
-# --- `sun_hours`: from a scene, a place and days to a table of what each sensor sees of the sun -----------------------
+# --- Sun hours --------------------------------------------------------------------------------------------------------
 
 
 MONTHS = "jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"
 BY = "month", "hour"
-"""What `sun_hours` can sort hours by."""
+"""Groupings of hours that `sun_hours` offers."""
 
 MOST_SAMPLES = 64
-"""Points on the sun's disk."""
+"""Maximum number of points on the sun's disk."""
 
 
 class Study(NamedTuple):
-    """Where, when and what: `sun_hours` explains the fields."""
+    """The checked arguments of `sun_hours`, which explains them."""
 
     place: Place
     suns: Suns
     rule: Rule | None
-    diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane, of each interval
+    diffuse: np.ndarray | None  # (i,) float64, Wh/m2 of diffuse light on a horizontal plane in each interval
     by: tuple[str, ...]
     step: float  # minutes
 
@@ -136,13 +137,14 @@ class Study(NamedTuple):
 @with_progress
 def sun_hours(
     scene: SceneLike, sensors: Sensors | ArrayLike | str | None = None, days: str | Iterable[date] | None = None, *,
-    place: Place | None = None, step: float | None = None, rule: str | None = None, areas=None, epw=None,
-    energy: bool = False, sky: int = 0, by: Sequence[str] = (), samples: int = 1, matrix=None,
-    plan: str | Plan | None = None, threads: int | None = None, keep=None, progress: Progress = None,
+    place: Place | None = None, step: float | None = None, rule: str | None = None, areas: AreaLike | None = None,
+    epw: str | os.PathLike[str] | None = None, energy: bool = False, sky: int = 0, by: Sequence[str] = (),
+    samples: int = 1, matrix: str | os.PathLike[str] | None = None, plan: str | Plan | None = None,
+    threads: int | None = None, keep: Keep = None, progress: Progress = None,
 ) -> Table:  # fmt: skip
     """Find the hours of direct sun of each sensor, exactly.
 
-    Each sun stands for an interval and is placed at its middle. A sensor sees it if no triangle is in between, and if
+    Each sun represents an interval and is placed at its middle. A sensor sees a sun if no triangle is in between and
     the sun is above the sensor's own surface.
 
     Parameters
@@ -150,59 +152,62 @@ def sun_hours(
     scene : Scene, PagedScene, or anything that `antumbra.load` takes
     sensors : Sensors, str, or (n, 3) float, optional
         A text is ``face``, ``vertex``, ``grid:SPACING``, ``raster:SPACING`` or a file; see `antumbra.sensors_of`. None:
-        ``face``; in areas ``raster:0.5``.
+        ``face``, or ``raster:0.5`` in areas.
     days : str or iterable of date, optional
-        ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several with commas. None: the days of the rule, or
-        those of the EPW file.
+        ``2026-06-21``, ``2026-03-21:2026-09-21``, ``year:2026``, or several separated by commas. None: the days of the
+        rule or of the EPW file.
     place : Place, optional
         None: that of the scene's CRS.
     step : float, optional
-        Minutes of an interval. None: 60, or those of the rule. EPW files have hours.
+        Length of an interval in minutes. None: 60, or that of the rule. EPW files have hourly intervals.
     rule : str, optional
-        A daylight rule, see `antumbra plans`: its criteria become columns. Days that it is not about are refused.
+        A daylight rule, see `antumbra plans`: its criteria become columns. Days to which it does not apply are
+        rejected.
     areas : optional
-        Gardens or other areas of the ground, as `antumbra.area_sensors` takes them: a GeoJSON file, or polygons. The
-        table has the cells of a raster in them, but for those inside buildings. ``about["areas"]`` lists each area: its
-        name, cells, those that were left out, the mean of the hours, and with the rule br209-amenity the share of its
-        cells that get two hours, and whether the area passes.
+        Gardens or other ground areas, in any form that `antumbra.area_sensors` accepts, such as a GeoJSON file or
+        polygons. The table has the raster cells in them, except those inside buildings. ``about["areas"]`` lists the
+        name of each area, its cells, the number left out, the mean of the hours, and for the rule br209-amenity the
+        share of its cells that get two hours and whether the area passes.
     epw : str or path-like, optional
-        Weather file: direct and diffuse radiation, and the place if there is no other.
+        Weather file with direct and diffuse radiation; also sets the place if there is no other.
     energy : bool
-        Whether to add the energy of direct light, of a clear sky if there is no EPW file.
+        Add the energy of direct light, under a clear sky if there is no EPW file.
     sky : int
-        Directions of the sky for the sky-view factor, 0 to 16384; 0: none. `sky_view` needs no place and no days.
+        Number of sky directions for the sky-view factor, 0 to 16384; 0: no such column. `sky_view` needs no place and
+        no days.
     by : sequence of {"month", "hour"}
-        Hours for each month, or each hour of the day, as columns of their own.
+        Add a column of hours for each month, or for each hour of the day.
     samples : int
         Points on the sun's disk, 1 to 64; 1: its centre.
     matrix : str or path-like, optional
         A .npy file for the bits of each sensor and sun, (n, ceil(k / 64)) uint64: bit s is set if sun s is hidden.
     plan, threads
         As in `antumbra.render`.
-    keep : str, path-like or engine, optional
-        Folder in which an interrupted job keeps its finished parts; or who does them, see `antumbra.jobs.executors`.
+    keep : str, path-like or executor, optional
+        Folder for the finished parts of an interrupted job, or an executor for the parts; see
+        `antumbra.jobs.executors`.
     progress : function of (text, done, total), or bool, optional
-        Called while the job works. False: nothing is shown. None: terminals and notebooks show a bar after a second.
+        Called while the job runs. False: show nothing. None: terminals and notebooks show a bar after a second.
 
     Returns
     -------
     Table
         Columns "sun_hours" (h); "sun_share" of the hours with the sun above the horizon; "longest" (h), the longest
-        stretch without a break; "first" and "last", the middle of the first and last interval with sun (wall clock);
-        and those that were asked for. None if the engine leaves parts to others.
+        unbroken stretch; "first" and "last", the middle of the first and last interval with sun (local time); and the
+        optional ones. None if the executor leaves parts to other shards.
 
     Raises
     ------
     InputError
-        If the place or the days are unknown, a text has another form, a package is missing (``antumbra[sun]``), or no
-        sun is above the horizon.
+        If the place or the days are unknown, a text is malformed, a package is missing (``antumbra[sun]``), or no sun
+        is above the horizon.
     """
     scene, threads = scene_of(scene), thread_count(threads)
     samples, count = whole_number(samples, "samples", 1, MOST_SAMPLES), whole_number(sky, "sky", 0, MOST_DIRECTIONS)
     parse_plan(DEFAULT_PLAN if plan is None else plan)
     keep = checked_keep(keep)
     in_areas = areas is not None or (isinstance(sensors, Sensors) and sensors.zone is not None)
-    study = checked_study(scene, days, place=place, step=step, rule=rule, areas=in_areas, epw=epw, energy=energy, by=by)
+    study = checked_study(StudyOptions(scene, days, place, step, rule, in_areas, epw, energy, by))
     if sensors is None:
         sensors = "face" if areas is None else f"raster:{SPACING:g}"
     if isinstance(sensors, str):
@@ -212,44 +217,59 @@ def sun_hours(
     sensors = sensors_from(scene, sensors, None, "sensors")
     target = None if matrix is None else checked_output(matrix, (".npy",))
     suns, bins = study.suns, _Bins(study)
-    asked = sun_query(
-        scene, sensors, suns, bins.of_suns, bins.count, samples=samples,
-        energy=None if suns.dni is None else suns.dni * suns.hours, plan=plan, threads=threads,
-    )  # fmt: skip
+    direct = None if suns.dni is None else suns.dni * suns.hours
+    query = sun_query(
+        scene, sensors, suns, bins.of_suns, bins.count, samples=samples, energy=direct, plan=plan, threads=threads
+    )
     if keep is None and target is not None:
         keep = target.with_name(target.name + ".parts")  # the bits of all sensors may exceed memory
-    engine = executor_of(keep)
-    sums = [SunSums(asked, "suns", engine.folder, matrix=target is not None)]
+    executor = executor_of(keep)
+    sums = [SunSums(query, "suns", executor.folder, matrix=target is not None)]
     if target is not None:
         check_disk_space(target, row_file_size(sums[0].matrix_shape))
     if count:
-        sums.append(SunSums(sky_query(scene, sensors, count, plan, threads), "sky", engine.folder))
+        sums.append(SunSums(sky_query(scene, sensors, count, plan, threads), "sky", executor.folder))
     job = [each.parts for each in sums]
-    if not engine.finish(job):
+    if not executor.finish(job):
         return None  # type: ignore[return-value]  # a shard, of a command
-    tally, *of_sky = [each.tally() for each in sums]
+    tally, *sky_tallies = [each.tally() for each in sums]
     table = Table(sensors, _columns(study, bins, tally), _about(study, samples), scene)
     if sensors.zone is not None:
         table.about["areas"] = area_records(sensors, tally.hours, study.rule, table)
-    if of_sky:
-        _add_sky(table, study, share_of_sky(*of_sky))
+    if sky_tallies:
+        _add_sky(table, study, share_of_sky(*sky_tallies))
     if target is not None:
         with atomic_output(target) as temporary:
             sums[0].write_matrix(temporary)
-    engine.end(job)
+    executor.end(job)
     return table
 
 
-def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> Study:
-    """Everything but the scene's answer: the place, the suns, and what to count."""
+class StudyOptions(NamedTuple):
+    """Arguments of `sun_hours` that define a `Study`, unchecked."""
+
+    scene: AnyScene
+    days: str | Iterable[date] | None
+    place: Place | None
+    step: float | None
+    rule: str | None
+    areas: bool  # whether the sensors lie in areas
+    epw: str | os.PathLike[str] | None
+    energy: bool
+    by: Sequence[str]
+
+
+def checked_study(options: StudyOptions) -> Study:
+    """The place, the suns and the groupings of hours: everything that does not depend on the scene's triangles."""
+    scene, requested_days, place, step, rule, areas, epw, energy, by = options
     by = tuple(choice(each, "by", BY) for each in items(by, str, "by"))
     energy = flag(energy, "energy")
-    found = None if rule is None else rule_named(rule)
-    days = None if days is None else days_of(days)
-    if found is not None:
-        check_rule(found.name, days, areas)
+    daylight_rule = None if rule is None else rule_named(rule)
+    days = None if requested_days is None else days_of(requested_days)
+    if daylight_rule is not None:
+        check_rule(daylight_rule.name, days, areas)
     if step is None:
-        step = 60.0 if found is None else found.step
+        step = 60.0 if daylight_rule is None else daylight_rule.step
     step = checked_step(step)
     place = place_of(scene) if place is None else checked_place(instance(place, Place, "place"))
     weather = None
@@ -257,8 +277,8 @@ def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> 
         weather, place = read_epw(epw, place)
     if place is None:
         raise InputError("the place is unknown; give a latitude and a longitude, a CRS, or an EPW file")
-    if days is None and found is not None:
-        days = found.days(TYPICAL_YEAR)
+    if days is None and daylight_rule is not None:
+        days = daylight_rule.days(TYPICAL_YEAR)
     if weather is not None:
         weather = weather if days is None else on_days(weather, days)
         suns = suns_of(place, weather.times, scene.up, weather.dni)
@@ -272,11 +292,11 @@ def checked_study(scene, days, *, place, step, rule, areas, epw, energy, by) -> 
         diffuse = None if clear is None else clear.dhi * times.hours
     if not len(suns.hours):
         raise InputError("no sun is above the horizon on these days; check the days and the place")
-    return Study(place, suns, found, diffuse, by, step)
+    return Study(place, suns, daylight_rule, diffuse, by, step)
 
 
 class _Bins:
-    """Columns of hours: months, hours of the day, and criteria of a rule. Suns that count for none go to the last."""
+    """Bins of hours: months, hours of the day, and criteria of a rule. Suns that belong to none use the last bin."""
 
     def __init__(self, study: Study):
         suns, self.names, columns = study.suns, list[str](), list[np.ndarray]()
@@ -284,7 +304,7 @@ class _Bins:
             columns.append(self._add([f"hours_{name}" for name in MONTHS]) + _month(suns))
         if "hour" in study.by:
             columns.append(self._add([f"hours_{hour:02d}" for hour in range(24)]) + _hour(suns))
-        self.criteria: list[tuple[str, float]] = []  # column, and the score of an hour in it
+        self.criteria: list[tuple[str, float]] = []  # name of the bin, and score per hour in it
         weights = np.empty((0, len(suns.hours))) if study.rule is None else weights_of(study.rule, suns)
         for k, weight in enumerate(weights):
             counts = weight > 0.0
@@ -292,8 +312,8 @@ class _Bins:
             columns.append(np.where(counts, first, -1))
             self.criteria.append((self.names[first], float((weight[counts] / suns.hours[counts]).max(initial=0.0))))
         self.count = len(self.names) + 1
-        chosen = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
-        self.of_suns = np.where(chosen < 0, self.count - 1, chosen)
+        bins = np.stack(columns, 1) if columns else np.empty((len(suns.hours), 0), np.int64)
+        self.of_suns = np.where(bins < 0, self.count - 1, bins)
         self.used = set(self.of_suns.ravel().tolist())
 
     def _add(self, names: list[str]) -> int:
@@ -301,47 +321,47 @@ class _Bins:
         return len(self.names) - len(names)
 
     def hours(self, tally: Tally) -> dict[str, np.ndarray]:
-        """Name -> hours of each sensor, of the months and hours with a sun, and of all criteria."""
+        """Name -> hours of each sensor, for the months and hours of day with a sun and for all criteria."""
         criteria = [name for name, _ in self.criteria]
         return {name: tally.binned[:, k] for k, name in enumerate(self.names) if k in self.used or name in criteria}
 
 
-def _month(suns: Suns) -> np.ndarray:
-    return suns.local.astype("datetime64[M]").astype(np.int64) % 12
+def _month(suns: Suns) -> NDArray[np.int64]:
+    return np.asarray(suns.local.astype("datetime64[M]").astype(np.int64) % 12)
 
 
-def _hour(suns: Suns) -> np.ndarray:
-    return (suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64)
+def _hour(suns: Suns) -> NDArray[np.int64]:
+    return np.asarray((suns.local.astype("datetime64[h]") - suns.local.astype("datetime64[D]")).astype(np.int64))
 
 
 def _columns(study: Study, bins: _Bins, tally: Tally) -> dict[str, Column]:
     suns, total = study.suns, study.suns.hours.sum()
-    found = {
+    columns = {
         "sun_hours": Column(tally.hours, "h", "hours of direct sun"),
         "sun_share": Column(tally.hours / total, "", "share of the hours with the sun above the horizon"),
         "longest": Column(tally.longest, "h", "longest stretch of sun without a break"),
-        "first": Column(_time_of(suns, tally.first), "", "first sun, wall clock"),
-        "last": Column(_time_of(suns, tally.last), "", "last sun, wall clock"),
+        "first": Column(_time_of(suns, tally.first), "", "first sun, local time"),
+        "last": Column(_time_of(suns, tally.last), "", "last sun, local time"),
     }
     if suns.dni is not None:
-        found["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
+        columns["direct_kwh_m2"] = Column(tally.energy / 1000.0, "kWh/m2", "energy of direct light")
     hours = bins.hours(tally)
     criteria = dict(bins.criteria)
     for name, values in hours.items():
         if name not in criteria:
-            found[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
+            columns[name] = Column(values, "h", f"hours of direct sun, {name.partition('_')[2]}")
     if study.rule is not None:
         scores = np.stack([hours[name] * factor for name, factor in bins.criteria], 1)
         for k, criterion in enumerate(study.rule.criteria):
             unit = "" if criterion.share else "h"
-            found[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
+            columns[criterion.name] = Column(scores[:, k], unit, f"{study.rule.name}: at least {criterion.least:g}")
         what = "meets" if study.rule.area is None else "gets the hours of"
-        found["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
-    return found
+        columns["passes"] = Column(meets_rule(study.rule, scores), "", f"whether the sensor {what} {study.rule.name}")
+    return columns
 
 
-def _time_of(suns: Suns, which: np.ndarray) -> np.ndarray:
-    """(n,) datetime64[s]: wall clock of suns; NaT for -1."""
+def _time_of(suns: Suns, which: NDArray[np.int32]) -> NDArray[np.datetime64]:
+    """(n,) datetime64[s]: local time of suns; NaT for -1."""
     return np.where(which >= 0, suns.local[np.maximum(which, 0)], np.datetime64("NaT"))
 
 
@@ -353,26 +373,26 @@ def _add_sky(table: Table, study: Study, view: np.ndarray) -> None:
 
 
 def area_records(sensors: Sensors, hours: np.ndarray, rule: Rule | None, table: Table) -> list[dict[str, Any]]:
-    """What is found in each area, as JSON can hold it. All cells have one size: their shares are those of the area."""
+    """The results of each area, in JSON types. All cells have the same size, so shares of cells are shares of area."""
     assert sensors.zone is not None
     records = []
     for k, zone in enumerate(sensors.zones):
-        own = sensors.zone == k
-        record: dict[str, Any] = {"name": zone.name, "cells": int(own.sum()), "left_out": zone.left_out}
-        record["sun_hours"] = float(hours[own].mean()) if own.any() else None
+        inside = sensors.zone == k
+        record: dict[str, Any] = {"name": zone.name, "cells": int(inside.sum()), "left_out": zone.left_out}
+        record["sun_hours"] = float(hours[inside].mean()) if inside.any() else None
         if rule is not None and rule.area is not None:
-            share = float(table["passes"][own].mean()) if own.any() else None
+            share = float(table["passes"][inside].mean()) if inside.any() else None
             record |= {"share": share, "passes": None if share is None else share >= rule.area}
         records.append(record)
     return records
 
 
 def _about(study: Study, samples: int) -> dict[str, Any]:
-    """Facts of the study, as JSON can hold them."""
+    """Metadata of the study, in JSON types."""
     suns, place, rule = study.suns, study.place, study.rule
-    found: dict[str, Any] = {"job": "sun", **place._asdict()}
-    found |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
-    found |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
+    about: dict[str, Any] = {"job": "sun", **place._asdict()}
+    about |= {"first": str(suns.local[0]), "last": str(suns.local[-1]), "suns": len(suns.hours)}
+    about |= {"hours": float(suns.hours.sum()), "step": study.step, "samples": samples}
     if rule is not None:
-        found |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
-    return found
+        about |= {"rule": rule.name, "citation": rule.citation, "text": rule.text, "notes": rule.notes}
+    return about

@@ -1,39 +1,41 @@
 """Time intervals of days in a time zone, and the sun position of each interval as a direction in the scene."""
 
 import re
+from collections.abc import Iterable
 from datetime import date, datetime, time, timedelta, timezone, tzinfo
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ...checks import as_array, choice, instance, number, parts_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from .location import Place, checked_place, parse_zone
 
-# --- Intervals of time: days in a time zone, cut in steps -------------------------------------------------------------
+# --- Time intervals ---------------------------------------------------------------------------------------------------
 
 
 FORMS = "2026-06-21, 2026-03-21:2026-09-21, 2026-01-21:2026-12-21:7 (every 7th day), year:2026, or several with commas"
-"""The forms of days in text."""
+"""Text forms of days."""
 
 YEARS = 1900, 2199
-"""The first and last year of days in text."""
+"""First and last supported year."""
 
 _MOST_MINUTES = 24 * 60
 _DAYS_AT_MOST = 366 * 100
 
 
 class Times(NamedTuple):
-    """Intervals of time, in ascending order; each is known by its middle."""
+    """Time intervals in ascending order, each identified by its middle."""
 
     middle: np.ndarray  # (n,) datetime64[s], UTC
-    local: np.ndarray  # (n,) datetime64[s], the same on the wall clock
+    local: np.ndarray  # (n,) datetime64[s], the same in local time
     hours: np.ndarray  # (n,) float64, length of the interval
 
 
-def times_of(days, zone: tzinfo, step: float = 60) -> Times:
-    """The days, each cut in intervals from midnight to midnight on the wall clock.
+def times_of(days: Iterable[date], zone: tzinfo, step: float = 60) -> Times:
+    """Divide each day into intervals, from midnight to midnight local time.
 
     A day on which clocks change has 23 or 25 hours. If the step does not divide a day, its last interval is shorter.
 
@@ -57,7 +59,7 @@ def times_of(days, zone: tzinfo, step: float = 60) -> Times:
         raise InputError(f"zone is {quoted(zone)}; it must be a tzinfo, such as zoneinfo.ZoneInfo('Europe/Amsterdam')")
     step = checked_step(step)
     seconds = round(60.0 * step)
-    starts, ends = [], []
+    starts, ends = list[np.ndarray](), list[np.ndarray]()
     for day in days:
         first, last = _midnight(day, zone), _midnight(day + timedelta(days=1), zone)
         start = np.arange(first, last, seconds)
@@ -66,42 +68,42 @@ def times_of(days, zone: tzinfo, step: float = 60) -> Times:
     return intervals(np.concatenate(starts), np.concatenate(ends), zone)
 
 
-def checked_step(step) -> float:
-    """Minutes of an interval; InputError unless it is a number from a second to a day."""
+def checked_step(step: float) -> float:
+    """Minutes of an interval; InputError unless `step` is from a second to a day."""
     return number(step, "step (minutes)", 1.0 / 60.0, _MOST_MINUTES, "[]")
 
 
-def days_of(days) -> list[date]:
+def days_of(days: str | Iterable[date]) -> list[date]:
     """The days of a text (`parse_days`) or of an iterable of dates; otherwise an InputError."""
     return parse_days(days) if isinstance(days, str) else checked_days(days, "a text such as 2026-06-21, or ")
 
 
-def checked_days(days, instead: str = "") -> list[date]:
-    """The days of an iterable; InputError unless all are dates. `instead`: what else its message proposes."""
-    found = parts_of(days)
-    if found is None:
+def checked_days(days: Iterable[date], instead: str = "") -> list[date]:
+    """The days of an iterable; InputError unless all are dates. `instead`: an alternative to suggest in the message."""
+    dates = parts_of(days)
+    if dates is None:
         raise InputError(f"days are {quoted(days)}; give {instead}a list of datetime.date")
-    for day in found:
+    for day in dates:
         if not isinstance(day, date) or isinstance(day, datetime):
             raise InputError(f"a day is {quoted(day)}; it must be a datetime.date")
         if not YEARS[0] <= day.year <= YEARS[1]:
             raise InputError(f"a day is {day}; choose a year from {YEARS[0]} to {YEARS[1]}")
-    return found
+    return dates
 
 
 def intervals(starts: np.ndarray, ends: np.ndarray, zone: tzinfo) -> Times:
-    """`Times` of intervals, given in seconds since 1970 in UTC ((n,) int64)."""
+    """`Times` of intervals in seconds since 1970 UTC ((n,) int64)."""
     middle = starts + (ends - starts) // 2
-    offsets = [datetime.fromtimestamp(second, zone).utcoffset() for second in middle.tolist()]
-    local = middle + np.array([int(offset.total_seconds()) for offset in offsets], np.int64)  # type: ignore[union-attr]
+    offsets = [datetime.fromtimestamp(second, zone).utcoffset() or timedelta() for second in middle.tolist()]
+    local = middle + np.array([int(offset.total_seconds()) for offset in offsets], np.int64)
     return Times(middle.astype("datetime64[s]"), local.astype("datetime64[s]"), (ends - starts) / 3600.0)
 
 
 def parse_days(text: str) -> list[date]:
-    """The days that a text names, in ascending order, each once.
+    """The distinct days that a text names, in ascending order.
 
-    ``2026-06-21``; ``FIRST:LAST`` or ``FIRST:LAST:STEP`` with LAST included and a step in days; ``year:2026``; or
-    several of these with commas between them.
+    The forms are ``2026-06-21``; ``FIRST:LAST`` or ``FIRST:LAST:STEP``, with LAST included and STEP in days;
+    ``year:2026``; or several of these separated by commas.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def parse_days(text: str) -> list[date]:
 
 
 def zone_of(place: Place) -> tzinfo:
-    """The time zone of a place: its own, or the whole hour of its longitude, without daylight saving.
+    """The time zone of a place: its own, or the whole-hour offset of its longitude, without daylight saving time.
 
     Raises
     ------
@@ -127,15 +129,15 @@ def zone_of(place: Place) -> tzinfo:
     return parse_zone(place.timezone)
 
 
-def month_days(local: np.ndarray) -> np.ndarray:
-    """100 * month + day, (n,) int64, of (n,) datetime64."""
+def month_days(local: NDArray[np.datetime64]) -> NDArray[np.int64]:
+    """(n,) int64: 100 * month + day of (n,) datetime64."""
     months = local.astype("datetime64[M]")
     days = (local.astype("datetime64[D]") - months.astype("datetime64[D]")).astype(np.int64) + 1
-    return 100 * (months.astype(np.int64) % 12 + 1) + days
+    return np.asarray(100 * (months.astype(np.int64) % 12 + 1) + days)
 
 
 def _midnight(day: date, zone: tzinfo) -> int:
-    """Seconds since 1970 in UTC of the begin of a day on the wall clock."""
+    """Seconds since 1970 UTC at which a day begins in local time."""
     return int(datetime.combine(day, time(), zone).timestamp())
 
 
@@ -159,7 +161,7 @@ def _days(first: date, last: date, step: int) -> list[date]:
     return [first + timedelta(days=step * k) for k in range(count)]
 
 
-def _day(text: str, whole: str) -> date:
+def _day(text: str, full_text: str) -> date:
     reason = "write " + FORMS
     if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
         try:
@@ -169,31 +171,31 @@ def _day(text: str, whole: str) -> date:
             reason = f"choose a year from {YEARS[0]} to {YEARS[1]}"
         except ValueError as error:
             reason = f"{error}; choose a day that exists"
-    raise InputError(f"days {whole[:60]!r}: {text[:30]!r} is no day; {reason}")
+    raise InputError(f"days {full_text[:60]!r}: {text[:30]!r} is not a day; {reason}")
 
 
-# --- Positions of the sun, as directions in a scene -------------------------------------------------------------------
+# --- Sun positions ----------------------------------------------------------------------------------------------------
 
 
 _AT_A_TIME = 16384  # instants: pvlib needs about 1 kB for each
 
 
 class Suns(NamedTuple):
-    """Suns above the horizon, in the order of time; each stands for an interval."""
+    """Suns above the horizon, in chronological order; each represents an interval."""
 
     times: np.ndarray  # (k,) datetime64[s], UTC, middle of the interval
-    local: np.ndarray  # (k,) datetime64[s], the same on the wall clock
+    local: np.ndarray  # (k,) datetime64[s], the same in local time
     hours: np.ndarray  # (k,) float64, length of the interval
     directions: np.ndarray  # (k, 3) float64, unit vectors towards the sun in the scene's axes
     altitude: np.ndarray  # (k,) float64, degrees above the horizon, geometric: without refraction
     azimuth: np.ndarray  # (k,) float64, degrees, clockwise from true north
     dni: np.ndarray | None = None  # (k,) float64, direct normal irradiance, W/m2
-    dropped: int = 0  # intervals in whose middle the sun is not above the horizon
-    kept: np.ndarray | None = None  # (k,) int64, index of the sun's interval in the `Times` asked for
+    dropped: int = 0  # number of intervals in the middle of which the sun is not above the horizon
+    kept: np.ndarray | None = None  # (k,) int64, index of the sun's interval in `Times`
 
 
-def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.0) -> Suns:
-    """The suns of intervals, by the algorithm of NREL's SPA in pvlib [Reda and Andreas 2004].
+def suns_of(place: Place, times: Times, up: str, dni: ArrayLike | None = None, *, lowest: float = 0.0) -> Suns:
+    """The suns of intervals, by NREL's Solar Position Algorithm (SPA) in pvlib [Reda and Andreas 2004].
 
     Parameters
     ----------
@@ -204,7 +206,7 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
     dni : (n,) float, optional
         Direct normal irradiance of each interval, W/m2.
     lowest : float
-        Degrees. Only suns higher than this are kept.
+        Degrees. Only suns higher than this are returned.
 
     Raises
     ------
@@ -219,17 +221,17 @@ def suns_of(place: Place, times: Times, up: str, dni=None, *, lowest: float = 0.
         if dni.shape != times.middle.shape:
             raise InputError(f"dni has shape {dni.shape} for {len(times.middle)} intervals; give one value for each")
     altitude, azimuth = solar_angles(place, times.middle)
-    kept = np.flatnonzero(altitude > lowest)
-    altitude, azimuth = altitude[kept], azimuth[kept]
+    above = np.flatnonzero(altitude > lowest)
+    altitude, azimuth = altitude[above], azimuth[above]
     directions = directions_of(altitude, azimuth + place.north, up)
-    radiation = None if dni is None else np.asarray(dni, np.float64)[kept]
-    middle, local, hours = (column[kept] for column in times)
-    dropped = len(times.middle) - len(kept)
-    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, kept)
+    radiation = None if dni is None else np.asarray(dni, np.float64)[above]
+    middle, local, hours = (column[above] for column in times)
+    dropped = len(times.middle) - len(above)
+    return Suns(middle, local, hours, directions, altitude, azimuth, radiation, dropped, above)
 
 
-def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(geometric altitude, azimuth clockwise from true north), degrees, of (n,) datetime64 instants in UTC."""
+def solar_angles(place: Place, instants: NDArray[np.datetime64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(geometric altitude, azimuth clockwise from true north) in degrees, for (n,) datetime64 instants in UTC."""
     import_extra("pvlib", "the position of the sun", "sun")
     import pandas
     from pvlib.solarposition import get_solarposition
@@ -237,13 +239,13 @@ def solar_angles(place: Place, instants: np.ndarray) -> tuple[np.ndarray, np.nda
     angles = np.empty((2, len(instants)))
     for first in range(0, len(instants), _AT_A_TIME):
         index = pandas.DatetimeIndex(instants[first : first + _AT_A_TIME]).tz_localize("UTC")
-        found = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
-        angles[:, first : first + _AT_A_TIME] = found["elevation"], found["azimuth"]
+        positions = get_solarposition(index, place.latitude, place.longitude, place.elevation, method="nrel_numpy")
+        angles[:, first : first + _AT_A_TIME] = positions["elevation"], positions["azimuth"]
     return angles[0], angles[1]
 
 
-def directions_of(altitude, bearing, up: str) -> np.ndarray:
-    """Unit vectors ((n, 3) float64) in the scene's axes.
+def directions_of(altitude: ArrayLike, bearing: ArrayLike, up: str) -> NDArray[np.float64]:
+    """(n, 3) float64: unit vectors in the scene's axes.
 
     altitude, bearing : (n,) degrees; the bearing is clockwise from the scene's own north axis
     """

@@ -1,13 +1,14 @@
-"""Which suns each sensor sees, and sums over them: hours, energy, and the longest unbroken stretch.
+"""The suns that each sensor sees, and sums over them: hours, energy, and the longest unbroken stretch.
 
-Sensors and suns are ordered so that tiles of 16 sensors and 16 suns are thin ray bundles, which packet and frusta
-tracers share work on.
+Sensors and suns are ordered so that a tile of 16 sensors and 16 suns is a thin ray bundle, within which packet and
+frusta tracers share work.
 """
 
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...engine.plan import Plan
 from ...engine.precompilation import Job, fixed_job, precompile
@@ -25,21 +26,21 @@ from ..sensors import Sensors
 from ..work_parts import Parts, about_parts, inexact_plan
 from .sun_positions import Suns
 
-# --- Orders in which tiles of 16 sensors and 16 suns are thin bundles of rays, so that tracers share work -------------
+# --- Orders of sensors and suns ---------------------------------------------------------------------------------------
 
 
-BUNDLE = 16  # suns, or sensors, that a tracer takes at once
+BUNDLE = 16  # suns or sensors per tile
 
-_FACINGS = 4.0  # steps of a normal's coordinate: sensors of one facing lie together
+_FACINGS = 4.0  # quantization steps of a normal's coordinates, by which sensors are grouped
 
 
-def direction_order(directions: np.ndarray) -> np.ndarray:
-    """(k,) int64: an order of directions in which each 16 of them lie close together.
+def direction_order(directions: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(k,) int64: an order of directions in which each group of 16 lies close together.
 
-    A k-d tree halves them along their widest axis, at multiples of 16. Against an order by time, shafts of
-    multi-frusta tracing took a sixtieth of the time; against a Morton curve, 0.7 of it.
+    A k-d tree halves them along their widest axis, at multiples of 16. The shafts of multi-frusta tracing took a
+    sixtieth of the time that they take in chronological order, and 0.7 of that along a Morton curve.
     """
-    groups, stack = [], [np.arange(len(directions))]
+    groups, stack = list[np.ndarray](), [np.arange(len(directions))]
     while stack:
         group = stack.pop()
         if len(group) <= BUNDLE:
@@ -52,8 +53,8 @@ def direction_order(directions: np.ndarray) -> np.ndarray:
     return np.concatenate(groups) if groups else np.empty(0, np.int64)
 
 
-def sensor_order(points: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
-    """(n,) int64: an order of sensors in which neighbours lie near each other and look the same way."""
+def sensor_order(points: NDArray[np.float64], normals: NDArray[np.float64] | None) -> NDArray[np.int64]:
+    """(n,) int64: an order of sensors in which neighbours lie close together and face the same way."""
     codes = morton_codes(points - points.mean(0) if len(points) else points)
     if normals is None:
         return np.argsort(codes, kind="stable")
@@ -61,39 +62,39 @@ def sensor_order(points: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
     return np.lexsort((codes, facing))
 
 
-# --- Sums over the suns that sensors see: hours, energy, and stretches without a break --------------------------------
+# --- Sums over visible suns -------------------------------------------------------------------------------------------
 
 
 class Calendar(NamedTuple):
-    """Suns in the order of time, each with `samples` bits; arrays for kernels."""
+    """Suns in chronological order, each with `samples` bits; arrays for kernels."""
 
     places: np.ndarray  # (k, samples) int32: bit of each sample in a sensor's row
     hours: np.ndarray  # (k,) float64, length of the interval
     bins: np.ndarray  # (k, b) int32: columns of `Tally.binned` to which the hours are added
-    starts: np.ndarray  # (k,) bool: the sun before belongs to another day, or there is a gap
-    energy: np.ndarray  # (k,) float64, Wh/m2 on a surface at right angles to the rays
+    starts: np.ndarray  # (k,) bool: the previous sun belongs to another day, or there is a gap
+    energy: np.ndarray  # (k,) float64, Wh/m2 on a surface perpendicular to the rays
     directions: np.ndarray  # (k, 3) float64, unit vectors towards the suns
 
 
 class Tally(NamedTuple):
-    """What sensors see, n rows."""
+    """The sums of n sensors."""
 
     hours: np.ndarray  # (n,) float64
     binned: np.ndarray  # (n, columns) float64: hours in each bin
     energy: np.ndarray  # (n,) float64, Wh/m2: sum of energy x cosine
-    longest: np.ndarray  # (n,) float64: hours of the longest stretch without a break
-    first: np.ndarray  # (n,) int32: the first sun seen, -1: none
-    last: np.ndarray  # (n,) int32: the last sun seen, -1: none
+    longest: np.ndarray  # (n,) float64: hours of the longest unbroken stretch
+    first: np.ndarray  # (n,) int32: the first visible sun, -1: none
+    last: np.ndarray  # (n,) int32: the last visible sun, -1: none
 
 
 @inlined
-def _seen(row, places, k):
+def _visible_share(row, places, k):
     """The share of the samples of sun k that a sensor sees."""
-    samples, seen = places.shape[1], np.int64(0)
+    samples, visible = places.shape[1], np.int64(0)
     for s in range(samples):
         at = places[k, s]
-        seen += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
-    return np.float64(seen) / samples
+        visible += 1 - np.int64(row[at >> 6] >> np.uint64(at & 63) & np.uint64(1))
+    return np.float64(visible) / samples
 
 
 @inlined
@@ -112,7 +113,7 @@ def _tally_rows(ticket, bits, normals, calendar, tally):
         total = energy = run_hours = longest = 0.0
         first = last = -1
         for k in range(n_suns):
-            share = _seen(bits[i], calendar.places, k)
+            share = _visible_share(bits[i], calendar.places, k)
             if calendar.starts[k] or share < 0.5:
                 run_hours = 0.0
             if share == 0.0:
@@ -130,11 +131,14 @@ def _tally_rows(ticket, bits, normals, calendar, tally):
         tally.first[i], tally.last[i] = first, last
 
 
-def tally_of(bits: np.ndarray, normals: np.ndarray | None, calendar: Calendar, columns: int, threads=None) -> Tally:
+def tally_of(
+    bits: NDArray[np.uint64], normals: NDArray[np.float64] | None, calendar: Calendar, columns: int,
+    threads: int | None = None,
+) -> Tally:  # fmt: skip
     """The sums of n sensors.
 
-    bits : (n, w) uint64: bit set = sample occluded
-    normals : (n, 3) float64 unit vectors, or None: energy falls at right angles
+    bits : (n, w) uint64: a set bit marks an occluded sample
+    normals : (n, 3) float64 unit vectors, or None: light arrives perpendicularly
     columns : number of bins
     """
     n = len(bits)
@@ -145,31 +149,31 @@ def tally_of(bits: np.ndarray, normals: np.ndarray | None, calendar: Calendar, c
     return tally
 
 
-# --- Sun hours: which suns each sensor sees, and sums over them -------------------------------------------------------
+# --- Queries ----------------------------------------------------------------------------------------------------------
 
 
 DISK = 0.533
 """Mean angular diameter of the sun, degrees."""
 
-_PART = 1 << 14  # sensors of a part
-_BEHIND = 1e-3  # cosine below which a sun is behind a surface for certain, whatever rounding does
+_PART = 1 << 14  # sensors per part
+_BEHIND = 1e-3  # cosine below which a sun is certainly behind a surface, despite rounding
 
 
 class SunQuery(NamedTuple):
-    """What is asked of the sensors of a scene."""
+    """Sensors of a scene and the suns to test."""
 
     scene: AnyScene
     sensors: Sensors
-    receivers: Receivers  # the sensors, off their surfaces
+    receivers: Receivers  # the sensors, moved off their surfaces
     calendar: Calendar
     columns: int  # bins of the calendar
-    order: np.ndarray  # (m,) int64: bundled order of the calendar's directions, (k * samples)
-    towards: np.ndarray  # (m, 3) float64: directions to all samples of the suns, bundled
+    order: np.ndarray  # (m,) int64: order of the calendar's k * samples directions in bundles
+    towards: np.ndarray  # (m, 3) float64: directions to all samples of the suns, in bundle order
     plan: str | Plan | None
     threads: int | None
 
 
-def disk_directions(directions: np.ndarray, samples: int) -> np.ndarray:
+def disk_directions(directions: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
     """(k, samples, 3) float64: unit vectors to points spread over the sun's disk; to its centre if `samples` is 1."""
     if samples == 1:
         return directions[:, None]
@@ -178,19 +182,19 @@ def disk_directions(directions: np.ndarray, samples: int) -> np.ndarray:
     angle = i * np.pi * (3.0 - np.sqrt(5.0))  # Vogel's spiral: equal areas
     u, v = (np.array(axes) for axes in zip(*(tangents(d) for d in directions))) if len(directions) else directions
     across = radius[:, None] * (np.cos(angle)[:, None] * u[:, None] + np.sin(angle)[:, None] * v[:, None])
-    found = directions[:, None] + across
-    return found / np.linalg.norm(found, axis=-1, keepdims=True)
+    towards = directions[:, None] + across
+    return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
 
 
 def sun_query(
     scene: AnyScene, sensors: Sensors, suns: Suns, bins: np.ndarray, columns: int, *, samples: int = 1,
     energy: np.ndarray | None = None, plan: str | Plan | None = None, threads: int | None = None,
 ) -> SunQuery:  # fmt: skip
-    """What is asked, in bundles.
+    """Order the suns in bundles for a query.
 
     bins : (k, b) int: columns to which the hours of each sun are added
     samples : points on the sun's disk
-    energy : (k,) float, Wh/m2 at right angles to the rays; None: zeros
+    energy : (k,) float, Wh/m2 perpendicular to the rays; None: zeros
     """
     towards = disk_directions(suns.directions, samples).reshape(-1, 3)
     order = direction_order(towards)
@@ -209,7 +213,7 @@ def sun_query(
 
 
 def _starts(suns: Suns) -> np.ndarray:
-    """(k,) bool: suns that begin a stretch, because a night or a gap in time lies before them."""
+    """(k,) bool: suns that begin a stretch, after a night or a gap in time."""
     seconds, half = suns.times.astype("datetime64[s]").astype(np.int64), 1800.0 * suns.hours
     begins = np.ones(len(seconds), bool)
     begins[1:] = np.diff(seconds) > half[1:] + half[:-1] + 1.0
@@ -217,85 +221,85 @@ def _starts(suns: Suns) -> np.ndarray:
 
 
 class SunSums:
-    """The sums of all sensors, made part by part.
+    """The sums of all sensors, computed in parts.
 
     what : name of the work, for users
-    folder : where parts are kept; None: in memory
-    matrix : whether the parts hold the bits of each sensor and sun too
+    folder : stores the parts; None: in memory
+    matrix : whether the parts also contain the bits of each sensor and sun
     """
 
-    def __init__(self, asked: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
+    def __init__(self, query: SunQuery, what: str, folder: Path | None = None, matrix: bool = False):
         precompile(tally_job)
-        self._asked, self._matrix, sensors = asked, matrix, asked.sensors
+        self._query, self._matrix, sensors = query, matrix, query.sensors
         n = len(sensors)
         self._order = sensor_order(sensors.points, sensors.normals) if n else np.empty(0, np.int64)
         about = None
         if folder is not None:
-            shown = [a for a in (sensors.points, sensors.normals, *asked.calendar) if a is not None]
-            of = scene_digest(asked.scene, 0.0, asked.threads)
-            about = about_parts(what, of, inexact_plan(asked.plan), asked.columns, matrix, *shown)
-        title = f"{what}: {n:,} sensors x {len(asked.calendar.hours):,} directions"
+            arrays = [a for a in (sensors.points, sensors.normals, *query.calendar) if a is not None]
+            of = scene_digest(query.scene, 0.0, query.threads)
+            about = about_parts(what, of, inexact_plan(query.plan), query.columns, matrix, *arrays)
+        title = f"{what}: {n:,} sensors x {len(query.calendar.hours):,} directions"
         self.parts = Parts(title, n, _PART, self._part, folder, about)
 
     def _part(self, first: int, last: int) -> dict[str, np.ndarray]:
-        asked, some = self._asked, self._order[first:last]
-        bits = _bits_of(asked, some)
-        normals = None if asked.sensors.normals is None else asked.sensors.normals[some]
-        found = tally_of(bits, normals, asked.calendar, asked.columns, asked.threads)._asdict()
-        return {**found, "matrix": hidden_sun_rows(bits, asked.calendar.places)} if self._matrix else found
+        query, indices = self._query, self._order[first:last]
+        bits = _bits_of(query, indices)
+        normals = None if query.sensors.normals is None else query.sensors.normals[indices]
+        sums = tally_of(bits, normals, query.calendar, query.columns, query.threads)._asdict()
+        return {**sums, "matrix": hidden_sun_rows(bits, query.calendar.places)} if self._matrix else sums
 
     def tally(self) -> Tally:
-        """The sums of each sensor, in the sensors' own order, when all parts are done."""
+        """The sums of each sensor, in the original order, once all parts are done."""
         if not len(self._order):
-            return tally_of(np.empty((0, 1), np.uint64), None, self._asked.calendar, self._asked.columns)
+            return tally_of(np.empty((0, 1), np.uint64), None, self._query.calendar, self._query.columns)
         done = self.parts.joined(Tally._fields)
         return Tally(**{name: values[np.argsort(self._order)] for name, values in done.items()})
 
     @property
     def matrix_shape(self) -> tuple[int, int]:
-        """Rows and words of the matrix."""
-        return len(self._order), -(-len(self._asked.calendar.hours) // 64)
+        """Rows, and words per row, of the matrix."""
+        return len(self._order), -(-len(self._query.calendar.hours) // 64)
 
     def write_matrix(self, path: Path) -> None:
-        """Write the bits of each sensor and sun, when all parts are done: see `matrix.matrix_rows`."""
+        """Write the bits of each sensor and sun, once all parts are done; see `hidden_sun_rows`."""
         with RowFile(path, self.matrix_shape) as file:
             for k, (first, last) in enumerate(self.parts.ranges):
                 file.put(self._order[first:last], self.parts[k]["matrix"])
 
 
-def sum_suns(asked: SunQuery, kept: Path | None = None, what: str = "suns") -> Tally:
-    """Ask all sensors: the sums of each, in the sensors' own order.
+def sum_suns(query: SunQuery, folder: Path | None = None, what: str = "suns") -> Tally:
+    """The sums of all sensors, in the original order.
 
+    folder : stores finished parts, from which an interrupted job resumes; None: nothing is stored
     what : name of the work, for users
-    kept : folder in which finished parts wait for the next run of an interrupted job; None: they are not kept
     """
-    engine, sums = LocalExecutor(kept), SunSums(asked, what, kept)
-    engine.finish([sums.parts])
-    tally = sums.tally()
-    engine.end([sums.parts])
+    executor, work = LocalExecutor(folder), SunSums(query, what, folder)
+    executor.finish([work.parts])
+    tally = work.tally()
+    executor.end([work.parts])
     return tally
 
 
-def _bits_of(asked: SunQuery, which: np.ndarray) -> np.ndarray:
-    """(n, w) uint64: the bits of some sensors, in the order of bundles. Suns behind all of them are not traced."""
-    sensors, m = asked.sensors, len(asked.towards)
-    receivers, engine = asked.receivers.take(which), asked.scene.engine.with_options(asked.plan, asked.threads, None)
+def _bits_of(query: SunQuery, which: np.ndarray) -> np.ndarray:
+    """(n, w) uint64: the occlusion bits of some sensors, in bundle order. Suns behind all of them are not traced."""
+    sensors, m = query.sensors, len(query.towards)
+    receivers, engine = query.receivers.take(which), query.scene.engine.with_options(query.plan, query.threads, None)
     normals = None if sensors.normals is None else sensors.normals[which]
     bits = np.full((len(which), -(-m // 64)), ~np.uint64(0))
-    bundles = _in_front(asked.towards, normals)
-    for some in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
-        places = (some[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
+    bundles = _in_front(query.towards, normals)
+    for batch in np.split(bundles, range(MAX_SPP // BUNDLE, len(bundles), MAX_SPP // BUNDLE)):
+        places = (batch[:, None] * BUNDLE + np.arange(BUNDLE)).ravel()
         places = places[places < m]
         if not len(places):
             continue
-        lights = DirectionalLights(-asked.towards[places])
-        found = engine.visibility(receivers, [lights]).bits[:, 0]
-        bits.view(np.uint16)[:, some] = found.view(np.uint16)[:, : len(some)]  # a bundle is a word of 16 bits
+        lights = DirectionalLights(-query.towards[places])
+        occluded = engine.visibility(receivers, [lights]).bits[:, 0]
+        bits.view(np.uint16)[:, batch] = occluded.view(np.uint16)[:, : len(batch)]  # a bundle is a word of 16 bits
     return bits
 
 
 def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
-    """(b,) int64: the bundles with a sun that may be above the horizon of some sensor."""
+    """(b,) int64: the bundles with at least one sun that may be above the horizon of some sensor."""
     bundles = np.arange(-(-len(towards) // BUNDLE))
     if normals is None or not len(normals):
         return bundles
@@ -309,12 +313,12 @@ def _in_front(towards: np.ndarray, normals: np.ndarray | None) -> np.ndarray:
 
 
 def tally_job() -> Job:
-    """The job of sums over suns."""
+    """The compile job of sums over suns."""
 
-    def work():
-        bits, once = np.zeros((2, 1), np.uint64), np.zeros(1)
+    def work() -> None:
+        bits, ones = np.zeros((2, 1), np.uint64), np.zeros(1)
         calendar = Calendar(
-            np.zeros((1, 1), np.int32), once, np.zeros((1, 1), np.int32), np.ones(1, bool), once, np.zeros((1, 3))
+            np.zeros((1, 1), np.int32), ones, np.zeros((1, 1), np.int32), np.ones(1, bool), ones, np.zeros((1, 3))
         )
         tally_of(bits, None, calendar, 1, 1)
 

@@ -1,58 +1,61 @@
-"""Filters of the exact predicate, scalar and in lanes, and the coordinates of a hit. Each has a proven error bound.
+"""Filters of the exact predicate, scalar and in lanes, and the coordinates of a hit, all with proven error bounds.
 
-Scalar filters. A float32 test comes first, then a float64 test. One body serves both precisions. Let u be the unit
+Scalar filters. A float32 test is followed by a float64 test, with one body for both precisions. Let u be the unit
 roundoff (2**-24 or 2**-53), a = v0 - o, p = v1 - v0, q = v2 - v0:
 
     r = d x a    e2 = p . r    e1 = -q . r    n = p x q    D = d . n    e0 = D - e1 - e2    T = a . n
 
 Every component of d, a, p, q is one rounded difference (relative error u). A product of three of them inside a sum of
 six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u). The six products sum to at most
-2 |d|_1 |a|_inf |p|_inf. Let m = |a|_inf, and s the largest component of p and q. To first order:
+2 |d|_1 |a|_inf |p|_inf. Let m = |a|_inf, and let s be the largest component of p and q. To first order:
 
     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
 
 e0 adds three such errors and two roundings (at most 10 u |d|_1 s max(m, s)). So 60 u |d|_1 s max(m, s) bounds the error
-of each e. ``_FACTOR`` = 20 leaves room for the second order and for the rounding of the bounds themselves. An absolute
-term covers underflow. Where a product could overflow, the bound is infinite, so the answer is UNSURE. No NaN ever
-decides.
+of each e. ``_FACTOR`` = 20 leaves a margin for second-order terms and for the rounding of the bounds themselves. An
+absolute term covers underflow. If a product could overflow, the bound is infinite and the answer is UNSURE. NaN never
+decides anything.
 
-The comparisons with tmin and tmax allow twice D's error. The other half covers the rounding of tmin D, of tmin to
-float32, and of the t that is compared to float64: at most 2 u |d|_1 s s each.
+The comparisons with tmin and tmax allow twice the error of D. The second half covers the roundings of tmin D, of tmin
+to float32, and of the compared t to float64: at most 2 u |d|_1 s s each.
 
-Filters in lanes. The float32 filter tests one ray and eight triangles, or sixteen rays and one triangle. The quantities
-are as above: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every component of a, d, p, q is
-one rounded difference. Each of e1, e2, D, T is a sum of six products of three components. So a product collects at most
-8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product and 2 in its sums. Where the
-processor fuses products and sums, there are fewer factors. Two bounds follow.
+Filters in lanes. The float32 filter tests one ray against eight triangles, or sixteen rays against one triangle. The
+quantities are as above: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every component of a,
+d, p, q is one rounded difference. Each of e1, e2, D, T is a sum of six products of three components, so a product
+accumulates at most 8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product and 2 in its
+sums. Processors that fuse products and sums give fewer factors. Two bounds follow.
 
-*Coarse bound*, for all lanes. Let m = |a|_inf, and s the largest component of p and q. The six products sum to at most
-2 |d|_1 m s. So |error e1|, |error e2| <= 16 u |d|_1 m s. As above, |error e0| <= (3 * 16 + 10) u |d|_1 s max(m, s). e1,
-e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s). Since 58 < 3 * 20, room is left for the second order and for the
-rounding of e0 / 3 and of the bound. If one e is surely negative and another surely positive, the line misses.
+*Coarse bound*, for all lanes. Let m = |a|_inf, and let s be the largest component of p and q. The six products sum to
+at most 2 |d|_1 m s. So |error e1|, |error e2| <= 16 u |d|_1 m s and, as above, |error e0| <= (3 * 16 + 10) u |d|_1 s
+max(m, s). e1, e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s). Since 58 < 3 * 20, this leaves a margin for
+second-order terms and for the rounding of e0 / 3 and of the bound. If one e is certainly negative and another certainly
+positive, the line misses.
 
-*Fine bound*, where a lane remains. The error of a sum is at most 8 u P. P is the sum of the same six products as
-magnitudes (the permanent), computed within 6 u. The fine bound is much smaller where components are zero: for triangles
-in axis-aligned planes, and rays along axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
-times the same sum. So 12 u P bounds each quantity, with the same room as above. tmin and tmax are rounded to float32,
-and their products with D are rounded. As above, these comparisons allow twice D's error, and a floor covers underflow
+*Fine bound*, if any lane remains. The error of a sum is at most 8 u P, where P is the sum of the magnitudes of the same
+six products (the permanent), computed within 6 u. The fine bound is much smaller if components are zero: for triangles
+in axis-aligned planes and axis-parallel rays. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
+times the same sum. So 12 u P bounds each quantity, with the same margin as above. tmin and tmax are rounded to float32,
+and so are their products with D. As above, these comparisons allow twice the error of D, and a floor covers underflow
 of tmin and tmax.
 
-An absolute term covers underflow. Where a product could overflow, `unit` is infinite and the test decides nothing. A
-decision needs a comparison with a bound that comes out *true*, and comparisons with infinity and NaN never do.
+An absolute term covers underflow. If a product could overflow, `unit` is infinite and the test decides nothing: a
+decision requires a comparison with a bound to be *true*, and comparisons with infinity and NaN never are.
 
-Hit coordinates. A hit has t, rounded to the nearest float64, and the weights of the triangle's corners. t = T / D is a
-quotient of two determinants (see above). Its rounding is unique, whatever computed it, so all methods report the same
-t. Intervals are compared with this number, and it orders hits.
+Hit coordinates. A hit consists of t, rounded to the nearest float64, and the weights of the triangle's corners.
+t = T / D is a quotient of two determinants (see above). Correct rounding is unique however it is computed, so all
+methods report the same t. This number is compared with intervals and orders hits.
 
-Twice float64 decides nearly all roundings. A number is an unevaluated sum hi + lo here. Let u = 2**-53, m the largest
-component of a, s that of p and q, and l that of d. a, p and q must be exact differences. Then, to second order,
+Double-double arithmetic decides nearly all roundings: a number is an unevaluated sum hi + lo. Let u = 2**-53, and let m
+be the largest component of a, s that of p and q, and l that of d. a, p and q must be exact differences. Then, to second
+order,
 
     n = p x q:  |hi| <= 2 s s,  |lo| <= 4 u s s,  error 6 u u s s
     T = a . n:  error 3 (6 + 4 + 6) u u m s s + 28 u u m s s = 76 u u m s s        D = d . n:  76 u u l s s
 
-A component of T carries n's error, and the rounding of m lo and of its sum with the product's second part. Their sums
-add the rest. q = T / D is then corrected by (T - q D) / D, with an error of 12 u u q. ``_ROOM`` = 256 leaves room. If
-the corrected t rounds to the same number at both ends of this error, the number is right. Else `exact_t` decides.
+A component of T carries the error of n, and the roundings of m lo and of its sum with the low part of the product. The
+sums of components add the remainder. q = T / D is then corrected by (T - q D) / D, with an error of 12 u u q. ``_ROOM``
+= 256 leaves a margin. If the corrected t rounds to the same number at both ends of the error interval, that number is
+correct; otherwise `exact_t` decides.
 """
 
 from typing import NamedTuple
@@ -63,38 +66,19 @@ from ..jit import F32Lanes, inlined, kernel
 from ..simd import absolute, any_lane, bits, flip_sign, fma, get, maximum, minimum, product_error, select
 from .predicate import exact_has_area, exact_meets, exact_plane_side, exact_t, exact_weights
 
-# --- Filters of the exact predicate: a float32 test, then a float64 test, each with a proven error bound --------------
-#
-# One body serves both precisions. Let u be the unit roundoff (2**-24 or 2**-53), a = v0 - o, p = v1 - v0, q = v2 - v0:
-#
-#     r = d x a    e2 = p . r    e1 = -q . r    n = p x q    D = d . n    e0 = D - e1 - e2    T = a . n
-#
-# Every component of d, a, p, q is one rounded difference (relative error u). A product of three of them inside a sum
-# of
-# six carries at most 3 (inputs) + 1 + 1 (products) + 1 + 2 (sums) = 8 factors (1 + u). The six products sum to at most
-# 2 |d|_1 |a|_inf |p|_inf. Let m = |a|_inf, and s the largest component of p and q. To first order:
-#
-#     |error e1|, |error e2| <= 16 u |d|_1 m s      |error D| <= 16 u |d|_1 s s      |error T| <= 16 u |a|_1 s s
-#
-# e0 adds three such errors and two roundings (at most 10 u |d|_1 s max(m, s)). So 60 u |d|_1 s max(m, s) bounds the
-# error of each e. ``_FACTOR`` = 20 leaves room for the second order and for the rounding of the bounds themselves. An
-# absolute term covers underflow. Where a product could overflow, the bound is infinite, so the answer is UNSURE. No
-# NaN ever decides.
-#
-# The comparisons with tmin and tmax allow twice D's error. The other half covers the rounding of tmin D, of tmin to
-# float32, and of the t that is compared to float64: at most 2 u |d|_1 s s each.
+# --- Scalar filters ---------------------------------------------------------------------------------------------------
 
 
 MISS, UNSURE = 0, 2  # a hit is the sign of d . n: 1 or -1
 
 _FACTOR = 20.0
-BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hits.hit_t` (2**-29) and a rounding to float32
+BEYOND = np.float64(1.0 + 2.0**-20)  # covers the error of `hit_t` (2**-29) and rounding to float32
 T_ACCURACY = np.float64(2.0**-30)  # relative accuracy of `hit_t`'s numerator and denominator, and of `weights`
-END_FLOOR = np.float32(2.0**-100)  # added to an end in its error bound: more than underflow takes from tmin or tmax
+END_FLOOR = np.float32(2.0**-100)  # added to tmin or tmax in their error bounds; more than underflow can take from them
 
 
 class _Limits(NamedTuple):
-    """Constants of one float type."""
+    """Constants for one float type."""
 
     u: float  # _FACTOR times the unit roundoff
     three: float
@@ -108,7 +92,7 @@ _LIMITS64 = _Limits(*(np.float64(x) for x in (_FACTOR * 2.0**-53, 3, 1e-300, 1e1
 
 
 class Volumes(NamedTuple):
-    """The determinants of a line and a triangle, and their error bounds. All fields have one float type."""
+    """The determinants of a line and a triangle, and their error bounds. All fields have the same float type."""
 
     e0: float
     e1: float
@@ -122,12 +106,13 @@ class Volumes(NamedTuple):
 
 @inlined
 def _larger(a, b):
-    """The larger of two numbers that are not NaN. Python's own max compiles to tests for NaN."""
+    """The larger of two numbers that are not NaN. Python's max would compile to tests for NaN."""
     return a if a > b else b
 
 
 @inlined
 def _smaller(a, b):
+    """The smaller of two numbers that are not NaN."""
     return a if a < b else b
 
 
@@ -159,14 +144,14 @@ def _volumes(d, a, p, q, limits):
     wide, uss = _larger(m, s), limits.u * s * s
     floor = limits.tiny * (d1 + wide) + limits.tiny
     three = limits.three
-    e_error = three * limits.u * (d1 * s * wide) + floor  # in this order, because u * d1 could underflow
+    e_error = three * limits.u * (d1 * s * wide) + floor  # in this order, since u * d1 could underflow
     e_error = e_error if _larger(d1, wide) < limits.large else limits.infinite
     return Volumes(det - e1 - e2, e1, e2, volume, det, e_error, three * m * uss + floor, d1 * uss + floor)
 
 
 @inlined
 def volumes32(o, d, corners, i):
-    """`Volumes` in float32. o and d are tuples of three float32, and d is the ray's direction rounded once."""
+    """`Volumes` in float32. o and d are tuples of three float32; d is the ray's direction, rounded once."""
     k = 9 * i
     x, y, z = get(corners, k), get(corners, k + 1), get(corners, k + 2)
     a = (x - o[0], y - o[1], z - o[2])
@@ -223,15 +208,15 @@ def verdict(w, tmin, tmax):
     t = w.t if side > 0 else -w.t
     d = w.d if side > 0 else -w.d
     ends_error = w.d_error + w.d_error
-    near = t - tmin * d
+    t_near = t - tmin * d
     slack = w.t_error + (tmin + END_FLOOR) * ends_error
-    if not near > slack:
-        return MISS if near < -slack else UNSURE
+    if not t_near > slack:
+        return MISS if t_near < -slack else UNSURE
     if tmax != np.inf:
-        far = tmax * d - t
+        t_far = tmax * d - t
         slack = w.t_error + (tmax + END_FLOOR) * ends_error
-        if not far > slack:
-            return MISS if far < -slack else UNSURE
+        if not t_far > slack:
+            return MISS if t_far < -slack else UNSURE
     return side
 
 
@@ -261,7 +246,7 @@ def weights(ray, corners, i):
 
 @inlined
 def is_nearer(t, prim, other_t, other_prim):
-    """Is a ray's hit nearer than another one? Of two hits at the same t, the lower index of a triangle is."""
+    """Whether a ray's hit is nearer than another. At equal t, the triangle of lower index is nearer."""
     return t < other_t or (t == other_t and prim < other_prim)
 
 
@@ -297,40 +282,13 @@ def side_of(v0, n, error, x, y, z, corners, i):
 
 @kernel
 def plane_side(x, y, z, corners, i):
-    """The side of triangle i's plane on which a float32 point lies: 1 where the normal points, -1 behind, 0 on it."""
+    """The side of triangle i's plane that a float32 point is on: 1 if the normal points there, -1 behind, 0 on it."""
     zero = np.float64(0.0)
     v0, n, error = plane(corners, i, zero, zero, zero)
     return side_of(v0, n, error, x, y, z, corners, i)
 
 
-# --- The float32 filter of `filters` in lanes: one ray and eight triangles, or sixteen rays and one triangle ----------
-#
-# The quantities are as in `filters`: a = v0 - o, p, q, r = d x a, n = p x q, e1, e2, D, T, e0 = D - e1 - e2. Every
-# component of a, d, p, q is one rounded difference. Each of e1, e2, D, T is a sum of six products of three components.
-# So a product collects at most 8 factors (1 + u): 3 from its components, 2 in the cross product, 1 in the dot product
-# and
-# 2 in its sums. Where the processor fuses products and sums, there are fewer factors. Two bounds follow.
-#
-# *Coarse bound*, for all lanes. Let m = |a|_inf, and s the largest component of p and q. The six products sum to at
-# most
-# 2 |d|_1 m s. So |error e1|, |error e2| <= 16 u |d|_1 m s. As in `filters`, |error e0| <= (3 * 16 + 10) u |d|_1 s
-# max(m,
-# s). e1, e2 and e0 / 3 are compared with 20 u |d|_1 s max(m, s). Since 58 < 3 * 20, room is left for the second order
-# and
-# for the rounding of e0 / 3 and of the bound. If one e is surely negative and another surely positive, the line
-# misses.
-#
-# *Fine bound*, where a lane remains. The error of a sum is at most 8 u P. P is the sum of the same six products as
-# magnitudes (the permanent), computed within 6 u. The fine bound is much smaller where components are zero: for
-# triangles
-# in axis-aligned planes, and rays along axes. e0 carries 8 u (P_D + P_e1 + P_e2) and two more roundings of at most u
-# times the same sum. So 12 u P bounds each quantity, with the same room as above. tmin and tmax are rounded to
-# float32,
-# and their products with D are rounded. As in `filters`, these comparisons allow twice D's error, and a floor covers
-# underflow of tmin and tmax.
-#
-# An absolute term covers underflow. Where a product could overflow, `unit` is infinite and the test decides nothing. A
-# decision needs a comparison with a bound that comes out *true*, and comparisons with infinity and NaN never do.
+# --- The float32 filter in lanes --------------------------------------------------------------------------------------
 
 
 _COARSE = np.float32(20.0 * 2.0**-24)
@@ -340,7 +298,7 @@ _TINY = np.float32(1e-37)  # larger than any error from underflow, for each unit
 
 
 class FilterRays(NamedTuple):
-    """Rays for `meet`, one a lane. All fields are float32 vectors."""
+    """Rays for `meet`, one per lane. All fields are float32 vectors."""
 
     ox: F32Lanes
     oy: F32Lanes
@@ -349,13 +307,13 @@ class FilterRays(NamedTuple):
     dy: F32Lanes
     dz: F32Lanes
     tmin: F32Lanes  # rounded to nearest
-    tmax: F32Lanes  # the same; inf if there is no end, or if it lies beyond float32 and `unit` is inf
+    tmax: F32Lanes  # likewise; inf if unbounded, or beyond float32 and `unit` is inf
     unit: F32Lanes  # 20 u, or inf where a product could overflow
-    floor: F32Lanes  # largest error from underflow
+    floor: F32Lanes  # maximum error from underflow
 
 
 class FilterTriangles(NamedTuple):
-    """Triangles, one a lane. All fields are float32 vectors. The edges are rounded differences of the corners."""
+    """Triangles, one per lane. All fields are float32 vectors. The edges are rounded differences of corners."""
 
     x: F32Lanes  # v0
     y: F32Lanes
@@ -373,7 +331,7 @@ class FilterTriangles(NamedTuple):
 def error_unit(tame, dx, dy, dz, reach):
     """(unit, floor) of `FilterRays`, as vectors.
 
-    tame : mask of the lanes in which |d|_inf and reach are at most 2^40, so no product of three overflows
+    tame : mask of the lanes where |d|_inf and reach are at most 2^40, so that no product of three overflows
     reach : upper bound of the magnitudes of all coordinates
     """
     span = absolute(dx) + absolute(dy) + absolute(dz) + (reach + reach)
@@ -389,7 +347,7 @@ def _sum3(ax, bx, ay, by, az, bz):
 def meet(r, t):
     """(hits, positive, unsure) of each lane's ray and triangle, as bit masks: bit k is lane k.
 
-    hits : the ray surely meets the triangle inside (tmin, tmax)
+    hits : the ray certainly meets the triangle inside (tmin, tmax)
     positive : d . n > 0; valid for hits
     unsure : the ray may meet the triangle
     """
@@ -404,8 +362,8 @@ def meet(r, t):
     bound = fma(wide * t.s, (hx + hy + hz) * r.unit, r.floor)
     third = e0 * _THIRD
     low, high = minimum(third, minimum(e1, e2)), maximum(third, maximum(e1, e2))
-    maybe = ~((low < -bound) & (high > bound))
-    if not any_lane(maybe):
+    possible = ~((low < -bound) & (high > bound))
+    if not any_lane(possible):
         return np.int64(0), np.int64(0), np.int64(0)
     px, py, pz, qx, qy, qz = (
         absolute(t.px),
@@ -429,37 +387,22 @@ def meet(r, t):
     volume, det = flip_sign(_sum3(ax, nx, ay, ny, az, nz), e1), absolute(det)
     b_volume, b_det = fma(b_volume, unit, r.floor), fma(b_det, unit, r.floor)
     b_ends = b_det + b_det
-    near, near_bound = volume - r.tmin * det, fma(r.tmin + END_FLOOR, b_ends, b_volume)
+    t_near, t_near_bound = volume - r.tmin * det, fma(r.tmin + END_FLOOR, b_ends, b_volume)
     endless = ~(r.tmax < np.float32(np.inf))
     tmax = select(endless, np.float32(0.0), r.tmax)
-    far, far_bound = tmax * det - volume, fma(tmax + END_FLOOR, b_ends, b_volume)
-    inside = (near > near_bound) & (endless | (far > far_bound))
-    outside = (near < -near_bound) | (~endless & (far < -far_bound))
+    t_far, t_far_bound = tmax * det - volume, fma(tmax + END_FLOOR, b_ends, b_volume)
+    inside = (t_near > t_near_bound) & (endless | (t_far > t_far_bound))
+    outside = (t_near < -t_near_bound) | (~endless & (t_far < -t_far_bound))
     hits = line & inside
-    return bits(hits), bits(positive), bits(maybe & ~hits & ~miss & ~(line & outside))
+    return bits(hits), bits(positive), bits(possible & ~hits & ~miss & ~(line & outside))
 
 
-# --- Where a ray meets a triangle: t, rounded to the nearest float64, and the weights of the triangle's corners -------
-#
-# t = T / D is a quotient of two determinants (see `filters`). Its rounding is unique, whatever computed it, so all
-# methods report the same t. Intervals are compared with this number, and it orders hits.
-#
-# Twice float64 decides nearly all roundings. A number is an unevaluated sum hi + lo here. Let u = 2**-53, m the
-# largest component of a, s that of p and q, and l that of d. a, p and q must be exact differences. Then, to second
-# order,
-#
-#     n = p x q:  |hi| <= 2 s s,  |lo| <= 4 u s s,  error 6 u u s s
-#     T = a . n:  error 3 (6 + 4 + 6) u u m s s + 28 u u m s s = 76 u u m s s        D = d . n:  76 u u l s s
-#
-# A component of T carries n's error, and the rounding of m lo and of its sum with the product's second part. Their
-# sums add the rest. q = T / D is then corrected by (T - q D) / D, with an error of 12 u u q. ``_ROOM`` = 256 leaves
-# room. If the corrected t rounds to the same number at both ends of this error, the number is right. Else `exact_t`
-# decides.
+# --- Hit coordinates: t and the corners' weights ----------------------------------------------------------------------
 
 
 _ROOM = np.float64(256 * 2.0**-106)
-_APART = np.float64(2.0**-27)  # more than the errors of two `hit_t`
-_WEIGHTS = np.float64(2.0**-27)  # accuracy of weights that float32 holds
+_APART = np.float64(2.0**-27)  # more than the errors of two `hit_t` together
+_WEIGHTS = np.float64(2.0**-27)  # accuracy of weights for float32
 UNKNOWN = np.float64(-1.0)
 
 
@@ -480,7 +423,7 @@ def _product(a, b):
 
 @inlined
 def _minor(a, b, c, d):
-    """a b - c d, as hi + lo."""
+    """a b - c d as hi + lo."""
     (p, p_low), (q, q_low) = _product(a, b), _product(c, d)
     hi, lo = _sum(p, -q)
     return hi, lo + (p_low - q_low)
@@ -488,12 +431,12 @@ def _minor(a, b, c, d):
 
 @inlined
 def _dot(a, x, y, z):
-    """a . n, as hi + lo; x, y, z: the components of n, as hi + lo."""
+    """a . n as hi + lo; x, y, z are the components of n as hi + lo."""
     (p, i), (q, j), (r, k) = _product(a[0], x[0]), _product(a[1], y[0]), _product(a[2], z[0])
     i, j, k = i + a[0] * x[1], j + a[1] * y[1], k + a[2] * z[1]
     hi, more = _sum(p, q)
-    hi, rest = _sum(hi, r)
-    return _sum(hi, (more + rest) + ((i + j) + k))
+    hi, low = _sum(hi, r)
+    return _sum(hi, (more + low) + ((i + j) + k))
 
 
 @inlined
@@ -503,7 +446,7 @@ def _larger_magnitude(a, b):
 
 @inlined
 def quick_t(d, a, p, q):
-    """t rounded to the nearest float64, or UNKNOWN where twice float64 cannot tell.
+    """t rounded to the nearest float64, or UNKNOWN where double-double arithmetic is not accurate enough.
 
     d, a, p, q : the direction, and the exact differences v0 - o, v1 - v0 and v2 - v0
     """
@@ -512,11 +455,11 @@ def quick_t(d, a, p, q):
     volume, volume_low = _dot(a, x, y, z)
     det, det_low = _dot(d, x, y, z)
     t, inverse = volume / det, 1.0 / det
-    back, back_low = _product(t, det)
-    rest = (((volume - back) - back_low) + (volume_low - t * det_low)) * inverse
+    product, product_low = _product(t, det)
+    correction = (((volume - product) - product_low) + (volume_low - t * det_low)) * inverse
     s = _larger_magnitude(widest(p), widest(q))
     error = _ROOM * ((widest(a) + abs(t) * widest(d)) * (s * s) * abs(inverse) + abs(t))
-    low, high = t + (rest - error), t + (rest + error)
+    low, high = t + (correction - error), t + (correction + error)
     return low if low == high else UNKNOWN
 
 
@@ -531,13 +474,13 @@ def quick_weights(d, a, p, q):
 
 @inlined
 def _is_difference(x, y, difference):
-    """Is the rounded difference x - y exact?"""
+    """Whether the rounded difference x - y is exact."""
     return (x - difference == y) & (difference + y == x)
 
 
 @inlined
 def are_differences(o, v0, v1, v2, a, p, q):
-    """Are a = v0 - o, p = v1 - v0 and q = v2 - v0 exact? All are tuples of three float64."""
+    """Whether a = v0 - o, p = v1 - v0 and q = v2 - v0 are exact. All are tuples of three float64."""
     exact = True
     for k in range(3):
         exact &= _is_difference(v0[k], o[k], a[k])
@@ -558,7 +501,7 @@ def _minus(a, b):
 
 @kernel
 def rounded_t(ray, corners, i):
-    """t where the ray's line meets the plane of triangle i, rounded to the nearest float64. The line must meet it."""
+    """t where the ray's line meets the plane of triangle i, rounded to the nearest float64. It must meet the plane."""
     o, d = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz)
     v0, v1, v2 = _corner(corners, i, 0), _corner(corners, i, 1), _corner(corners, i, 2)
     a, p, q = _minus(v0, o), _minus(v1, v0), _minus(v2, v0)
@@ -572,8 +515,8 @@ def rounded_t(ray, corners, i):
 def hit_t(ray, corners, i):
     """t where the ray's line meets the plane of triangle i, with a relative error of at most 2**-29.
 
-    The ray must meet the triangle. One float64 expression is fixed, so all methods that show pictures find the same
-    number. Grazing rays have `rounded_t`.
+    The ray must meet the triangle. The float64 expression is fixed, so all methods that render images compute the same
+    number. Grazing rays use `rounded_t`.
     """
     w = volumes64(ray, corners, i)
     if w.t_error <= T_ACCURACY * abs(w.t) and w.d_error <= T_ACCURACY * abs(w.d):
@@ -583,13 +526,13 @@ def hit_t(ray, corners, i):
 
 @inlined
 def share(weight):
-    """A weight in float32. The real one is between 0 and 1."""
+    """A weight in float32, clamped to [0, 1], where the real weight lies."""
     return np.float32(min(max(weight, np.float64(0.0)), np.float64(1.0)))
 
 
 @kernel
 def single_weights(ray, corners, i):
-    """Weights of the second and third corner where the ray meets triangle i, in float32 and from 0 to 1."""
+    """Weights of the second and third corner where the ray meets triangle i, in float32 and in [0, 1]."""
     a, p, q = edges64(corners, i, ray.ox, ray.oy, ray.oz)
     b, c = quick_weights((ray.dx, ray.dy, ray.dz), a, p, q)
     if b == UNKNOWN:
@@ -599,13 +542,13 @@ def single_weights(ray, corners, i):
 
 @kernel
 def _comes_first(ray, corners, slot, prim, best_slot, best_prim):
-    """`comes_first` of two hits that lie close together. Not inlined, to keep this code out of hot loops."""
+    """`comes_first` for two hits close together. Not inlined, to keep this code out of hot loops."""
     return is_nearer(rounded_t(ray, corners, slot), prim, rounded_t(ray, corners, best_slot), best_prim)
 
 
 @inlined
 def comes_first(ray, corners, slot, prim, t, best_slot, best_prim, best_t):
-    """Does a hit come before the best one so far? By `rounded_t`, then by index; t and best_t are of `hit_t`."""
+    """Whether a hit precedes the best one so far, by `rounded_t`, then by index. t and best_t are from `hit_t`."""
     apart = _APART * best_t
     if t < best_t - apart:
         return True

@@ -1,30 +1,30 @@
 """The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
 
-A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two float64: a
-float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under two
-conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly inside
-the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A line in
-the triangle's own plane does not meet it, so a triangle without area never blocks.
+A ray is the set of points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two
+float64: a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle if its
+*line* meets the closed triangle, including edges and vertices, and the t of that point lies strictly inside the
+interval. For segments this is the real t, and for rays the reported t, rounded to the nearest float64. A line in the
+triangle's own plane does not meet it, so a triangle without area never blocks.
 
-With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
+With the corners a, b, c relative to o and the triangle's normal n, the signs of 3 x 3 determinants decide:
 
     e0 = det(d, b, c)   e1 = det(d, c, a)   e2 = det(d, a, b)        e0 + e1 + e2 = d . n
 
     t = det(a, b, c) / (d . n)
 
-The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So triangles that
-share an edge or a vertex see a line on the same side of it: closed meshes cannot leak.
+The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact, so triangles that
+share an edge or a vertex agree on which side of it a line passes: closed meshes cannot leak.
 
 Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot kernels
 prefer the pointer, since passing an array costs a reference count.
 
-Expansions. Exact signs use expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"]. An
-expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
-coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
+Expansions. Exact signs are computed by expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point
+arithmetic"]. An expansion is an unevaluated sum of non-overlapping float64 numbers, smallest first. All inputs are
+float32 coordinates, so no product of up to four of them leaves float64's range, and every step below is exact.
 
-This code runs only for the few triangles that the filters of `filters` cannot decide, but it is part of every kernel
-that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code would take
-two thirds of the time to compile kernels.
+This code runs only for the few triangles that `filters` cannot decide, but it is part of every kernel that uses them.
+Each function has one call site, which keeps the code short for LLVM; otherwise it would take two thirds of the time to
+compile kernels.
 
 Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
 """
@@ -36,19 +36,10 @@ import numpy as np
 from ..jit import F64Ptr, inlined, kernel
 from ..simd import get, put, stack_f64
 
-# --- Exact signs by expansion arithmetic [Shewchuk 1997, "Adaptive precision floating-point arithmetic"] --------------
-#
-# An expansion is an unevaluated sum of float64 numbers that do not overlap, smallest first. All inputs are float32
-# coordinates. So no product of up to four of them leaves float64's range, and every step below is exact.
-#
-# This code runs only for the few triangles that the filters of `filters.py` cannot decide, but it is part of every
-# kernel that uses them. So each function has one call site, which keeps the code short for LLVM. Otherwise this code
-# would take two thirds of the time to compile kernels.
-#
-# Expansions, vectors and products are pointers to float64 (`simd.stack_f64`).
+# --- Expansion arithmetic [Shewchuk 1997] -----------------------------------------------------------------------------
 
 
-PRODUCT = 64  # float64 numbers in a product of a scale and 3 two-part factors
+PRODUCT = 64  # float64 numbers in the product of a scale and three two-part factors
 CAPACITY = 18 * PRODUCT  # components of an expansion: three determinants of 6 products
 _SPLITTER = np.float64(134217729.0)  # 2**27 + 1
 
@@ -123,14 +114,14 @@ def add_determinant(sum_, n, rows, product, scale):
             m = _multiply(product, m, get(rows, at), get(rows, at + 1))
         for k in range(m):
             x = get(product, k)
-            if x != 0.0:  # three of four are zero if the factors are float32
+            if x != 0.0:  # three of four are zero for float32 factors
                 n = grow(sum_, n, x)
     return n
 
 
 @kernel
 def sign_of(sum_, n):
-    """Sign of an expansion: -1, 0 or 1. The largest component comes last and decides the sign."""
+    """Sign of an expansion: -1, 0 or 1. The last component is the largest and decides the sign."""
     if n == 0:
         return 0
     return 1 if get(sum_, n - 1) > 0.0 else -1
@@ -145,26 +136,7 @@ def value_of(sum_, n):
     return total
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The exact ray-triangle predicate, decided in real arithmetic on float32 coordinates (docs/design/exactness.md).
-#
-# A ray is the points o + t d with tmin < t < tmax. o and the triangle's corners are float32. d is a sum of two
-# float64: a float32 direction, or the exact difference of a light sample and a receiver. A ray meets a triangle under
-# two conditions. Its *line* meets the closed triangle, edges and vertices included. The t of that point lies strictly
-# inside the interval: the real t of a segment, and the t of a ray as it is reported, rounded to the nearest float64. A
-# line in the triangle's own plane does not meet it, so a triangle without area never blocks.
-#
-# With a, b, c the corners relative to o, and n the triangle's normal, signs of 3 x 3 determinants decide:
-#
-#     e0 = det(d, b, c)   e1 = det(d, c, a)   e2 = det(d, a, b)        e0 + e1 + e2 = d . n
-#
-#     t = det(a, b, c) / (d . n)
-#
-# The line meets the triangle if all e >= 0 or all e <= 0, and not all are zero. The signs are exact. So triangles that
-# share an edge or a vertex see a line on the same side of it: closed meshes cannot leak.
-#
-# Here and in `filters`, `corners` is an (n, 9) float32 array or a pointer to its first number (`simd.ptr`). Hot
-# kernels prefer the pointer, since passing an array costs a reference count.
+# --- The predicate ----------------------------------------------------------------------------------------------------
 
 
 class Ray(NamedTuple):
@@ -181,19 +153,19 @@ class Ray(NamedTuple):
     rz: np.float64
     tmin: np.float64
     tmax: np.float64
-    real: np.float64  # 1: tmin and tmax bound the real t, for segments; 0: they bound t rounded to the nearest float64
+    real: np.float64  # 1: tmin and tmax bound the real t, for segments; 0: they bound t rounded to float64
 
 
 @inlined
 def ray_along(ox, oy, oz, dx, dy, dz, tmin, tmax):
-    """The ray from a float32 origin and direction, with the open interval (tmin, tmax) in lengths of the direction."""
+    """The ray of a float32 origin and direction, with the open interval (tmin, tmax) in lengths of the direction."""
     f = np.float64
     return Ray(f(ox), f(oy), f(oz), f(dx), f(dy), f(dz), 0.0, 0.0, 0.0, f(tmin), f(tmax), 0.0)
 
 
 @inlined
 def segment(ox, oy, oz, lx, ly, lz):
-    """The ray from float32 point o to float32 point l, both ends excluded."""
+    """The ray from the float32 point o to the float32 point l, excluding both ends."""
     f = np.float64
     dx, rx = two_diff(f(lx), f(ox))
     dy, ry = two_diff(f(ly), f(oy))
@@ -214,7 +186,7 @@ class _ExpansionMemory(NamedTuple):
 _EDGE, _VOLUME, _NORMAL = np.arange(0, 9, 3)
 _EMPTY = np.int64(0)
 
-_SMALL, _LARGE = np.float64(2.0**-400), np.float64(2.0**400)  # products of such a t with D stay in float64's range
+_SMALL, _LARGE = np.float64(2.0**-400), np.float64(2.0**400)  # the product of such a t with D stays in float64's range
 _NEXT = np.float64(2.0**-53 * (1.0 + 2.0**-52))  # x + |x| times this is the next float64
 _SURE = np.float64(1.0 - 2.0**-40)
 
@@ -283,17 +255,17 @@ def _is_end(ray, corners, at):
 
 @inlined
 def _in_plane(o, d, r, corners, at):
-    """Whether a triangle and a ray have the same coordinate everywhere, along one axis."""
+    """Whether a triangle and a ray have one common, constant coordinate on an axis."""
     x = get(corners, at)
     return d == 0.0 and r == 0.0 and x == o and get(corners, at + 3) == x and get(corners, at + 6) == x
 
 
 @inlined
-def surely_apart(ray, corners, i):
-    """Whether a ray does not meet triangle i for a reason that is seen at once. Scenes have these cases most often.
+def trivially_misses(ray, corners, i):
+    """Whether a ray misses triangle i for one of the two simple reasons that are the most common in scenes.
 
-    A corner is an end of the ray: its line meets the triangle's plane there, outside the open interval, or lies in it.
-    Or the triangle lies in a plane across an axis, and the ray in that plane.
+    A corner is an end of the ray: the line meets the triangle's plane there, outside the open interval, or lies in it.
+    Or the triangle and the ray lie in the same axis-aligned plane.
     """
     k = 9 * i
     ends = _is_end(ray, corners, k) or _is_end(ray, corners, k + 3) or _is_end(ray, corners, k + 6)
@@ -306,11 +278,11 @@ def surely_apart(ray, corners, i):
 
 
 @kernel
-def _add_rest(work, ray, corners, i, t, more):
-    """Set the sum to T - (t + more) D, and return its length. Its sign, times that of D, tells which t comes first."""
+def _set_t_difference(work, ray, corners, i, t, t_low):
+    """Set the sum to T - (t + t_low) D, and return its length. Its sign, times that of D, shows which t is smaller."""
     n = _EMPTY
     for step in range(3):
-        scale = 1.0 if step == 0 else -t if step == 1 else -more
+        scale = 1.0 if step == 0 else -t if step == 1 else -t_low
         if scale != 0.0:
             n = _add(work, n, ray, corners, i, _VOLUME if step == 0 else _NORMAL, scale)
     return n
@@ -319,7 +291,7 @@ def _add_rest(work, ray, corners, i, t, more):
 @kernel
 def exact_meets(ray, corners, i):
     """Sign of d . n if the ray meets triangle i inside its open interval, else 0."""
-    if surely_apart(ray, corners, i):
+    if trivially_misses(ray, corners, i):
         return 0
     side = exact_line_side(ray, corners, i)
     if side == 0:
@@ -330,36 +302,36 @@ def exact_meets(ray, corners, i):
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for end in range(2):
         t, sign = (ray.tmin, 1) if end == 0 else (ray.tmax, -1)
-        if sign * sign_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) * side <= 0:
+        if sign * sign_of(work.sum_, _set_t_difference(work, ray, corners, i, t, 0.0)) * side <= 0:
             return 0
     return side
 
 
 @kernel
 def exact_t(ray, corners, i):
-    """t at which the line meets the plane of triangle i, rounded to the nearest float64; ties go to the even one."""
+    """t where the line meets the plane of triangle i, rounded to the nearest float64, with ties to even."""
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     normal = value_of(work.sum_, _add(work, _EMPTY, ray, corners, i, _NORMAL, 1.0))
-    t, rest = np.float64(0.0), np.float64(0.0)
-    for _ in range(2):  # the first rest is the quotient, and the second one its error
-        t += rest
-        rest = value_of(work.sum_, _add_rest(work, ray, corners, i, t, 0.0)) / normal
+    t, remainder = np.float64(0.0), np.float64(0.0)
+    for _ in range(2):  # the first remainder is the quotient, the second its error
+        t += remainder
+        remainder = value_of(work.sum_, _set_t_difference(work, ray, corners, i, t, 0.0)) / normal
     if not (abs(t) > _SMALL and abs(t) < _LARGE):
         return t
     # Eq. (16) of docs/design/exactness.md
-    nearest = t + rest
-    left = rest - (nearest - t)
-    other = nearest + abs(nearest) * (_NEXT if left > 0.0 else -_NEXT)
+    nearest = t + remainder
+    excess = remainder - (nearest - t)
+    other = nearest + abs(nearest) * (_NEXT if excess > 0.0 else -_NEXT)
     gap = (other - nearest) / 2.0
-    if abs(left) <= abs(gap) * _SURE:
+    if abs(excess) <= abs(gap) * _SURE:
         return nearest
-    beyond = sign_of(work.sum_, _add_rest(work, ray, corners, i, nearest, gap)) * normal * gap
+    beyond = sign_of(work.sum_, _set_t_difference(work, ray, corners, i, nearest, gap)) * normal * gap
     return nearest + gap if beyond == 0.0 else other if beyond > 0.0 else nearest
 
 
 @kernel
 def exact_weights(ray, corners, i):
-    """Weights of the second and third corner where the line meets triangle i, correct to float64's last places."""
+    """Weights of the second and third corner where the line meets triangle i, accurate to float64's last digits."""
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     second = third = total = np.float64(0.0)
     for edge in range(3):
@@ -370,7 +342,7 @@ def exact_weights(ray, corners, i):
 
 @kernel
 def exact_has_area(corners, i):
-    """Whether triangle i has an area: a component of its normal that is not zero."""
+    """Whether triangle i has an area: whether a component of its normal is nonzero."""
     work = _ExpansionMemory(stack_f64(CAPACITY), stack_f64(18), stack_f64(PRODUCT))
     for axis in range(3):
         x, y, z = np.float64(axis == 0), np.float64(axis == 1), np.float64(axis == 2)
@@ -382,7 +354,7 @@ def exact_has_area(corners, i):
 
 @kernel
 def exact_plane_side(x, y, z, corners, i):
-    """The side of triangle i's plane on which a point lies: 1 where the normal points, -1 behind, 0 on the plane.
+    """The side of triangle i's plane that a point is on: 1 if the normal points there, -1 behind, 0 on the plane.
 
     A triangle without area has no plane: the side is 0 everywhere.
     """

@@ -1,14 +1,12 @@
 """Vectors of 4, 8 or 16 numbers as values inside Numba kernels.
 
-Numba leaves vectorisation to LLVM, and LLVM does not vectorise a traversal, which is all branches. This
-module makes vectors explicit: an ``f32x8`` is eight float32 in one register, and ``a + b`` of two of them is
-one instruction. A kernel holds vectors in local variables and tuples, and passes them to other kernels.
-Python sees only arrays.
+Numba leaves vectorisation to LLVM, which cannot vectorise a traversal because of its branches. This package makes
+vectors explicit: an ``f32x8`` is eight float32 in one register, and ``a + b`` of two of them is one instruction.
+Kernels hold vectors in local variables and tuples, and pass them to other kernels. Python sees only arrays.
 
-- vectors: the types, and the conversion of arguments to vectors
-- operators: Python's operators on vectors; lanes: operations on the lanes of vectors
-- memory: loads, stores, pointers, and memory on the stack; by_level: what LLVM lowers badly at some level
-- scalars: operations on the bits of an int64, and the error of a product
+- `vectors`: the types, the conversion of arguments to vectors, and Python's operators on vectors
+- `lanes`: operations on the lanes of vectors, on the bits of an int64, and the rounding error of a product
+- `load_store`: loads, stores, pointers, and memory on the stack
 
 An example::
 
@@ -18,7 +16,7 @@ An example::
 
     @kernel
     def count_inside(xs, ys, radius):
-        "How many of the points are in the circle around the origin; len(xs) is a multiple of 8."
+        "The number of points inside the circle around the origin; len(xs) is a multiple of 8."
         count = 0
         for i in range(0, len(xs), 8):
             x, y = load8(xs, i), load8(ys, i)
@@ -29,62 +27,60 @@ An example::
     inside = count_inside(points[0], points[1], np.float32(1.0))
 
 Types
-    ``f32xN`` (float32), ``i32xN`` (int32), ``maskN`` (one bit per lane), for N = 4, 8, 16. ``f64xN`` (float64) has
-    `load`, `broadcast`, ``+ - *``, `to_f32` and `to_f64` only. Vectors of different
-    widths do not mix. A vector that is wider than the processor's registers is split into several.
+    ``f32xN`` (float32), ``i32xN`` (int32), ``maskN`` (one bit per lane), for N = 4, 8, 16. ``f64xN`` (float64) supports
+    only `load`, `broadcast`, ``+ - *``, `to_f32` and `to_f64`. Vectors of different widths cannot be combined. A vector
+    wider than the processor's registers is split into several.
 Operators
     ``+ - *`` and comparisons on f32 and i32, ``/`` on f32, ``<< >>`` on i32, ``& | ^ ~`` on i32 and masks,
-    and the in-place forms. A scalar operand is converted to the element type and repeated, as in ``v * 2``.
-    So is a scalar argument of a function of vectors. A mask has no truth value: write ``if any_lane(m):``.
+    and the in-place forms. A scalar operand is converted to the element type and broadcast, as in ``v * 2``; so are
+    scalar arguments of functions of vectors. A mask has no truth value: write ``if any_lane(m):``.
 Make
-    `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory).
-    All exist for 8 and 16 lanes too.
+    `splat4` (a scalar), `iota4` (0, 1, 2, ...), `mask_from_bits4`, `load4` and `broadcast4` (from memory), and all of
+    these for 8 and 16 lanes.
 Lanes
     `minimum`, `maximum`, `fma`, `absolute`, `square_root`, `flip_sign`, `select`, `to_f32`, `to_f64`, `to_i32`;
     `swap_halves`, `shuffle`, `join`, `extract`; `reduce_min`, `reduce_max`, `reduce_and`; for masks
     `bits`, `any_lane`, `all_lanes`.
 Memory
-    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers. So does
-    `load16x3`, which takes interleaved vectors apart. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`,
-    `f64_at` and `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` give scratch
-    memory, `stack_array` an array of it. There are `prefetch`, `atomic_add`, `atomic_and` and `atomic_or` too.
+    `load4`, `broadcast4`, `gather`, `store`, `store_compressed`, `get` and `put` work on arrays and pointers, as does
+    `load16x3`, which deinterleaves vectors. `ptr`, `ptr_at`, `as_f32` and `as_i32` make pointers; `f32_at`, `f64_at`
+    and `i32_at` make them from an address. `stack_f32`, `stack_f64`, `stack_i32` and `stack_i64` allocate scratch
+    memory, `stack_array` an array. Also `prefetch`, `atomic_add`, `atomic_and` and `atomic_or`.
 Bits of an int64
-    `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to walk the lanes of ``bits(mask)``.
+    `popcount`, `lowest_bit` (64 for 0) and `highest_bit` (-1 for 0), to iterate over the lanes of ``bits(mask)``.
 Float64
     `product_error`, the exact rounding error of a product of two scalars.
 
 Guarantees and limits
 ---------------------
 Rounding
-    Every f32 operation rounds as IEEE 754 says, denormals included, and gives the same bits on every processor.
-    No operation is reordered or contracted. Only `fma` (``llvm.fmuladd``) differs: it rounds once where the
-    processor has the instruction, else twice.
+    Every f32 operation rounds as IEEE 754 requires, including denormals, and gives the same bits on every processor.
+    Operations are never reordered or contracted. The exception is `fma` (``llvm.fmuladd``), which rounds once if the
+    processor has the instruction, and otherwise twice.
 NaN
-    Where a lane is NaN, ``!=`` is true and all other comparisons are false. In `minimum`, `maximum`,
-    `reduce_min` and `reduce_max`, a NaN makes the result *unspecified*. Keep NaN out, or replace it by
-    `select` first. `select`, `absolute`, `flip_sign` and `store` carry NaN through.
+    In a NaN lane, ``!=`` is true and all other comparisons are false. In `minimum`, `maximum`, `reduce_min` and
+    `reduce_max`, a NaN makes the result *unspecified*. Avoid NaN, or replace it by `select` first. `select`,
+    `absolute`, `flip_sign` and `store` preserve NaN.
 Signed zero
-    -0.0 == 0.0. `minimum` and `maximum` of the two may give either. `flip_sign` reads the sign bit, so
-    -0.0 flips.
+    -0.0 == 0.0. `minimum` and `maximum` of the two may return either. `flip_sign` uses the sign bit, so -0.0 flips.
 Integers
-    i32 wraps around. ``>>`` is arithmetic: it keeps the sign. A shift by less than 0 or more than 31 is
-    unspecified. `to_f32` rounds to nearest. `to_i32` truncates; it is unspecified for NaN and for values
-    outside int32.
+    i32 wraps around. ``>>`` is arithmetic and preserves the sign. Shifts by less than 0 or more than 31 are
+    unspecified. `to_f32` rounds to nearest. `to_i32` truncates; it is unspecified for NaN and for values outside int32.
 Alignment
-    None needed. `stack_*` memory is aligned to 64 bytes.
+    Not required. `stack_*` memory is aligned to 64 bytes.
 Bounds
-    There are no checks. A lane index, an element index or a pointer out of range is undefined behaviour. A
-    negative index does not wrap around. A load or store touches all of its lanes.
+    Unchecked. A lane index, an element index or a pointer out of range is undefined behaviour. Negative indices do not
+    wrap around. A load or store accesses all of its lanes.
 Lifetime
-    A pointer does not keep its array alive. Numba frees an array made in the kernel after the last line
-    that names the *array*. So take pointers to arguments, or name the array again after the last use of the
-    pointer. `stack_*` memory is not cleared. It is one block for each call in the source, so a loop gets the
-    same block each time. It ends with the kernel that asked for it.
+    A pointer does not keep its array alive. Numba frees an array made in the kernel after the last line that names the
+    *array*, so take pointers to arguments, or name the array again after the last use of the pointer. `stack_*` memory
+    is not cleared. Each call in the source allocates one block, so a loop gets the same block every time. The block
+    lives until the kernel that allocated it returns.
 Aliasing
-    Pointers and arrays may overlap, and may see the same bytes as float32 and as int32.
+    Pointers and arrays may overlap, and may access the same bytes as float32 and as int32.
 Speed
-    On processors without AVX-512, a mask that lives across iterations of a loop is repacked in each. Keep
-    its `bits` instead.
+    On processors without AVX-512, a mask that is live across iterations of a loop is repacked in each one. Use its
+    `bits` instead.
 """
 
 import typing
@@ -108,7 +104,7 @@ _HOMES = {
         store store_compressed
     """,
 }
-"""Module: names that it defines. These modules import Numba. A kernel that is already compiled needs none of them."""
+"""Names defined by each module. These modules import Numba, and are not needed for compiled kernels."""
 
 globals().update(
     {name: Intrinsic(f"{__name__}.{home}", name) for home, names in _HOMES.items() for name in names.split()}

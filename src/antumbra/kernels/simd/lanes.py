@@ -4,6 +4,9 @@ The scalar operations are bit counts of an int64, for loops over the set lanes o
 float64 product.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
@@ -11,7 +14,7 @@ from numba.extending import intrinsic
 from ..machine_code import name_of_product_error
 from .vectors import I32, I64, Vector, as_vectors, call_llvm, common_vector, llvm_type, reject
 
-# --- Operations on the lanes of vectors: make, choose, combine, convert, permute, reduce ------------------------------
+# --- Operations on lanes ----------------------------------------------------------------------------------------------
 
 
 _SIGN_BIT = -(2**31)
@@ -22,24 +25,25 @@ _SPLATS = (
 )
 
 
-def _check_vector(function, v, *elements):
+def _check_vector(function: str, v: object, *elements: types.Type) -> None:
+    """Reject an argument that is not a vector of one of the element types."""
     if not isinstance(v, Vector) or v.element not in elements:
         reject(function, v, cure=f"needs a vector of {' or '.join(str(e) for e in elements)}")
 
 
-def _check_common(function, args, *elements):
-    """The vector type that the arguments share."""
+def _check_common(function: str, args: tuple[Any, ...], *elements: types.Type) -> Vector:
+    """The common vector type of the arguments."""
     vector = common_vector(args)
     if vector is None or vector.element not in elements:
-        wanted = " or ".join(str(e) for e in elements)
-        reject(function, *args, cure=f"needs vectors of {wanted} of one width; some may be scalars, not all")
+        names = " or ".join(str(e) for e in elements)
+        reject(function, *args, cure=f"needs vectors of {names} of one width; some may be scalars, not all")
     return vector
 
 
 # --- make ---------------------------------------------------------------------------------------------------
 
 
-def _make_splat(lanes):
+def _make_splat(lanes: int) -> Any:
     @intrinsic
     def splat(typingctx, x):
         """The scalar in every lane: float -> f32, integer -> i32, bool -> mask."""
@@ -55,7 +59,7 @@ def _make_splat(lanes):
     return splat
 
 
-def _make_iota(lanes):
+def _make_iota(lanes: int) -> Any:
     @intrinsic
     def iota(typingctx):
         """0, 1, 2, ... as i32."""
@@ -69,7 +73,7 @@ def _make_iota(lanes):
     return iota
 
 
-def _make_mask_from_bits(lanes):
+def _make_mask_from_bits(lanes: int) -> Any:
     @intrinsic
     def mask_from_bits(typingctx, x):
         """Lane k is bit k of the integer; higher bits are ignored."""
@@ -107,18 +111,18 @@ def select(typingctx, mask, a, b):
     return vector(mask, a, b), codegen
 
 
-def _make_extremum(name, f32_name, i32_name):
+def _make_extremum(name: str, f32_name: str, i32_name: str) -> Any:
     @intrinsic
     def extremum(typingctx, a, b):
-        """The smaller (`minimum`) or larger (`maximum`) of two lanes; unspecified where one is NaN."""
+        """The smaller (`minimum`) or larger (`maximum`) of two lanes; unspecified if one is NaN."""
         vector = _check_common(name, (a, b), types.float32, types.int32)
 
         def codegen(context, builder, sig, values):
             pair = as_vectors(context, builder, vector, (a, b), values)
             if vector.is_i32:
                 return call_llvm(builder, f"llvm.{i32_name}.{vector.suffix}", pair[0].type, pair)
-            # With nnan and nsz this is one instruction, also inside a masked select. select(a < b, a, b) is as
-            # good alone, but becomes logic on masks inside a masked select.
+            # With nnan and nsz this is one instruction, even inside a masked select. select(a < b, a, b) is as good
+            # on its own, but becomes mask logic inside a masked select.
             flags = ("nnan", "nsz")
             return call_llvm(builder, f"llvm.{f32_name}.{vector.suffix}", pair[0].type, pair, flags)
 
@@ -133,11 +137,11 @@ maximum = _make_extremum("maximum", "maxnum", "smax")
 
 @intrinsic
 def fma(typingctx, a, b, c):
-    """a * b + c, rounded once where the target has the instruction, else twice."""
+    """a * b + c, rounded once if the target has the instruction, otherwise twice."""
     vector = _check_common("fma", (a, b, c), types.float32)
 
     def codegen(context, builder, sig, values):
-        # Not llvm.fma: without the instruction that becomes one library call per lane, ten times slower.
+        # Not llvm.fma: without the instruction, that becomes one library call per lane, ten times as slow.
         args = as_vectors(context, builder, vector, (a, b, c), values)
         return call_llvm(builder, f"llvm.fmuladd.{vector.suffix}", args[0].type, args)
 
@@ -146,7 +150,7 @@ def fma(typingctx, a, b, c):
 
 @intrinsic
 def absolute(typingctx, a):
-    """The absolute value. The most negative int32 has no counterpart and stays as it is."""
+    """The absolute value. The most negative int32 has no counterpart and stays unchanged."""
     _check_vector("absolute", a, types.float32, types.int32)
 
     def codegen(context, builder, sig, values):
@@ -160,7 +164,7 @@ def absolute(typingctx, a):
 
 @intrinsic
 def square_root(typingctx, a):
-    """The square root, correctly rounded as IEEE 754 says; NaN for negative lanes."""
+    """The square root, correctly rounded (IEEE 754); NaN for negative lanes."""
     _check_vector("square_root", a, types.float32)
 
     def codegen(context, builder, sig, values):
@@ -171,7 +175,7 @@ def square_root(typingctx, a):
 
 @intrinsic
 def flip_sign(typingctx, a, s):
-    """`a`, negated in the lanes where the sign bit of `s` is set (so -0.0 flips); both f32."""
+    """`a`, negated in the lanes where the sign bit of `s` is set, including -0.0; both f32."""
     vector = _check_common("flip_sign", (a, s), types.float32)
 
     def codegen(context, builder, sig, values):
@@ -223,7 +227,7 @@ def to_i32(typingctx, v):
 # --- permute and reduce -------------------------------------------------------------------------------------
 
 
-def _permute(builder, value, indices):
+def _permute(builder: Any, value: Any, indices: Sequence[int]) -> Any:
     order = ir.Constant(ir.VectorType(I32, len(indices)), list(indices))
     return builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), order)
 
@@ -291,7 +295,7 @@ def bits(typingctx, mask):
     return types.int64(mask), codegen
 
 
-def _make_vote(name, comparison, number):
+def _make_vote(name: str, comparison: str, number: int) -> Any:
     @intrinsic
     def vote(typingctx, mask):
         """Whether any lane (`any_lane`), or every lane (`all_lanes`), is set."""
@@ -310,12 +314,12 @@ any_lane = _make_vote("any_lane", "!=", 0)
 all_lanes = _make_vote("all_lanes", "==", -1)
 
 
-def _make_reduction(name, f32_name, i32_name):
+def _make_reduction(name: str, f32_name: str | None, i32_name: str) -> Any:
     @intrinsic
     def reduction(typingctx, v):
         """The smallest (`reduce_min`) or largest (`reduce_max`) lane, unspecified if one is NaN.
 
-        `reduce_and` gives the bits that all lanes of an i32 vector share.
+        `reduce_and` gives the bits common to all lanes of an i32 vector.
         """
         _check_vector(name, v, *((types.float32, types.int32) if f32_name else (types.int32,)))
 
@@ -333,10 +337,10 @@ reduce_min = _make_reduction("reduce_min", "fmin", "smin")
 reduce_max = _make_reduction("reduce_max", "fmax", "smax")
 reduce_and = _make_reduction("reduce_and", None, "and")
 
-# --- Bit operations on an int64, for loops over the set lanes of a mask; and the error of a float64 product -----------
+# --- Operations on scalars --------------------------------------------------------------------------------------------
 
 
-def _make_bit_count(name, llvm_name, *flags):
+def _make_bit_count(name: str, llvm_name: str, *flags: int) -> Any:
     @intrinsic
     def count(typingctx, x):
         if not isinstance(x, types.Integer):
@@ -373,7 +377,7 @@ def highest_bit(typingctx, x):
 def product_error(typingctx, a, b, product):
     """a b - product, exactly, where `product` is the float64 product of two float64 numbers.
 
-    The numbers must stay within 1e-150 .. 1e150, or be 0.
+    The magnitudes must lie within 1e-150 .. 1e150, or be 0.
     """
     if (a, b, product) != (types.float64,) * 3:
         reject("product_error", a, b, product, cure="needs three float64")

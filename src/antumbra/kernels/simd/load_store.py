@@ -1,11 +1,12 @@
-"""Load and store vectors and scalars: arrays, raw pointers, memory on the stack. Bounds are not checked.
+"""Loads and stores of vectors and scalars: arrays, raw pointers, memory on the stack. Bounds are not checked.
 
-`a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`,
-`as_i32` or `stack_*`. `i` is the index of an element, from the first one. A negative `i` is an address before
-the first element: it does not wrap around.
+`a` is a C-contiguous array of any number of dimensions, or a pointer from `ptr`, `ptr_at`, `as_f32`, `as_i32` or
+`stack_*`. `i` is the flat index of an element. A negative `i` does not wrap around, but is an address before the first
+element.
 """
 
 from math import prod
+from typing import Any
 
 from llvmlite import ir
 from numba.core import types
@@ -18,7 +19,7 @@ from .vectors import I32, I64, Vector, call_llvm, llvm_type, reject, repeat
 _STACK_ALIGNMENT = 64  # bytes: one cache line, one AVX-512 register
 
 
-def _check(function, a, i=types.int64, writes=False):
+def _check(function: str, a: Any, i: Any = types.int64, writes: bool = False) -> None:
     """Reject arguments other than (array or pointer, integer)."""
     if isinstance(a, types.Array):
         if a.layout != "C":
@@ -31,25 +32,25 @@ def _check(function, a, i=types.int64, writes=False):
         reject(function, a, i, cure="the index must be an integer")
 
 
-def _first(context, builder, a, value):
+def _first(context: Any, builder: Any, a: Any, value: Any) -> Any:
     """Pointer to the first element."""
     return context.make_array(a)(context, builder, value).data if isinstance(a, types.Array) else value
 
 
-def _address(context, builder, sig, values):
+def _address(context: Any, builder: Any, sig: Any, values: Any) -> Any:
     """Pointer to element `i`. The signature starts with (a, i)."""
     index = context.cast(builder, values[1], sig.args[1], types.int64)
     return builder.gep(_first(context, builder, sig.args[0], values[0]), [index])
 
 
-def _vector_of(function, a, lanes, *more):
+def _vector_of(function: str, a: Any, lanes: int, *more: types.Type) -> Vector:
     """The vector type with the element type of `a`: float32, int32 or one of `more`."""
     if a.dtype not in (types.float32, types.int32, *more):
         reject(function, a, cure="elements must be float32 or int32 (as_i32 or as_f32 reads others' bits)")
     return Vector(a.dtype, lanes)
 
 
-def _make_load(lanes):
+def _make_load(lanes: int) -> Any:
     @intrinsic
     def load(typingctx, a, i):
         """Elements i, i + 1, ... of `a`, one per lane; any alignment."""
@@ -65,7 +66,7 @@ def _make_load(lanes):
     return load
 
 
-def _make_broadcast(lanes):
+def _make_broadcast(lanes: int) -> Any:
     @intrinsic
     def broadcast(typingctx, a, i):
         """Element i of `a` in every lane."""
@@ -107,7 +108,7 @@ def load16x3(typingctx, a, i):
 
 @intrinsic
 def gather(typingctx, a, i):
-    """Elements of `a` at the i32 indices `i`, one a lane. All lanes are loaded."""
+    """Elements of `a` at the i32 indices `i`, one per lane. All lanes are loaded."""
     _check("gather", a)
     if not (isinstance(i, Vector) and i.element == types.int32):
         reject("gather", a, i, cure="the indices must be a vector of int32")
@@ -209,7 +210,7 @@ def ptr_at(typingctx, a, i):
     return types.CPointer(a.dtype)(a, i), _address
 
 
-def _make_cast(name, element):
+def _make_cast(name: str, element: types.Type) -> Any:
     @intrinsic
     def cast(typingctx, p):
         """The same address as a pointer to another element type."""
@@ -224,7 +225,7 @@ def _make_cast(name, element):
     return cast
 
 
-def _make_address(name, element):
+def _make_address(name: str, element: types.Type) -> Any:
     @intrinsic
     def at_address(typingctx, address):
         """Pointer to an address, which is an integer such as ``array.ctypes.data``."""
@@ -247,15 +248,15 @@ as_f32 = _make_cast("as_f32", types.float32)
 as_i32 = _make_cast("as_i32", types.int32)
 
 
-def _make_stack(name, element):
+def _make_stack(name: str, element: types.Type) -> Any:
     @intrinsic(prefer_literal=True)
     def stack(typingctx, n):
-        """`n` elements (a literal or a module constant) of this function's own stack, aligned to 64 bytes."""
+        """`n` elements (a literal or a module constant) on this function's stack, aligned to 64 bytes."""
         if not isinstance(n, types.IntegerLiteral) or n.literal_value < 1:
             reject(name, n, cure="the size must be a positive literal or a module-level constant")
 
         def codegen(context, builder, sig, values):
-            # Not cgutils.alloca_once: that clears the memory on every entry to the function.
+            # Not cgutils.alloca_once, which clears the memory on every entry to the function.
             with builder.goto_entry_block():
                 memory = builder.alloca(ir.ArrayType(context.get_data_type(element), n.literal_value), name=name)
             memory.align = _STACK_ALIGNMENT
@@ -274,7 +275,7 @@ stack_i64 = _make_stack("stack_i64", types.int64)
 
 @intrinsic(prefer_literal=True)
 def stack_array(typingctx, dtype, n, m=None):
-    """An array of shape (n,) or (n, m) on this function's own stack, aligned to 64 bytes, not cleared.
+    """An array of shape (n,) or (n, m) on this function's stack, aligned to 64 bytes, not cleared.
 
     `dtype` is a NumPy scalar type such as ``np.int64``; `n` and `m` are literals or module constants.
     """
@@ -290,23 +291,23 @@ def stack_array(typingctx, dtype, n, m=None):
             memory = builder.alloca(ir.ArrayType(element, prod(sizes)), name="stack_array")
         memory.align = _STACK_ALIGNMENT
         itemsize = context.get_abi_sizeof(element)
-        made = context.make_array(array)(context, builder)
+        result = context.make_array(array)(context, builder)
         populate_array(
-            made,
+            result,
             data=builder.bitcast(memory, element.as_pointer()),
             shape=[I64(k) for k in sizes],
             strides=[I64(itemsize * prod(sizes[i + 1 :])) for i in range(len(sizes))],
             itemsize=I64(itemsize),
             meminfo=None,
         )
-        return made._getvalue()
+        return result._getvalue()
 
     return array(dtype, n, types.Omitted(None) if m is None else m), codegen
 
 
 @intrinsic
 def prefetch(typingctx, p, i):
-    """Prefetch the cache line of element i. Any address is allowed, even one outside the array."""
+    """Prefetch the cache line of element i. Any address is allowed, even outside the array."""
     _check("prefetch", p, i)
 
     def codegen(context, builder, sig, values):
@@ -318,7 +319,7 @@ def prefetch(typingctx, p, i):
     return types.void(p, i), codegen
 
 
-def _make_atomic(name, operation, element):
+def _make_atomic(name: str, operation: str, element: Any) -> Any:
     @intrinsic
     def atomic(typingctx, a, i, x):
         _check(name, a, i, writes=True)
@@ -339,5 +340,5 @@ atomic_or = _make_atomic("atomic_or", "or", types.int32)
 atomic_and = _make_atomic("atomic_and", "and", types.int32)
 """Atomic update of element i by `x`: `atomic_add` of an int64 array, `atomic_or` and `atomic_and` of an int32 array.
 
-They return the element's old value. They order no other memory: other threads may see earlier writes late.
+They return the element's old value. They order no other memory accesses: other threads may see earlier writes late.
 """

@@ -1,7 +1,12 @@
-"""A pool of processes that compile kernels, as many as there are cores.
+"""A pool of processes that compile kernels, one per core.
 
-Each process reads one request a line and answers with null or an error message. It imports Numba without scipy's
-linear algebra, which starts faster.
+Numba types and lowers in Python, under one lock per process, so threads would wait for each other. Each process takes
+the next kernel when its previous one is done. The longest kernels go first, so that all processes finish at about the
+same time. Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+
+Each process reads one request per line and answers with null or an error message. A request is JSON: the kernel's name,
+the kinds of its arguments, and the processor levels. Processes import Numba without scipy's linear algebra, which
+starts faster.
 """
 
 import json
@@ -12,40 +17,38 @@ import sys
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from queue import Empty, SimpleQueue
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from ..machine_code import level
 from ..marshalling import import_object
 from ..parallel import thread_count
 from .kernel_cache import KernelFolder, cache_folder
 
-# --- Import Numba without scipy's linear algebra ----------------------------------------------------------------------
+# --- Faster import of Numba -------------------------------------------------------------------------------------------
 
 
 def import_numba() -> None:
-    """Import Numba's array functions, but not scipy's linear algebra behind them, whose import takes 0.2 s.
+    """Import Numba's array functions without scipy's linear algebra behind them, whose import takes 0.2 s.
 
-    It is for processes that only compile, since Numba then refuses np.dot in kernels. No kernel multiplies matrices.
+    Use it only in compiling processes, since Numba then rejects np.dot in kernels. No kernel multiplies matrices.
     """
     if "scipy.linalg" in sys.modules or "numba.np.arraymath" in sys.modules:
         return
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # an import of it fails at once
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]  # importing it now fails at once
     try:
         import numba.np.arraymath  # noqa: F401
     finally:
         del sys.modules["scipy.linalg"]
 
 
-# --- A compiling process: it reads one request a line, and answers each with null or with an error message ------------
-#
-# A request is JSON: the kernel's name, the kinds of its arguments, and the levels of processors.
+# --- The compiling process --------------------------------------------------------------------------------------------
 
 
 def serve() -> None:
-    """Serve `crew.compile_all` until it closes the pipe. This process ignores Ctrl-C: the caller ends it."""
+    """Serve `compile_kernels` until it closes the pipe. This process ignores Ctrl-C, since the caller ends it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)  # other output must not be taken for an answer
+    os.dup2(2, 1)  # other output must not be mistaken for an answer
     import_numba()
     from .kernel_cache import KernelFolder, cache_folder, load_or_compile
     from .kernel_digest import kernel_digest
@@ -55,18 +58,14 @@ def serve() -> None:
         try:
             kernel, folders = import_object(name), [KernelFolder(cache_folder(), level) for level in levels]
             load_or_compile(kernel, key, kernel_digest(kernel, key), folders)
-            problem = None
+            message = None
         except Exception as error:
-            problem = f"{type(error).__name__}: {error}"
-        answers.write(json.dumps(problem) + "\n")
+            message = f"{type(error).__name__}: {error}"
+        answers.write(json.dumps(message) + "\n")
         answers.flush()
 
 
-# --- Several processes that compile kernels at once, as many as there are cores ---------------------------------------
-#
-# Numba types and lowers in Python, under one lock in a process, so threads would wait for each other. Each process
-# takes the next kernel when its last one is done. The longest kernels go first, so that all processes end together.
-# Finished kernels are on disk: Ctrl-C loses only the kernels in progress.
+# --- The pool ---------------------------------------------------------------------------------------------------------
 
 
 PoolProgress = Callable[[int, int], None]
@@ -83,28 +82,35 @@ class KernelRequest(NamedTuple):
     """A kernel to compile: its name, and the kinds of its arguments."""
 
     kernel: str  # module:qualname
-    key: str  # kinds of the arguments, separated by blanks
-    seconds: float = 0.0  # expected time to compile
+    key: str  # kinds of the arguments, separated by spaces
+    seconds: float = 0.0  # expected compile time
+
+
+_Work: TypeAlias = "SimpleQueue[KernelRequest]"
+_Done: TypeAlias = "SimpleQueue[tuple[KernelRequest | None, str | None] | None]"
+"""Requests with error messages; None when a process has ended."""
 
 
 class _CompileProcess(threading.Thread):
-    """One compiling process, and the thread that sends it requests."""
+    """A compiling process, and the thread that sends it requests."""
 
-    def __init__(self, levels: Sequence[str], work: SimpleQueue, done: SimpleQueue):
+    def __init__(self, levels: Sequence[str], work: _Work, done: _Done) -> None:
         super().__init__(daemon=True)
         self._levels, self._work, self._done = list(levels), work, done
         command, pipe = [sys.executable, "-c", _START], subprocess.PIPE
-        own = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
-        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=own)
+        environment = {**os.environ, "ANTUMBRA_CACHE": str(cache_folder())}
+        self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, encoding="utf-8", env=environment)
+        assert self._process.stdin is not None and self._process.stdout is not None
+        self._requests, self._answers = self._process.stdin, self._process.stdout
 
-    def run(self):
+    def run(self) -> None:
         try:
-            self._say(sys.path)
+            self._send(sys.path)
             while True:
-                wanted = self._work.get_nowait()
-                self._say([wanted.kernel, wanted.key, self._levels])
-                answer = self._process.stdout.readline()
-                self._done.put((wanted, json.loads(answer) if answer else "the compiling process ended"))
+                request = self._work.get_nowait()
+                self._send([request.kernel, request.key, self._levels])
+                answer = self._answers.readline()
+                self._done.put((request, json.loads(answer) if answer else "the compiling process ended"))
         except Empty:
             pass
         except (OSError, ValueError) as error:  # the process is gone
@@ -112,72 +118,74 @@ class _CompileProcess(threading.Thread):
         finally:
             self._done.put(None)
 
-    def _say(self, thing) -> None:
-        self._process.stdin.write(json.dumps(thing) + "\n")
-        self._process.stdin.flush()
+    def _send(self, message: object) -> None:
+        self._requests.write(json.dumps(message) + "\n")
+        self._requests.flush()
 
     def end(self) -> None:
         self._process.kill()
         self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._requests, self._answers):
             pipe.close()
 
 
 def compile_kernels(
-    wanted: Iterable[KernelRequest],
+    requests: Iterable[KernelRequest],
     progress: PoolProgress | None = None,
     processes: int | None = None,
     levels: Sequence[str] | None = None,
 ) -> list[str]:
-    """Compile the kernels that the user's cache lacks, and keep them there.
+    """Compile the kernels that are missing from the user's cache, and store them there.
 
     Parameters
     ----------
-    wanted : iterable of Wanted
-    progress : function of (kernels done, kernels), called in this thread, optional
+    requests : iterable of KernelRequest
+    progress : function of (kernels done, kernels), optional
+        Called in the calling thread.
     processes : int, optional
-        None means one for each core that this process may use.
+        None means one per core available to this process.
     levels : sequence of str, optional
-        Levels of processors; None means this processor's. Numba's part of the work is done once.
+        Processor levels; None means that of this processor. Numba's part of the work is done once for all levels.
 
     Returns
     -------
     list of str
-        Error messages, one for each failed kernel. A call of such a kernel compiles it again, and raises.
+        Error messages, one per failed kernel. Calling such a kernel compiles it again, and raises.
     """
-    todo = sorted(set(wanted), key=lambda each: -each.seconds)
-    work: SimpleQueue = SimpleQueue()
-    done: SimpleQueue = SimpleQueue()
-    for each in todo:
+    ordered = sorted(set(requests), key=lambda each: -each.seconds)
+    work: _Work = SimpleQueue()
+    done: _Done = SimpleQueue()
+    for each in ordered:
         work.put(each)
-    crew = [
-        _CompileProcess(levels or [level()], work, done) for _ in range(min(processes or thread_count(None), len(todo)))
+    workers = [
+        _CompileProcess(levels or [level()], work, done)
+        for _ in range(min(processes or thread_count(None), len(ordered)))
     ]
     try:
-        for worker in crew:
+        for worker in workers:
             worker.start()
-        return _wait(done, len(crew), len(todo), progress)
+        return _wait(done, len(workers), len(ordered), progress)
     finally:
-        for worker in crew:
+        for worker in workers:
             worker.end()
         KernelFolder(cache_folder(), level()).prune()
 
 
-def _wait(done: SimpleQueue, at_work: int, total: int, progress: PoolProgress | None) -> list[str]:
-    ready, wrong = 0, []
-    while at_work:
+def _wait(done: _Done, n_running: int, total: int, progress: PoolProgress | None) -> list[str]:
+    n_done, errors = 0, []
+    while n_running:
         if progress is not None:
-            progress(ready, total)
+            progress(n_done, total)
         try:
-            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is heard
+            answer = done.get(timeout=_POLL_SECONDS)  # a short wait, so that Ctrl-C is handled
         except Empty:
             continue
         if answer is None:
-            at_work -= 1
+            n_running -= 1
             continue
-        each, problem = answer
-        ready += each is not None
-        wrong += [f"{each.kernel if each else 'a process'}: {problem}"] if problem else []
+        request, error = answer
+        n_done += request is not None
+        errors += [f"{request.kernel if request else 'a process'}: {error}"] if error else []
     if progress is not None:
-        progress(ready, total)
-    return wrong
+        progress(n_done, total)
+    return errors

@@ -1,9 +1,8 @@
 """The kernel cache: machine code from packs and from the user's folder, loaded into this process or compiled.
 
-Both find code by the kernel's digest (`kernel_digest`). The user's folder is divided by compiler version and by
-processor level. A pack's name says its level. The maker of a pack has tested it.
-
-llvmlite links loaded code. Numba is imported only to compile.
+Packs come with the package. Packs and folder are indexed by kernel digest (`kernel_digest`). The user's folder is
+divided by compiler version and processor level. A pack's name contains its level; packs are tested where they are
+built. llvmlite links loaded code, and Numba is imported only to compile.
 """
 
 import ctypes
@@ -21,7 +20,7 @@ from functools import cache
 from hashlib import blake2b
 from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
@@ -34,15 +33,12 @@ from ..marshalling import NONE, ResultReader
 from . import kernel_digest as definitions
 from .kernel_digest import kernel_digest
 
-# --- Files of machine code: packs that came with the package, and the user's own folder -------------------------------
-#
-# Both find code by the kernel's digest (`closure.py`). The user's folder is divided by compiler version and by
-# processor level. A pack's name says its level. The maker of a pack has tested it.
+# --- Packs and the user's folder --------------------------------------------------------------------------------------
 
 
 _DAY = 86400.0
 UNUSED_DAYS = 60
-"""Code is removed when nobody has loaded it for this many days."""
+"""Code that has not been loaded for this many days is evicted."""
 
 _COMPILER = "machine_code", "toolchain.compiling", "toolchain.numba_frontend"
 PACKS = Path(__file__).parents[1] / "packs"
@@ -58,9 +54,9 @@ def _user_cache() -> Path:
 
 @cache
 def cache_folder() -> Path:
-    """The user's folder of kernels: ``ANTUMBRA_CACHE``, else a folder in the system's folder for caches.
+    """The user's kernel cache: ``ANTUMBRA_CACHE``, or else a folder in the system's cache folder.
 
-    If other users can change it, it is a folder of this process alone.
+    If other users can modify it, a private folder of this process is used instead.
     """
     root = Path(os.environ.get("ANTUMBRA_CACHE") or _user_cache() / "antumbra")
     try:
@@ -72,7 +68,7 @@ def cache_folder() -> Path:
 
 
 def _check(root: Path) -> None:
-    """Raise `Untrusted` if others can change a folder of kernels, or a folder in it with those of this compiler."""
+    """Raise `Untrusted` if other users can modify a cache, or a folder in it with this compiler's kernels."""
     ours = root / "kernels" / toolchain()
     for folder in (root, ours.parent, ours, *ours.glob("*")):
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
@@ -81,28 +77,28 @@ def _check(root: Path) -> None:
 
 @cache
 def toolchain() -> str:
-    """The compiler's name: versions of Numba and llvmlite, and a digest of the compiling modules here."""
+    """The compiler's name: the versions of Numba and llvmlite, and a digest of the modules that compile."""
     sources = "".join(definitions.module_digest(f"antumbra.kernels.{name}") for name in _COMPILER)
     digest = blake2b(sources.encode(), digest_size=4).hexdigest()
     return f"numba-{version('numba')}-llvmlite-{version('llvmlite')}-{digest}"
 
 
 class KernelFolder:
-    """A folder with one file for each kernel and kinds of arguments."""
+    """A folder with one file per kernel and kinds of arguments."""
 
-    def __init__(self, root: Path, level: str):
+    def __init__(self, root: Path, level: str) -> None:
         self.root, self.level, self.path = root, level, root / "kernels" / toolchain() / level
 
     def _file(self, digest: str) -> Path:
         return self.path / f"{digest}.kernel"
 
     def get(self, digest: str) -> KernelCode | None:
-        """The code kept under a digest; None if there is none, or if the file is damaged."""
+        """The code stored under a digest; None if there is none, or if the file is damaged."""
         file = self._file(digest)
         try:
             data = read_own(file)
             if time.time() - file.stat().st_mtime > _DAY:
-                os.utime(file)  # so that pruning sees that it is used
+                os.utime(file)  # marks it as used for pruning
         except OSError:
             return None
         return from_record(data)
@@ -117,12 +113,12 @@ class KernelFolder:
         return stat.S_ISREG(status.st_mode)
 
     def put(self, digest: str, code: KernelCode) -> None:
-        """Keep code. A reader sees a whole file or none.
+        """Store code atomically: readers see a complete file or none.
 
         Raises
         ------
         OSError
-            If the folder cannot be written.
+            If the folder is not writable.
         """
         make_folder(self.path)
         handle, name = tempfile.mkstemp(dir=self.path, prefix=f"{digest}.", suffix=".part")
@@ -143,12 +139,12 @@ class KernelFolder:
         return os.access(self.path, os.W_OK)
 
     def lock(self, digest: str) -> AbstractContextManager[None]:
-        """The lock of the process that compiles the kernel of a digest."""
+        """The lock held by the process that compiles the kernel of a digest."""
         make_folder(self.path)
         return locks.file_lock(self.path / f"{digest}.lock")
 
     def prune(self) -> None:
-        """Remove code that nobody has used for `UNUSED_DAYS`, and files of older versions of the package."""
+        """Evict code unused for `UNUSED_DAYS`, and files of older versions of the package."""
         oldest = time.time() - UNUSED_DAYS * _DAY
         for file in self.root.glob("kernels/*/*/*"):
             with suppress(OSError):
@@ -164,9 +160,9 @@ class KernelFolder:
 
 
 class KernelPack:
-    """Records of many kernels in one file, and an index beside it: {digest: [offset, size]}."""
+    """Records of many kernels in one file, with an index beside it: {digest: [offset, size]}."""
 
-    def __init__(self, path: Path):
+    def __init__(self, path: Path) -> None:
         self._path, self._index = path, json.loads(path.with_suffix(".json").read_text())
 
     def get(self, digest: str) -> KernelCode | None:
@@ -195,27 +191,27 @@ def write_pack(folder: Path, level: str, codes: dict[str, KernelCode]) -> Path:
 
 
 def _pack_path(folder: Path, level: str) -> Path:
-    return folder / f"{sys.platform}-{level}.pack"  # systems differ in the format of object files
+    return folder / f"{sys.platform}-{level}.pack"  # object file formats depend on the system
 
 
 @cache
 def packs(level: str) -> list[KernelPack]:
-    """The packs for a level, from the folder ``ANTUMBRA_PACKS``, else from the package."""
+    """The packs for a level, from the folder ``ANTUMBRA_PACKS``, or else from the package."""
     try:
         return [KernelPack(_pack_path(Path(os.environ.get("ANTUMBRA_PACKS") or PACKS), level))]
     except (OSError, ValueError):
         return []
 
 
-# --- Load machine code from files into this process. llvmlite links it, and Numba is not needed -----------------------
+# --- Loading ----------------------------------------------------------------------------------------------------------
 
 
-_UNUSED = ctypes.create_string_buffer(8)  # for the results of kernels that have none
+_UNUSED = ctypes.create_string_buffer(8)  # for kernels without results
 _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_char_p, ctypes.c_char_p)
 
 
 class LoadEvent(NamedTuple):
-    """The source of a kernel's machine code."""
+    """Where the machine code of a kernel came from."""
 
     kernel: str
     key: str
@@ -223,7 +219,7 @@ class LoadEvent(NamedTuple):
 
 
 events: list[LoadEvent] = []
-"""All kernels that this process has loaded, in order."""
+"""All kernels loaded by this process, in order."""
 
 
 @cache
@@ -231,8 +227,8 @@ def user_cache() -> KernelFolder:
     return KernelFolder(cache_folder(), level())
 
 
-def find(function: kernel, key: str) -> Callable:
-    """A function of packed arguments that runs a kernel: loaded from a file, or compiled and kept."""
+def find(function: kernel, key: str) -> Callable[[bytes], Any]:
+    """A function of packed arguments that runs a kernel, loaded from a file, or compiled and cached."""
     digest = kernel_digest(function, key)
     code, source = _cached(digest) or compiled(function, key, digest)
     events.append(LoadEvent(function.name, key, source))
@@ -248,18 +244,18 @@ def _cached(digest: str) -> tuple[KernelCode, str] | None:
 
 
 def is_cached(function: kernel, key: str) -> bool:
-    """Whether machine code of a kernel for arguments of a kind is on disk."""
+    """Whether a kernel's machine code for the argument kinds of `key` is on disk."""
     digest = kernel_digest(function, key)
     return any(store.has(digest) for store, _ in _stores())
 
 
 def compiled(function: kernel, key: str, digest: str) -> tuple[KernelCode, str]:
-    """(code, its source). The code is compiled here and kept, or another process compiles it at the same time."""
+    """(code, its source). The code is compiled and cached here, unless another process is already compiling it."""
     folder = user_cache()
     try:
         return load_or_compile(function, key, digest, [folder])[0]
     except OSError as error:
-        _say_once(f"{folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
+        _warn_once(f"{folder.path} cannot be written ({error.strerror}): kernels are compiled each time")
         from . import compiling
 
         return compiling.compile_kernel(function, key, digest, [folder.level])[0], "compiled"
@@ -268,28 +264,28 @@ def compiled(function: kernel, key: str, digest: str) -> tuple[KernelCode, str]:
 def load_or_compile(
     function: kernel, key: str, digest: str, folders: Sequence[KernelFolder]
 ) -> list[tuple[KernelCode, str]]:
-    """(code, its source) for each folder. If another process compiles the kernel, this one waits for its code.
+    """(code, its source) for each folder. If another process is compiling the kernel, wait for its code.
 
     Raises
     ------
     OSError
-        If a folder cannot be written.
+        If a folder is not writable.
     """
     with folders[0].lock(digest):
-        found = {folder: folder.get(digest) for folder in folders}
-        missing = [folder for folder in folders if found[folder] is None]
+        codes = {folder: code for folder in folders if (code := folder.get(digest)) is not None}
+        missing = [folder for folder in folders if folder not in codes]
         if missing:
             from . import compiling  # imports Numba
 
-            made = compiling.compile_kernel(function, key, digest, [folder.level for folder in missing])
-            for folder, code in zip(missing, made):
+            compiled_codes = compiling.compile_kernel(function, key, digest, [folder.level for folder in missing])
+            for folder, code in zip(missing, compiled_codes):
                 folder.put(digest, code)
-                found[folder] = code
-    return [(found[folder], "compiled" if folder in missing else "cache") for folder in folders]
+                codes[folder] = code
+    return [(codes[folder], "compiled" if folder in missing else "cache") for folder in folders]
 
 
 @cache
-def _say_once(line: str) -> None:
+def _warn_once(line: str) -> None:
     LOG.warning(line)
 
 
@@ -301,8 +297,8 @@ def _engine() -> llvm.ExecutionEngine:
     return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
 
 
-def _linked(code: KernelCode, symbol: str) -> Callable:
-    """A function that runs machine code. Call it under the lock of `jit`."""
+def _linked(code: KernelCode, symbol: str) -> Callable[[bytes], Any]:
+    """A function that runs machine code. Call `_linked` under the lock of `jit`."""
     engine, result, name = _engine(), ResultReader(code.result), code.kernel
     engine.add_object_file(llvm.ObjectFileRef.from_data(code.machine))
     engine.finalize_object()
@@ -311,16 +307,16 @@ def _linked(code: KernelCode, symbol: str) -> Callable:
         raise RuntimeError(f"{name}: its machine code has no function {symbol}")
     run = _ENTRY(address)
 
-    def nothing(words: bytes):
+    def call_without_result(words: bytes) -> None:
         status = run(words, _UNUSED)
         if status:
             raise RuntimeError(f"{name}: error {status} in compiled code")
 
-    def call(words: bytes):
+    def call(words: bytes) -> object:
         memory = ctypes.create_string_buffer(result.size)
         status = run(words, memory)
         if status:
             raise RuntimeError(f"{name}: error {status} in compiled code")
         return result(memory)
 
-    return nothing if code.result == NONE else call
+    return call_without_result if code.result == NONE else call

@@ -1,17 +1,17 @@
-"""Kernel digests: of a kernel's code, and of all functions and constants that it reaches.
+"""Kernel digests, over a kernel's code and all functions and constants that it reaches.
 
 A *part* is a function that Numba compiles or calls: a kernel, an inlined function, or an overload and its callees. The
-digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it names.
-It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and the
-fields of its arguments' classes.
+digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it names,
+but not line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches, and the fields of
+its arguments' classes.
 
-Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
-version, and on no path or time. A value of an unknown kind is an error, because its changes would go unnoticed.
+Since Numba compiles bytecode, the digest changes exactly when Numba's input changes. It depends on Python's version,
+but not on paths or times. A value of an unknown kind is an error, because its changes would go unnoticed.
 
-Definitions in source. Modules that import Numba are not imported for a digest. Their definitions are read from the
-source. The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all
-names in these statements, in other modules of the package too. What a decorator registers for a class, such as the code
-of an iterator, is part of the class. Comments and docstrings do not count.
+Definitions in source. Modules that import Numba are not imported to compute a digest; their definitions are read from
+source. The digest of a name covers the statements that define it and, recursively, the definitions of all names in
+these statements, in any module of the package. Whatever a decorator registers for a class, such as the code of an
+iterator, is part of the class. Comments and docstrings are ignored.
 """
 
 import ast
@@ -23,40 +23,38 @@ from functools import cache
 from hashlib import blake2b
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..jit import Intrinsic, guest_overloads, inlined, overloads
 from ..marshalling import class_of
 
-# --- Digests of definitions, read from the source of a module. The module is not imported, as it may import Numba -----
-#
-# The digest of a name covers the statements that define it. It also covers, recursively, the definitions of all names
-# in these statements, in other modules of the package too. What a decorator registers for a class, such as the code of
-# an iterator, is part of the class. Comments and docstrings do not count.
+# --- Definitions read from source -------------------------------------------------------------------------------------
 
 
 SIMD = "antumbra.kernels.simd"
 _IMPLIED = (f"{SIMD}.vectors",)
-"""Numba learns from this module the meaning of ``a + b`` for vectors. No kernel names them."""
+"""Modules that register ``a + b`` etc. for vectors with Numba. Kernels depend on them without naming them."""
 
 
 class _Module:
-    """The top-level statements of a module, by the names that they define."""
+    """The top-level statements of a module, by the names they define."""
 
-    def __init__(self, name: str):
+    def __init__(self, name: str) -> None:
         tree = ast.parse(_source(name))
         self.statements: dict[str, list[ast.stmt]] = {}
         self.imported: dict[str, tuple[str, str]] = {}  # name here: (module, name there)
-        code = (node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom) and not _is_text(node))
+        code = (
+            node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom) and not _is_docstring(node)
+        )
         self.all = [_without_docstrings(node) for node in code]
         for node in tree.body:
             if isinstance(node, ast.ImportFrom) and node.level:
                 module = resolve_name("." * node.level + (node.module or ""), name.rpartition(".")[0])
                 self.imported |= {alias.asname or alias.name: (module, alias.name) for alias in node.names}
         for node in self.all:
-            for defined in _defined(node):
+            for defined in _defined_names(node):
                 self.statements.setdefault(defined, []).append(node)
 
 
@@ -68,20 +66,21 @@ def _source(name: str) -> str:
     return Path(spec.origin).read_text(encoding="utf-8")
 
 
-def _is_text(node: ast.stmt) -> bool:
-    """Is it a docstring, of the module or of the constant above it?"""
+def _is_docstring(node: ast.stmt) -> bool:
+    """Whether a statement is a docstring, of the module or of the constant above it."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 def _without_docstrings(node: ast.stmt) -> ast.stmt:
+    inner: Any
     for inner in ast.walk(node):
         body = getattr(inner, "body", None)
         if isinstance(body, list):
-            inner.body = [s for s in body if not _is_text(s)]
+            inner.body = [s for s in body if not _is_docstring(s)]
     return node
 
 
-def _defined(node: ast.stmt) -> list[str]:
+def _defined_names(node: ast.stmt) -> list[str]:
     if isinstance(node, ast.FunctionDef | ast.ClassDef):
         calls = (call for call in node.decorator_list if isinstance(call, ast.Call))
         return [node.name, *(arg.id for call in calls for arg in call.args if isinstance(arg, ast.Name))]
@@ -91,28 +90,28 @@ def _defined(node: ast.stmt) -> list[str]:
 _module = cache(_Module)
 
 
-def _collect(module: str, name: str, found: dict[tuple[str, str], str]) -> None:
-    """Add to `found` the statements that define a name, and the definitions of all names in them."""
-    if (module, name) in found:
+def _collect_definitions(module: str, name: str, definitions: dict[tuple[str, str], str]) -> None:
+    """Add to `definitions` the statements that define a name, and the definitions of all names in them."""
+    if (module, name) in definitions:
         return
-    known = _module(module)
-    if name in known.imported:
-        _collect(*known.imported[name], found)
+    defining = _module(module)
+    if name in defining.imported:
+        _collect_definitions(*defining.imported[name], definitions)
         return
-    statements = known.statements.get(name, [])
-    found[module, name] = "\n".join(ast.dump(node) for node in statements)
+    statements = defining.statements.get(name, [])
+    definitions[module, name] = "\n".join(ast.dump(node) for node in statements)
     for node in statements:
         for inner in ast.walk(node):
-            if isinstance(inner, ast.Name) and (inner.id in known.statements or inner.id in known.imported):
-                _collect(module, inner.id, found)
+            if isinstance(inner, ast.Name) and (inner.id in defining.statements or inner.id in defining.imported):
+                _collect_definitions(module, inner.id, definitions)
 
 
 @cache
 def definition_digest(module: str, name: str) -> str:
     """Digest of a name's definition in a module."""
-    found: dict[tuple[str, str], str] = {}
-    _collect(module, name, found)
-    text = repr([module, name, *sorted(found.items())]) + "".join(map(module_digest, _IMPLIED))
+    definitions: dict[tuple[str, str], str] = {}
+    _collect_definitions(module, name, definitions)
+    text = repr([module, name, *sorted(definitions.items())]) + "".join(map(module_digest, _IMPLIED))
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -123,15 +122,7 @@ def module_digest(module: str) -> str:
     return blake2b(text.encode(), digest_size=16).hexdigest()
 
 
-# --- The digest of a kernel: of its code, and of all functions and constants that it reaches --------------------------
-#
-# A *part* is a function that Numba compiles or calls: a kernel, an inlined function, or an overload and its callees.
-# The digest of a part covers its bytecode, its defaults, and the values of the globals and closure variables that it
-# names. It covers no line numbers, comments or docstrings. The digest of a kernel covers all parts that it reaches,
-# and the fields of its arguments' classes.
-#
-# Numba compiles bytecode. So the digest changes when Numba's input changes, and only then. It depends on Python's
-# version, and on no path or time. A value of an unknown kind is an error, because its changes would go unnoticed.
+# --- Digests of kernels -----------------------------------------------------------------------------------------------
 
 
 _FOREIGN = "numba", "numpy", "math", "builtins", "operator", "functools", "llvmlite", "typing", "itertools"
@@ -141,16 +132,16 @@ _PYTHON = f"{sys.implementation.name} {sys.version_info[0]}.{sys.version_info[1]
 
 
 class _DigestPart:
-    """One function's share of a digest.
+    """One function's contribution to a digest.
 
     text : the bytes to digest
     reached : the functions that the function names
     homes : the modules of the NamedTuples that it names
     """
 
-    def __init__(self, function: types.FunctionType):
+    def __init__(self, function: types.FunctionType) -> None:
         self.text: list[bytes] = [f"{function.__module__}:{function.__qualname__}".encode()]
-        self.reached: list[types.FunctionType] = []
+        self.reached: list[Any] = []  # functions
         self.homes: set[str] = set()
         self._globals: set[str] = set()
         self._attributes: set[str] = set()
@@ -204,20 +195,20 @@ class _DigestPart:
         else:
             raise TypeError(f"kernels cannot name {name}, a {_name_of(type(value))}: changes of it would go unnoticed")
 
-    def _function(self, name, value) -> None:
+    def _function(self, name: str, value: Any) -> None:
         module = getattr(value, "__module__", None) or "numpy"
         self._add(name, "function", module, getattr(value, "__qualname__", value.__name__))
         if isinstance(value, types.FunctionType) and module.partition(".")[0] not in _FOREIGN:
             self.reached += [value, *overloads(value)]
 
     def _numba(self, name: str, value: object) -> None:
-        """Add an object of Numba. An intrinsic or a function that Numba compiles counts by its Python function."""
+        """Add an object of Numba. Intrinsics and compiled functions are represented by their Python functions."""
         function = getattr(value, "py_func", getattr(value, "_defn", None))
         self._add(name, _name_of(type(value)), "" if function else str(value))
         self.reached += [function] if isinstance(function, types.FunctionType) else []
 
     def _module(self, name: str, value: types.ModuleType) -> None:
-        """Add a module: its name, and the attributes that the function may name. Foreign modules count by name."""
+        """Add a module: its name and the attributes that the function may name; of foreign modules, only the name."""
         self._add(name, "module", value.__name__)
         if value.__name__.partition(".")[0] not in _FOREIGN:
             for attribute in sorted(self._attributes & vars(value).keys()):
@@ -231,76 +222,76 @@ class _DigestPart:
 
 
 def _globals_of(code: types.CodeType) -> set[str]:
-    """The globals that a code object names. Attributes may have the same names, and do not count."""
-    found, more = set(), 0
+    """The globals that a code object names. Attributes of the same names are not counted."""
+    names, extension = set(), 0
     for operation, argument in zip(code.co_code[::2], code.co_code[1::2]):
-        argument |= more
-        more = argument << 8 if operation == _EXTENDED else 0
+        argument |= extension
+        extension = argument << 8 if operation == _EXTENDED else 0
         if operation == _LOAD_GLOBAL:
-            found.add(code.co_names[argument >> 1])  # the lowest bit is a flag for calls
-    return found
+            names.add(code.co_names[argument >> 1])  # the lowest bit is a flag for calls
+    return names
 
 
 def _name_of(cls: type) -> str:
     return f"{cls.__module__}:{cls.__qualname__}"
 
 
-def class_text(cls: type) -> tuple:
-    """A class as kernels see it: its name, and a NamedTuple's fields and defaults."""
+def class_text(cls: type) -> tuple[str, object, str]:
+    """A class as kernels see it: its name, and the fields and defaults of a NamedTuple."""
     return _name_of(cls), getattr(cls, "_fields", None), repr(getattr(cls, "_field_defaults", None))
 
 
-class _Known(NamedTuple):
-    """The result of a `_Part`, cached."""
+class _PartDigest(NamedTuple):
+    """The cached digest of a `_DigestPart`."""
 
     digest: bytes
     reached: list[types.FunctionType]
     homes: set[str]
 
 
-_parts: dict[types.FunctionType, _Known] = {}
+_parts: dict[types.FunctionType, _PartDigest] = {}
 
 
-def _part(function: types.FunctionType) -> _Known:
-    found = _parts.get(function)
-    if found is None:
-        made = _DigestPart(function)
+def _part(function: types.FunctionType) -> _PartDigest:
+    cached = _parts.get(function)
+    if cached is None:
+        part = _DigestPart(function)
         digest = blake2b(digest_size=16)
-        for text in made.text:
+        for text in part.text:
             digest.update(len(text).to_bytes(4, "little") + text)
-        found = _parts[function] = _Known(digest.digest(), made.reached, made.homes)
-    return found
+        cached = _parts[function] = _PartDigest(digest.digest(), part.reached, part.homes)
+    return cached
 
 
-def reached(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
-    """All functions that a function reaches, itself included.
+def reachable_functions(function: types.FunctionType, homes: Iterable[str] = ()) -> list[types.FunctionType]:
+    """All functions that a function reaches, including itself.
 
-    homes : modules of the argument classes; the guest overloads of these modules count
+    homes : modules of the argument classes, whose guest overloads are included
     """
-    seen, todo, homes, stubs = {function}, [function], set(homes), []
+    functions, todo, homes, stubs = {function}, [function], set(homes), []
     while todo:
         known = _part(todo.pop())
         stubs += [callee for callee in known.reached if guest_overloads(callee)]
         homes |= known.homes
         guests = [guest for stub in stubs for guest in guest_overloads(stub) if guest.__module__ in homes]
-        new = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in seen)
-        seen.update(new)
+        new: dict[Any, None] = dict.fromkeys(callee for callee in (*known.reached, *guests) if callee not in functions)
+        functions.update(new)
         todo += new
-    return list(seen)
+    return list(functions)
 
 
 @cache
-def _closure(function: types.FunctionType, homes: frozenset[str]) -> bytes:
-    return b"".join(sorted(_part(f).digest for f in reached(function, homes)))
+def _closure_digest(function: types.FunctionType, homes: frozenset[str]) -> bytes:
+    return b"".join(sorted(_part(f).digest for f in reachable_functions(function, homes)))
 
 
 def kernel_digest(kernel: inlined, key: str) -> str:
-    """The name of a kernel's machine code for the argument kinds of `key`: 32 digits, the same for all processors."""
+    """The key of a kernel's machine code for the argument kinds of `key`: 32 digits, identical for all processors."""
     digest = blake2b(f"{_PYTHON}\n{kernel.name}\n{key}\n".encode(), digest_size=16)
     for cls in _classes_of(key.split()):
         digest.update(repr(class_text(cls)).encode())
     digest.update(module_digest("antumbra.kernels.marshalling").encode())
-    digest.update(_closure(kernel.py_func, homes_of(key)))
+    digest.update(_closure_digest(kernel.py_func, homes_of(key)))
     return digest.hexdigest()
 
 

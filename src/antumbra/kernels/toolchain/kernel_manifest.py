@@ -1,6 +1,11 @@
-"""The kernels that each job calls, recorded in ``needs.json``, and packs of their machine code for wheels.
+"""The manifest of the kernels that each job calls, ``needs.json``, and packs of their machine code for wheels.
 
-``python -m antumbra.kernels.toolchain.kernel_manifest`` compiles a pack for each processor level.
+The manifest has the kernels with their sizes and, for each job, the indices of its kernels, which several processes
+compile before the job runs. ``scripts/record_kernels.py`` writes it, and a test compares it with the kernels that jobs
+call. Kernels that are not recorded are compiled on their first call.
+
+``python -m antumbra.kernels.toolchain.kernel_manifest`` compiles all recorded kernels to one pack per processor level.
+LLVM can also compile for levels that this machine cannot run. The command marks such packs, since they are untested.
 """
 
 import argparse
@@ -17,19 +22,14 @@ from .compile_pool import KernelRequest, compile_kernels
 from .kernel_cache import PACKS, KernelFolder, cache_folder, write_pack
 from .kernel_digest import kernel_digest
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The kernels that each job calls, recorded in ``needs.json``. Several processes compile them before the job runs.
-#
-# The file holds the kernels, with their size, and for each job the indices of its kernels. A script writes the file
-# (``scripts/record_kernels.py``), and a test compares it with the kernels that jobs call. A kernel that is not
-# recorded is compiled at its first call.
+# --- The manifest -----------------------------------------------------------------------------------------------------
 
 
 MANIFEST = Path(__file__).parents[1] / "needs.json"
 
 
 class KernelManifest(NamedTuple):
-    """The contents of the files."""
+    """The contents of manifest files."""
 
     kernels: list[KernelRequest]
     jobs: dict[str, list[int]]  # name of a job: indices into `kernels`
@@ -39,7 +39,7 @@ _files = [MANIFEST]
 
 
 def add_manifest(file: Path) -> None:
-    """Read another file too, with kernels that another package adds, such as `antumbra.papers`."""
+    """Add a manifest file, with the kernels of another package such as `antumbra.papers`."""
     if file not in _files:
         _files.append(file)
         recorded_kernels.cache_clear()
@@ -47,28 +47,28 @@ def add_manifest(file: Path) -> None:
 
 @cache
 def recorded_kernels() -> KernelManifest:
-    """The contents of all files. A missing file counts as empty."""
+    """The contents of all added files. A missing file counts as empty."""
     return read_manifests(*_files)
 
 
 def read_manifests(*files: Path) -> KernelManifest:
-    """The needs that some files hold. Missing files hold none."""
+    """The joint contents of manifest files. A missing file counts as empty."""
     kernels: list[KernelRequest] = []
     jobs: dict[str, list[int]] = {}
     for file in files:
         try:
-            said = json.loads(file.read_text())
+            contents = json.loads(file.read_text())
         except OSError:
             continue
-        jobs |= {job: [len(kernels) + place for place in places] for job, places in said["jobs"].items()}
-        kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in said["kernels"]]
+        jobs |= {job: [len(kernels) + place for place in places] for job, places in contents["jobs"].items()}
+        kernels += [KernelRequest(name, key, size["seconds"]) for name, key, size in contents["kernels"]]
     return KernelManifest(kernels, jobs)
 
 
 def package_manifest() -> KernelManifest:
-    """The contents of all such files in this package, also of parts that nobody has added; each kernel once."""
-    found = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
-    return KernelManifest(list({(each.kernel, each.key): each for each in found.kernels}.values()), {})
+    """The kernels of all manifest files in this package, even of those not added; each kernel once."""
+    manifest = read_manifests(*sorted(MANIFEST.parents[1].rglob(MANIFEST.name)))
+    return KernelManifest(list({(each.kernel, each.key): each for each in manifest.kernels}.values()), {})
 
 
 def kernels_of_job(name: str) -> set[KernelRequest] | None:
@@ -77,30 +77,27 @@ def kernels_of_job(name: str) -> set[KernelRequest] | None:
     return {needs.kernels[i] for i in needs.jobs[name]} if name in needs.jobs else None
 
 
-# --- Packs of machine code for common processors, which a wheel includes ----------------------------------------------
-#
-# Every kernel that `needs` has recorded is compiled for each level. LLVM also compiles for levels that this machine
-# cannot run. The command says so, because nobody has run these packs where they were made.
+# --- Packs ------------------------------------------------------------------------------------------------------------
 
 
 def make_packs(out: Path, levels: list[str]) -> list[Path]:
-    """Compile all recorded kernels for `levels`, write one pack for each level, and return their paths.
+    """Compile all recorded kernels for `levels`, write one pack per level, and return their paths.
 
     Raises
     ------
     RuntimeError
-        If a kernel cannot be compiled. Nothing is written then.
+        If a kernel cannot be compiled. No pack is written in that case.
     """
-    wanted = package_manifest().kernels
-    digests = [kernel_digest(import_object(each.kernel), each.key) for each in wanted]
-    with report_progress(f"compiling {len(wanted)} kernels for {', '.join(levels)}") as progress:
-        wrong = compile_kernels(wanted, progress, levels=levels)
-    if wrong:
-        raise RuntimeError("; ".join(wrong))
+    requests = package_manifest().kernels
+    digests = [kernel_digest(import_object(each.kernel), each.key) for each in requests]
+    with report_progress(f"compiling {len(requests)} kernels for {', '.join(levels)}") as progress:
+        errors = compile_kernels(requests, progress, levels=levels)
+    if errors:
+        raise RuntimeError("; ".join(errors))
     paths = []
     for each in levels:
         folder = KernelFolder(cache_folder(), each)
-        paths.append(write_pack(out, each, {digest: folder.get(digest) for digest in digests}))
+        paths.append(write_pack(out, each, {digest: folder.get(digest) for digest in digests}))  # type: ignore[misc]
     return paths
 
 
@@ -114,8 +111,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     runs = usable(level())
     for path in make_packs(options.out, options.level or list(LEVELS)):
-        made = path.stem.partition("-")[2]
-        note = "" if made in runs else "  (this machine cannot run it)"
+        pack_level = path.stem.partition("-")[2]
+        note = "" if pack_level in runs else "  (this machine cannot run it)"
         print(f"{path}  {path.stat().st_size / 1e6:.1f} MB{note}")
     return 0
 

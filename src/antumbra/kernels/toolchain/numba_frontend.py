@@ -1,54 +1,50 @@
 """Numba's front end: kernels, inlined functions and overloads, compiled for argument types to LLVM IR.
 
-A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and C,
-parallel loops, object mode, and memory managed by reference counts.
+Parts. A part replaces Numba's dispatcher. It omits features that kernels do not need: entry points for Python and C,
+parallel loops, object mode, and reference-counted memory.
 
-Libraries. Numba's own library optimises every function, links it with its callees and makes machine code of it. Only
-kernels that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+Libraries. Numba's own library optimises every function, links it with its callees and emits its machine code, which
+only kernels called from Python need. Here, a library is the IR of one function and a list of the libraries it calls.
 
-Patches. Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated
-questions. The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not
-change. A change that does not fit the installed version is left out.
+Patches. Numba types and lowers in Python, and for kernels of many small functions it spends most of that time
+recomputing the same results. The patches do not change any result of Numba. They are undone afterwards, so other uses
+of Numba are not affected. A patch that does not apply to the installed version is skipped.
 """
 
 import gc
-from collections.abc import Callable, Iterator
+import inspect
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
-from numba import _dynfunc
-from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types, typing
+from numba import _dynfunc  # type: ignore[attr-defined]
+from numba.core import cgutils, codegen, compiler, compiler_machinery, event, ir, types
 from numba.core import typed_passes as typed
 from numba.core import untyped_passes as untyped
 from numba.core.imputils import user_function
 from numba.core.registry import cpu_target
 from numba.core.types import functions
-from numba.core.typing.templates import fold_arguments
-from numba.core.utils import pysignature
+from numba.core.typing import templates
 
 from ..jit import guest_overloads, inlined, overloads
 
-# --- Numba's front end, faster while kernels are compiled -------------------------------------------------------------
-#
-# Numba types and lowers in Python. For kernels of many small functions, most of that time answers repeated questions.
-# The changes here alter no answer of Numba. All of them are undone afterwards, so other uses of Numba do not change. A
-# change that does not fit the installed version is left out.
+# --- Patches ----------------------------------------------------------------------------------------------------------
 
 
 @contextmanager
 def numba_patches() -> Iterator[None]:
     """Within the context, Numba compiles faster. Call it under Numba's compiler lock."""
     with ExitStack() as changes:
-        changes.enter_context(_without_collection())
-        for owner, name, value in _CHANGES:
+        changes.enter_context(_without_garbage_collection())
+        for owner, name, value in _PATCHES:
             with suppress(AttributeError):
-                changes.enter_context(_changed(owner, name, value))
+                changes.enter_context(_patched(owner, name, value))
         yield
 
 
 @contextmanager
-def _changed(owner, name: str, value) -> Iterator[None]:
+def _patched(owner: object, name: str, value: object) -> Iterator[None]:
     before = getattr(owner, name)
     setattr(owner, name, value)
     try:
@@ -58,8 +54,8 @@ def _changed(owner, name: str, value) -> Iterator[None]:
 
 
 @contextmanager
-def _without_collection() -> Iterator[None]:
-    """Turn off garbage collection, which takes a seventh of all time: Numba makes many long-lived objects."""
+def _without_garbage_collection() -> Iterator[None]:
+    """Turn off garbage collection, which takes 1/7 of the time because Numba creates many long-lived objects."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -69,75 +65,72 @@ def _without_collection() -> Iterator[None]:
             gc.enable()
 
 
-_remembered: dict = {}
+_call_types: dict[object, tuple[object, Any]] = {}
 _resolve = functions.BaseFunction.get_call_type
 
 
-def _remembered_call_type(self, context, args, kws):
-    """The result type of a builtin function, asked once for each list of argument types."""
+def _cached_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+    """The result type of a builtin function, resolved once per list of argument types."""
     if kws:
         return _resolve(self, context, args, kws)
-    question = (id(self), len(self.templates), tuple(args))
-    known = _remembered.get(question)
+    cache_key = (id(self), len(self.templates), tuple(args))
+    known = _call_types.get(cache_key)
     if known is None:
-        known = _remembered[question] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
+        known = _call_types[cache_key] = self, _resolve(self, context, args, kws)  # keeps `self` and its id alive
     return known[1]
 
 
 _LEAVES = {str, int, float, bool, type(None), ir.Loc}
 
 
-def _variables(values, found: list) -> list:
-    """Append the variables among `values` to `found`. Values that hold no variables are skipped."""
+def _variables(values: Iterable[Any], variables: list[ir.Var]) -> list[ir.Var]:
+    """Append the variables among `values` to `variables`. Values without variables are skipped."""
     for value in values:
         kind = type(value)
         if kind is ir.Var:
-            found.append(value)
+            variables.append(value)
         elif kind in _LEAVES:
             continue
         elif kind is list or kind is tuple:
-            _variables(value, found)
+            _variables(value, variables)
         elif kind is dict:
-            _variables(value.values(), found)
+            _variables(value.values(), variables)
         elif isinstance(value, ir.Inst):
-            found += value.list_vars()
+            variables += value.list_vars()
         elif isinstance(value, ir.Var):
-            found.append(value)
-    return found
+            variables.append(value)
+    return variables
 
 
-def _list_vars(self):
+def _list_vars(self: Any) -> list[ir.Var]:
     return _variables(vars(self).values(), [])
 
 
-_CHANGES = (
-    (event, "broadcast", lambda event: None),  # no listener needs Numba's events
-    (functions.BaseFunction, "get_call_type", _remembered_call_type),
+_PATCHES = (
+    (event, "broadcast", lambda event: None),  # nothing listens to Numba's events
+    (functions.BaseFunction, "get_call_type", _cached_call_type),
     (ir.Stmt, "list_vars", _list_vars),
     (ir.Expr, "list_vars", _list_vars),
 )
 
-# --- LLVM IR of functions that Numba has lowered, linked only for kernels that Python calls ---------------------------
-#
-# Numba's own library optimises every function, links it with its callees and makes machine code of it. Only kernels
-# that Python calls need that. Here a library is the IR of one function and a list of the libraries that it calls.
+# --- Libraries --------------------------------------------------------------------------------------------------------
 
 
 _NO_ERROR = "i32 0"
 
 
 class Library(codegen.CodeLibrary):
-    """The code of one function, kept as IR. It takes the place of Numba's own `CodeLibrary`."""
+    """The code of one function, kept as IR. It replaces Numba's own `CodeLibrary`."""
 
-    def __init__(self, codegen, name):
+    def __init__(self, codegen: Any, name: str) -> None:
         super().__init__(codegen, name)
         self._modules: list[llvm.ModuleRef] = []
-        self._callees: dict[codegen.CodeLibrary, None] = {}
+        self._callees: dict[Any, None] = {}
 
-    def add_linking_library(self, library):
+    def add_linking_library(self, library: Any) -> None:
         self._callees[library] = None
 
-    def add_ir_module(self, ir_module):
+    def add_ir_module(self, ir_module: Any) -> None:
         module = llvm.parse_assembly(cgutils.normalize_ir_text(str(ir_module)))
         module.name = ir_module.name
         module.data_layout = self._codegen._data_layout
@@ -145,7 +138,7 @@ class Library(codegen.CodeLibrary):
         self._modules.append(module)
 
     def never_fails(self, name: str) -> bool:
-        """Whether a function of this library only ever returns the status "no error": it never raises."""
+        """Whether a function of this library never raises: whether it always returns the status "no error"."""
         function = self._modules[0].get_function(name)
         ends = (list(block.instructions)[-1] for block in function.blocks)
         returned = (next(end.operands) for end in ends if end.opcode == "ret")
@@ -154,7 +147,7 @@ class Library(codegen.CodeLibrary):
     def linked(self, visible: str | None = None) -> llvm.ModuleRef:
         """One module of this library and of all libraries that it reaches.
 
-        Only the function `visible` is visible from outside; with None, every function is.
+        Only the function `visible` is externally visible; with None, every function is.
         """
         linked = llvm.parse_assembly(str(self._codegen._create_empty_module(self.name)))
         for library in self._closure():
@@ -167,39 +160,40 @@ class Library(codegen.CodeLibrary):
                     value.linkage = "internal"
         return linked
 
-    def _closure(self) -> list[codegen.CodeLibrary]:
-        """All libraries that this one reaches, itself first."""
-        found, todo = {self: None}, [self]
+    def _closure(self) -> list[Any]:
+        """All libraries that this one reaches, starting with itself."""
+        libraries: dict[Any, None] = {self: None}
+        todo: list[Any] = [self]
         while todo:
             for library in todo.pop()._callees:
-                if library not in found:
-                    found[library] = None
+                if library not in libraries:
+                    libraries[library] = None
                     todo += [library] if isinstance(library, Library) else []
-        return list(found)
+        return list(libraries)
 
-    # Numba calls the methods below if a function from elsewhere calls one that was compiled here.
+    # Numba calls the methods below if a function compiled elsewhere calls one compiled here.
 
-    def finalize(self):
+    def finalize(self) -> None:
         self._finalized = True
 
-    def get_pointer_to_function(self, name):
+    def get_pointer_to_function(self, name: str) -> int:
         return 0
 
-    def _get_module_for_linking(self):
+    def _get_module_for_linking(self) -> llvm.ModuleRef:
         return self.linked()
 
-    def get_function(self, name):
+    def get_function(self, name: str) -> llvm.ValueRef:
         return self.linked().get_function(name)
 
-    def get_llvm_str(self):
+    def get_llvm_str(self) -> str:
         return str(self.linked())
 
-    def get_asm_str(self):
+    def get_asm_str(self) -> str:
         raise NotImplementedError("functions that kernels call have no machine code of their own")
 
 
-def _simplify(codegen, module: llvm.ModuleRef) -> None:
-    """Run LLVM's function passes. Smaller IR pays, since a function is linked into many kernels."""
+def _simplify(codegen: Any, module: llvm.ModuleRef) -> None:
+    """Run LLVM's function passes. Smaller IR pays off, since a function is linked into many kernels."""
     passes, builder = codegen._function_pass_manager()
     for function in module.functions:
         if not function.is_declaration:
@@ -211,19 +205,19 @@ def _mergeable(module: llvm.ModuleRef) -> llvm.ModuleRef:
     copy = module.clone()
     for function in copy.functions:
         if not function.is_declaration and function.linkage == llvm.Linkage.external:
-            function.linkage = "weak_odr"  # not "linkonce": LLVM drops that if nothing uses the function yet
+            function.linkage = "weak_odr"  # not "linkonce", which LLVM drops while nothing uses the function
     return copy
 
 
-def _executable(library, fndesc, environment):
-    """A placeholder for Numba's function that Python can call. Nobody calls it."""
+def _executable(library: Any, fndesc: Any, environment: Any) -> Any:
+    """A placeholder for Numba's function that Python could call. It is never called."""
     name = fndesc.qualname.rpartition(".")[2]
     return _dynfunc.make_function(fndesc.lookup_module(), name, "", 0, environment, (library,))
 
 
 @contextmanager
-def kept_as_ir(context) -> Iterator[None]:
-    """Within the context, all code that Numba compiles goes into this module's libraries, Numba's own functions too.
+def ir_libraries(context: Any) -> Iterator[None]:
+    """Within the context, all code that Numba compiles, including Numba's own functions, becomes a `Library`.
 
     Call it under Numba's compiler lock, since it changes Numba's behaviour.
     """
@@ -235,10 +229,7 @@ def kept_as_ir(context) -> Iterator[None]:
         del codegen._library_class, context.get_executable  # the class attributes are visible again
 
 
-# --- Parts: kernels, inlined functions and overloads as Numba sees them, compiled for argument types to LLVM IR -------
-#
-# A part takes the place of Numba's dispatcher. It leaves out features that kernels do not need: entries for Python and
-# C, parallel loops, object mode, and memory managed by reference counts.
+# --- Parts ------------------------------------------------------------------------------------------------------------
 
 
 _PASSES = (
@@ -260,16 +251,16 @@ _PASSES = (
 
 
 class _Passes(compiler_machinery.PassManager):
-    """Runs passes without Numba's timing, events and checks of each pass."""
+    """Runs passes without Numba's timing, events and checks."""
 
-    def _runPass(self, index, each, state):
+    def _runPass(self, index: int, each: Any, state: Any) -> None:
         each.analysis = self._analysis
         for run in each.run_initialization, each.run_pass, each.run_finalizer:
             run(state)
 
 
 class _Pipeline(compiler.CompilerBase):
-    def define_pipelines(self):
+    def define_pipelines(self) -> list[_Passes]:
         passes = _Passes("antumbra")
         for each, what in _PASSES:
             passes.add_pass(each, what)
@@ -280,71 +271,71 @@ class _Pipeline(compiler.CompilerBase):
 class Lowered(NamedTuple):
     """A part compiled for argument types."""
 
-    signature: typing.Signature
-    fndesc: object  # Numba's description of the function: name and types
+    signature: Any  # Numba's signature
+    fndesc: Any  # Numba's description of the function: name and types
     library: Library
 
 
 class CompiledPart:
-    """A function that other compiled functions call; Numba takes it for a dispatcher."""
+    """A function that other compiled functions call, and that Numba treats as a dispatcher."""
 
-    def __init__(self, py_func: Callable, choose: Callable, forced: bool):
+    def __init__(self, py_func: Callable[..., Any], choose: Callable[..., Any], forced: bool) -> None:
         self.py_func, self._choose, self._forced = py_func, choose, forced
-        self._signature = pysignature(py_func)
-        self.lowered: dict[tuple[types.Type, ...], Lowered] = {}
-        self.is_compiling = 0  # Numba reads this for functions that call themselves
-        self.type = types.Dispatcher(self)
+        self._signature = inspect.signature(py_func)
+        self.lowered: dict[tuple[Any, ...], Lowered] = {}
+        self.is_compiling = 0  # read by Numba for recursive functions
+        self.type: Any = types.Dispatcher(self)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return self.py_func.__qualname__
 
-    def get_call_template(self, args, kws):
+    def get_call_template(self, args: Any, kws: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
         """Called by Numba: the type that a call with arguments of these types returns."""
         signature, args = self.fold_argument_types(args, kws)
-        found, name = self.lower(tuple(args)), self.py_func.__name__
-        return typing.make_concrete_template(name, name, [found.signature]), signature, args, {}
+        lowered, name = self.lower(tuple(args)), self.py_func.__name__
+        return templates.make_concrete_template(name, name, [lowered.signature]), signature, args, {}
 
-    def fold_argument_types(self, args, kws):
+    def fold_argument_types(self, args: Any, kws: Any) -> tuple[Any, Any]:
         """Called by Numba: the types of all arguments, given by position, by name or by default."""
         keep = lambda index, parameter, value: value
         default = lambda index, parameter, value: types.Omitted(value)
-        return self._signature, fold_arguments(self._signature, args, kws, keep, default, keep)
+        return self._signature, templates.fold_arguments(self._signature, args, kws, keep, default, keep)
 
-    def get_overload(self, signature):
+    def get_overload(self, signature: Any) -> Lowered:
         """Called by Numba: the key of the code, as given to `insert_user_function`."""
         return self.lowered[tuple(signature)]
 
     @property
-    def nopython_signatures(self):
-        return [found.signature for found in self.lowered.values()]
+    def nopython_signatures(self) -> list[Any]:
+        return [lowered.signature for lowered in self.lowered.values()]
 
-    def lower(self, args: tuple[types.Type, ...]) -> Lowered:
-        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `library.kept_as_ir`."""
-        found = self.lowered.get(args)
-        if found is None:
+    def lower(self, args: tuple[Any, ...]) -> Lowered:
+        """Types and LLVM IR for argument types. Call it under Numba's compiler lock, within `ir_libraries`."""
+        lowered = self.lowered.get(args)
+        if lowered is None:
             typing_context, context = cpu_target.typing_context, cpu_target.target_context
             library = Library(context.codegen(), self.py_func.__qualname__)
             function, flags = self._choose(args), _flags(self._forced)
             self.is_compiling += 1
             try:
-                made = compiler.compile_extra(
+                result = compiler.compile_extra(
                     typing_context, context, function, args, None, flags, {}, library, pipeline_class=_Pipeline
                 )
             finally:
                 self.is_compiling -= 1
-            found = Lowered(typing.signature(made.fndesc.restype, *args), made.fndesc, library)
-            implementation = _call_of(made.fndesc, library)
-            context._defns[found].append(implementation, implementation.signature)
-            self.lowered[args] = found
-        return found
+            lowered = Lowered(templates.signature(result.fndesc.restype, *args), result.fndesc, library)
+            implementation = _call_of(result.fndesc, library)
+            context._defns[lowered].append(implementation, implementation.signature)
+            self.lowered[args] = lowered
+        return lowered
 
 
-def _call_of(fndesc, library: Library):
-    """What callers of a function run: Numba's `user_function`, without the test for errors if it never raises."""
+def _call_of(fndesc: Any, library: Library) -> Any:
+    """The implementation of a call: Numba's `user_function`, without the error check if the callee never raises."""
     if isinstance(fndesc.restype, types.Optional) or not library.never_fails(fndesc.llvm_func_name):
         return user_function(fndesc, [library])
 
-    def call(context, builder, signature, args):
+    def call(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         function = context.declare_function(builder.module, fndesc)
         _, value = context.call_conv.call_function(builder, function, fndesc.restype, fndesc.argtypes, args)
         return value
@@ -353,8 +344,8 @@ def _call_of(fndesc, library: Library):
     return call
 
 
-def _flags(forced: bool) -> compiler.Flags:
-    flags = compiler.Flags()
+def _flags(forced: bool) -> Any:
+    flags: Any = compiler.Flags()
     flags.nrt = False
     flags.no_compile = True
     flags.no_cpython_wrapper = True
@@ -369,20 +360,20 @@ def _flags(forced: bool) -> compiler.Flags:
 
 def part_of(function: inlined) -> CompiledPart:
     """The part of a kernel or an inlined function."""
-    part = vars(function).get("_part")
+    part: CompiledPart | None = vars(function).get("_part")
     if part is None:
-        part = function._part = CompiledPart(function.py_func, lambda args: function.py_func, function.forced)
+        part = vars(function)["_part"] = CompiledPart(function.py_func, lambda args: function.py_func, function.forced)
     return part
 
 
-def generic_part(stub: Callable) -> CompiledPart:
-    """The part of a function with overloads: Numba compiles the first overload that knows the types."""
+def generic_part(stub: Callable[..., Any]) -> CompiledPart:
+    """The part of a function with overloads, which compiles the first overload that accepts the types."""
 
-    def choose(args):
+    def choose(args: tuple[Any, ...]) -> Callable[..., Any]:
         homes = {getattr(getattr(arg, "instance_class", None), "__module__", None) for arg in args}
         guests = [guest for guest in guest_overloads(stub) if guest.__module__ in homes]
         for implementation in (*guests, *overloads(stub)):
-            chosen = implementation(*args)
+            chosen: Callable[..., Any] | None = implementation(*args)
             if chosen is not None:
                 return chosen
         raise TypeError(f"{stub.__qualname__} has no overload for ({', '.join(map(str, args))})")

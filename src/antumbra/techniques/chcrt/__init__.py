@@ -1,10 +1,10 @@
 """CHC+RT: hierarchical occlusion culling for rays of any kind [Mattausch et al. 2015], in core and out of core.
 
-- `chc_rt`: `trace_shadows`, `camera_hits`, `nearest_hits`, `ray_hits`, `nearest_scheduled`
-- `occlusion_queries`: screen tiles, cells of 16 rays, bundles, `ask`
-- `tree_parts`: subtrees that are traced whole, and the lists of each tile
-- `visibility_fronts`: fronts of query pairs, and Algorithm 1
-- `ray_bundles`: segments, passes and camera rays as cells and bundles
-- `nearest_hits`: nearest hits through lists of parts
-- `picture_ray_sets`: the ray sets of a picture
+- `chc_rt`: the tracer: shadow queries, camera rays and other nearest-hit rays
+- `occlusion_queries`: screen tiles, cells of 16 receivers, ray bundles, occlusion queries
+- `tree_parts`: the tree cut into a top tree and subtrees, and the subtree list of each tile
+- `visibility_fronts`: query pairs, their fronts, and Algorithm 1
+- `ray_bundles`: cells and bundles of shadow segments, ray passes and camera rays
+- `nearest_hits`: nearest hits through lists of subtrees
+- `picture_ray_sets`: the ray sets of an image
 """

@@ -1,16 +1,16 @@
 """Nearest hits of one ray per pixel through lists of parts [Mattausch et al. 2015, Sec. 5.2].
 
-Hits are also marked in the slots of parts, and numbered among the marked slots.
+The 16 rays of a cell traverse each part together, nearer child first, and each ray is clipped at its nearest hit so
+far. At a block, each ray is tested against all triangles in parallel lanes; where float32 cannot decide, float64 does.
+Hits are compared by their rounded t, as in `trace.rays.ray_traversal.walk`, and the lowest triangle index wins ties.
 
-The 16 rays of a cell go down each part together, the nearer child first. Each ray goes only as far as its nearest hit
-so far. At a block, each ray is tested against all triangles side by side. If float32 cannot decide a test, float64
-does. The rounded t decides which hit is nearest, as everywhere (`trace.rays.ray_traversal.walk`). The lowest triangle
-index wins ties.
+Other functions mark the triangles of hits in the slots of their parts, and number the marked slots.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.nodes import block_leaf, box_at, rows_at, slot_at
 from ...kernels.exact.filters import is_nearer, meets, rounded_t
@@ -21,7 +21,7 @@ from ...kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, red
 from ...kernels.vec3 import broadcasts
 from ...trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
 from ...trace.frusta.bundle import shafts_of
-from ...trace.tree_list import Hits, item, list_of, root_in, tree_in, tree_list_pointers
+from ...trace.tree_list import Hits, TreeList, item, list_of, root_in, tree_in, tree_list_pointers
 from ...trace.triangle_tests import ray_meets
 from .occlusion_queries import (
     BUNDLE_FLOATS,
@@ -36,7 +36,7 @@ from .occlusion_queries import (
 )
 from .ray_bundles import PassRays, limit_of, load_rays, span_of
 
-# --- Hits of pictures as marks in the slots of parts, and their numbers among the marked slots ------------------------
+# --- Marks in the slots of parts for the triangles of hits, and their numbers among the marked slots ------------------
 
 
 @kernel
@@ -49,7 +49,7 @@ def _mark(ticket, part, slot, first, marks):
                 marks[first[k] + slot[y, x]] = 1
 
 
-def mark_hits(hits: Hits, first: np.ndarray, marks: np.ndarray, threads: int) -> None:
+def mark_hits(hits: Hits, first: NDArray[np.int64], marks: NDArray[np.uint8], threads: int) -> None:
     """Set ``marks[first[part] + slot]`` of each hit in a part with first[part] >= 0. `marks`: (n,) uint8."""
     run(_mark, threads, new_ticket(len(hits.part), 8), hits.part, hits.slot, first, marks)
 
@@ -64,22 +64,18 @@ def _number(ticket, part, slot, first, numbers, out):
                 out[y, x] = numbers[first[k] + slot[y, x]]
 
 
-def number_hits(hits: Hits, first: np.ndarray, numbers: np.ndarray, out: np.ndarray, threads: int) -> None:
+def number_hits(
+    hits: Hits, first: NDArray[np.int64], numbers: NDArray[np.int32], out: NDArray[np.int32], threads: int
+) -> None:
     """Write ``numbers[first[part] + slot]`` of each hit in a part with first[part] >= 0 to `out`, (h, w) int32."""
     run(_number, threads, new_ticket(len(hits.part), 8), hits.part, hits.slot, first, numbers, out)
 
 
-# --- The nearest hits of one ray a pixel, through lists of parts [Mattausch et al. 2015, Sec. 5.2] --------------------
-#
-# The 16 rays of a cell go down each part together, the nearer child first. Each ray goes only as far as its nearest
-# hit so far. At a block, each ray is tested against all triangles side by side. If float32 cannot decide a test,
-# float64 does. The rounded t decides which hit is nearest, as everywhere (`trace.rays.ray_traversal.walk`). The lowest
-# triangle index wins ties.
+# --- Nearest hits of one ray per pixel through lists of parts [Mattausch et al. 2015, Sec. 5.2] -----------------------
 
 
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
-
 
 _F = np.float32
 
@@ -90,138 +86,138 @@ class CellHits(NamedTuple):
     bundle: RayBundle
     t: F64Ptr  # float64
     face: I32Ptr  # int32
-    part: I32Ptr  # int32: -1 if there is no new hit
+    part: I32Ptr  # int32; -1: no new hit
     slot: I32Ptr  # int32
-    own: I32Ptr  # int32: the triangle that does not count, -1 for none
+    skip: I32Ptr  # int32: the triangle to skip, -1: none
     span: F64Ptr  # float64: tmin of 16 rays, then tmax
-    ways: F32Ptr  # float32: rows x, y, z of the directions, or of the targets of segments
+    directions: F32Ptr  # float32: rows x, y, z of the directions; of segments: of their ends
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool
     segments: bool
 
 
 @inlined
-def _load(picture, rays, y0, x0, found):
-    """Load the rays of a cell and their hits. Return bits of its rays."""
-    live = load_rays(rays, picture, y0, x0, found.bundle)
+def _load(picture, rays, y0, x0, cell):
+    """Load the rays of a cell and their hits. Return bits of the active rays."""
+    live = load_rays(rays, picture, y0, x0, cell.bundle)
     for lane in range(16):
         if live >> lane & 1 != 0:
             y, x, _ = receiver_in(picture, y0, x0, lane)
-            put(found.t, lane, rays.hits.t[y, x])
-            put(found.face, lane, rays.hits.face[y, x])
-            put(found.own, lane, rays.skip[y, x])
-            put(found.part, lane, -1)
+            put(cell.t, lane, rays.hits.t[y, x])
+            put(cell.face, lane, rays.hits.face[y, x])
+            put(cell.skip, lane, rays.skip[y, x])
+            put(cell.part, lane, -1)
             if rays.each != 0:
-                _put_span(found, lane, span_of(rays, y, x))
-            ways = rays.targets if rays.segments else rays.directions
+                _put_span(cell, lane, span_of(rays, y, x))
+            vectors = rays.targets if rays.segments else rays.directions
             for k in range(3):
-                put(found.ways, 16 * k + lane, ways[y, x, k])
+                put(cell.directions, 16 * k + lane, vectors[y, x, k])
     return live
 
 
 @inlined
-def _put_span(found, lane, span):
-    put(found.span, lane, span[0])
-    put(found.span, 16 + lane, span[1])
+def _put_span(cell, lane, span):
+    put(cell.span, lane, span[0])
+    put(cell.span, 16 + lane, span[1])
 
 
 @inlined
-def _write(picture, hits, y0, x0, live, found):
-    """Write the new hits of a cell. Return how far its rays look."""
+def _write(picture, hits, y0, x0, live, cell):
+    """Write the new hits of a cell. Return the largest limit of its rays."""
     while live != 0:
         lane = lowest_bit(live)
         live &= live - 1
-        if get(found.part, lane) >= 0:
+        if get(cell.part, lane) >= 0:
             y, x, _ = receiver_in(picture, y0, x0, lane)
-            hits.t[y, x], hits.face[y, x] = get(found.t, lane), get(found.face, lane)
-            hits.part[y, x], hits.slot[y, x] = get(found.part, lane), get(found.slot, lane)
-    return reduce_max(load16(found.bundle.limits, 0))
+            hits.t[y, x], hits.face[y, x] = get(cell.t, lane), get(cell.face, lane)
+            hits.part[y, x], hits.slot[y, x] = get(cell.part, lane), get(cell.slot, lane)
+    return reduce_max(load16(cell.bundle.limits, 0))
 
 
 @kernel
-def _meets(found, lane, corners, slot):
-    """Whether a ray meets a triangle that counts, exactly."""
-    c, e = found.bundle.rays, found.ways
-    if found.segments:
+def _is_hit(cell, lane, corners, slot):
+    """Exact test: whether a ray hits a triangle, with face culling."""
+    c, e = cell.bundle.rays, cell.directions
+    if cell.segments:
         ray = segment(
             get(c, lane), get(c, 16 + lane), get(c, 32 + lane), get(e, lane), get(e, 16 + lane), get(e, 32 + lane)
         )
     else:
-        ray = _ray(found, lane)
+        ray = _ray(cell, lane)
     side = meets(ray, corners, slot)
-    return side != 0 and (found.cull_faces == 0 or side != found.cull_faces)
+    return side != 0 and (cell.cull_faces == 0 or side != cell.cull_faces)
 
 
 @inlined
-def _ray(found, lane):
-    c, d = found.bundle.rays, found.ways  # the bundle's own directions have underflowed where they are much shorter
+def _ray(cell, lane):
+    c, d = cell.bundle.rays, cell.directions  # very short directions have underflowed in the bundle
     return ray_along(
         get(c, lane), get(c, 16 + lane), get(c, 32 + lane), get(d, lane), get(d, 16 + lane), get(d, 32 + lane),
-        get(found.span, lane), get(found.span, 16 + lane),
+        get(cell.span, lane), get(cell.span, 16 + lane),
     )  # fmt: skip
 
 
 @kernel
-def _keep(found, lane, tree, k, slot):
-    """Keep a triangle that a ray meets, if it is the nearest so far. Of segments any one will do."""
+def _keep_if_nearest(cell, lane, tree, k, slot):
+    """Record a hit if it is the nearest so far; any hit of an any-hit ray will do."""
     prim, t = get(tree.prim_ids, slot), np.float64(0.0)
-    if not found.any_hit:
-        t = rounded_t(_ray(found, lane), tree.corners, slot)
-    if is_nearer(t, prim, get(found.t, lane), get(found.face, lane)):
-        put(found.t, lane, t)
-        put(found.face, lane, prim)
-        put(found.part, lane, k)
-        put(found.slot, lane, slot)
-        put(found.bundle.limits, lane, _F(-1.0) if found.any_hit else limit_of(t, found.bundle, lane))
+    if not cell.any_hit:
+        t = rounded_t(_ray(cell, lane), tree.corners, slot)
+    if is_nearer(t, prim, get(cell.t, lane), get(cell.face, lane)):
+        put(cell.t, lane, t)
+        put(cell.face, lane, prim)
+        put(cell.part, lane, k)
+        put(cell.slot, lane, slot)
+        put(cell.bundle.limits, lane, _F(-1.0) if cell.any_hit else limit_of(t, cell.bundle, lane))
 
 
 @kernel
-def _trace_block(tree, k, link, mask, found):
+def _trace_block(tree, k, link, mask, cell):
     """Test the rays in `mask` against a block."""
     block, triangles = block_leaf(link)
     numbers, present = ptr_at(tree.blocks, rows_at(block)), (np.int64(1) << triangles) - 1
     while mask != 0:
         lane = lowest_bit(mask)
         mask &= mask - 1
-        o, d = broadcasts(found.bundle.rays, lane, 16), broadcasts(found.bundle.rays, 48 + lane, 16)
-        hit, unsure = ray_meets(o, d, numbers, found.cull_faces, get(found.bundle.limits, lane))
+        o, d = broadcasts(cell.bundle.rays, lane, 16), broadcasts(cell.bundle.rays, 48 + lane, 16)
+        hit, unsure = ray_meets(o, d, numbers, cell.cull_faces, get(cell.bundle.limits, lane))
         hit, unsure = hit & present, unsure & present
-        if get(found.span, lane) > 0.0 or get(found.span, 16 + lane) < np.inf:
-            hit, unsure = np.int64(0), hit | unsure  # float32 decides nothing about the ends of a span
+        if get(cell.span, lane) > 0.0 or get(cell.span, 16 + lane) < np.inf:
+            hit, unsure = np.int64(0), hit | unsure  # float32 cannot decide whether a hit lies within a span
         while hit | unsure != 0:
             i = lowest_bit(hit | unsure)
             slot = np.int64(get(tree.slots, slot_at(block, i)))
-            own = get(tree.prim_ids, slot) == get(found.own, lane)
-            if not own and (hit >> i & 1 != 0 or _meets(found, lane, tree.corners, slot)):
-                _keep(found, lane, tree, k, slot)
+            is_skipped = get(tree.prim_ids, slot) == get(cell.skip, lane)
+            if not is_skipped and (hit >> i & 1 != 0 or _is_hit(cell, lane, tree.corners, slot)):
+                _keep_if_nearest(cell, lane, tree, k, slot)
             hit, unsure = hit & ~(np.int64(1) << i), unsure & ~(np.int64(1) << i)
 
 
 @kernel
-def _walk(tree, k, link, mask, slabs, found, waiting):
-    """Trace the rays in `mask` through a tree, from a link on."""
-    # In: tree, k, link, mask, slabs. Out: found. Scratch: waiting.
-    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(found.bundle.limits, 0), None)
+def _walk(tree, k, link, mask, slabs, cell, waiting):
+    """Trace the rays in `mask` through the subtree at a link."""
+    # In: tree, k, link, mask, slabs. Out: cell. Scratch: waiting.
+    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(cell.bundle.limits, 0), None)
     while at.mask != 0:
-        _trace_block(tree, k, at.link, at.mask, found)
-        at = next_block(tree, slabs, visited(at), waiting, load16(found.bundle.limits, 0), None)
+        _trace_block(tree, k, at.link, at.mask, cell)
+        at = next_block(tree, slabs, visited(at), waiting, load16(cell.bundle.limits, 0), None)
 
 
 @inlined
-def _trace_cell(forest, begin, end, live, found, waiting):
+def _trace_cell(forest, begin, end, live, cell, waiting):
     """Trace the rays of a cell through the parts of a list."""
-    # In: forest, begin, end, live. Out: found. Scratch: waiting.
-    slabs = slabs_in(found.bundle, live)
+    # In: forest, begin, end, live. Out: cell. Scratch: waiting.
+    slabs = slabs_in(cell.bundle, live)
     for i in range(begin, end):
         k = item(forest, i)
-        mask = entry(forest.heads, box_at(k, 0), slabs, load16(found.bundle.limits, 0))[0] & live
+        mask = entry(forest.heads, box_at(k, 0), slabs, load16(cell.bundle.limits, 0))[0] & live
         if mask != 0:
-            _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, found, waiting)
+            _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, waiting)
 
 
 @inlined
-def _cells_that_meet(forest, begin, end, cells):
-    """Bits of the cells of a region whose shafts enter a tree of a list, before their rays' hits so far."""
+def _cells_entering(forest, begin, end, cells):
+    """Bits of the cells of a region whose shafts enter a part of a list before their rays' hits so far."""
     far, met = load16(cells, FAR * 16), np.int64(0)
     live = bits(far >= _F(0.0))
     slabs = slabs_of(shafts_of(cells), live)
@@ -233,19 +229,19 @@ def _cells_that_meet(forest, begin, end, cells):
 
 
 @kernel
-def _trace_region(forest, picture, rays, region, cells, found, waiting):
-    """Trace the cells of a region, and update how far they look."""
-    # In: forest, picture, region. In and out: rays, cells. Scratch: found, waiting.
+def _trace_region(forest, picture, rays, region, cells, cell, waiting):
+    """Trace the cells of a region, and update their limits."""
+    # In: forest, picture, region. In and out: rays, cells. Scratch: cell, waiting.
     y0, x0 = first_receiver(picture, region, 0)
     begin, end = list_of(forest, y0, x0, np.int64(0))
-    met = _cells_that_meet(forest, begin, end, cells) if begin < end else np.int64(0)
+    met = _cells_entering(forest, begin, end, cells) if begin < end else np.int64(0)
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1
         y, x = first_receiver(picture, region, g)
-        live = _load(picture, rays, y, x, found)
-        _trace_cell(forest, begin, end, live, found, waiting)
-        put(cells, FAR * 16 + g, _write(picture, rays.hits, y, x, live, found))
+        live = _load(picture, rays, y, x, cell)
+        _trace_cell(forest, begin, end, live, cell, waiting)
+        put(cells, FAR * 16 + g, _write(picture, rays.hits, y, x, live, cell))
 
 
 @kernel
@@ -253,18 +249,20 @@ def _trace(ticket, arrays, picture, rays, cells):
     """Worker: trace regions."""
     # In: arrays, picture. In and out: rays, cells.
     bundle = bundle_in(stack_f32(BUNDLE_FLOATS))
-    found = CellHits(
+    cell = CellHits(
         bundle, stack_f64(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_i32(16), stack_f64(32), stack_f32(48),
         np.int64(rays.cull_faces), rays.any_hit, rays.segments,
     )  # fmt: skip
     for lane in range(16):
-        _put_span(found, lane, (rays.spans[0, 0], rays.spans[0, 1]))
+        _put_span(cell, lane, (rays.spans[0, 0], rays.spans[0, 1]))
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     forest = tree_list_pointers(arrays)
     for region in items(ticket):
-        _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), found, waiting)
+        _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), cell, waiting)
 
 
-def trace_nearest(forest, picture: PictureCells, rays: PassRays, cells, threads) -> None:
-    """Trace the rays of a picture through the lists of its tiles, and update their hits and cells."""
+def trace_nearest(
+    forest: TreeList, picture: PictureCells, rays: PassRays, cells: NDArray[np.float32], threads: int
+) -> None:
+    """Trace the rays of an image through the lists of its tiles, and update their hits and cells."""
     run(_trace, threads, new_ticket(len(cells), 8), forest, picture, rays, cells)

@@ -1,30 +1,32 @@
-"""Occlusion queries: how many rays of a screen tile may meet a box before their hits so far?
+"""Occlusion queries: count the rays of a screen tile that may enter a box before their hits so far.
 
-Sources. A *source* holds the rays of a screen: `PassRays`, `CameraBundles` or `SegmentBundles`. Each kind of source
-gives `load_bundle` and `bundles_in` a meaning in kernels.
+Sources. A *source* holds the rays of an image: `PassRays`, `CameraBundles` or `SegmentBundles`. Each class of sources
+overloads `load_bundle` and `bundles_in`.
 
-Cells. The rays of a *cell* lie in one shaft (`trace.descent`), from the box of its receivers to the box of the rays'
-ends. Each cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit.
-These numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length,
-and negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
-`trace.frusta.bundle.shafts_of` loads.
+Cells. A *cell* is a group of 16 receivers. Its rays lie in one shaft (`trace.descent`), from the box of the receivers
+to the box of the rays' ends. A ray is *active* while it still needs a blocker or a nearer hit, and its *limit* is the
+parameter up to which it does, as a fraction of its length. The limit of a cell is the largest limit of its rays, or
+negative if none is active. These limits are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. The first rows of
+a region's cells have the layout that `trace.frusta.bundle.shafts_of` loads.
 
-The receivers of a cell are 4 x 4 neighbours, or 16 of a row. In *spread* pictures they are every fourth pixel of a
-square of 16 x 16 pixels. Such pixels take the same sample of each set, so their directions are alike (Sec. 5.3).
+The receivers of a cell are 4 x 4 adjacent pixels, or 16 receivers of a row. In *spread* images they are every fourth
+pixel of a square of 16 x 16 pixels: these pixels take the same sample of each set, so their directions are similar
+(Sec. 5.3).
 
-Queries. [Mattausch et al. 2015, Sec. 4.1]. The paper uses the graphics hardware. Here a query first tests the shafts of
-the tile's cells, 16 side by side. Where a shaft meets the box, the single rays of the cell are tested side by side,
-each up to its own limit, and counted. Counting ends when the answer is known.
+Queries [Mattausch et al. 2015, Sec. 4.1]. The paper uses graphics hardware. Here a query first tests the shafts of a
+tile's cells, 16 at a time. Where a shaft meets the box, the rays of the cell are tested in parallel lanes, each up to
+its own limit, and counted. Counting stops as soon as the count exceeds the threshold.
 
-All queries of one tile are answered together, while its rays are in the cache: the paper's *multi-query* (Sec. 5.1).
-Unlike the paper's, it answers for each box, so no box is queried again by itself. A query tests the boxes of a node's
-two children instead of the node's own: the paper's *tighter bounds*.
+All queries of one tile are answered together while its rays are in the cache: the paper's *multi-query* (Sec. 5.1).
+Unlike the paper's, it has an answer for each box, so no box is queried again separately. A query tests the boxes of a
+node's two children instead of the node's own box: the paper's *tighter bounds*.
 """
 
 from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.nodes import box_at
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overloaded
@@ -51,10 +53,7 @@ from ...trace.frusta.bundle import shafts_of
 from ...trace.frusta.tile_clusters import RegionLayout, layout_of
 from ...trace.tile import TileShape
 
-# --- Bundles: the single rays of a cell, 16 at a time, as occlusion queries and tracers load them ---------------------
-#
-# A *source* holds the rays of a screen: `passes.PassRays`, `camera.CameraBundles` or `segments.SegmentBundles`. Each
-# kind of source gives `load_bundle` and `bundles_in` a meaning in kernels.
+# --- Bundles: 16 rays of a cell, as occlusion queries and tracers load them -------------------------------------------
 
 
 BUNDLE_FLOATS = 128
@@ -63,81 +62,70 @@ BUNDLE_FLOATS = 128
 class RayBundle(NamedTuple):
     """16 rays: pointers to BUNDLE_FLOATS float32 of scratch memory."""
 
-    rays: F32Ptr  # rows ox oy oz, and the whole length of the rays along x, y and z
-    lengths: F32Ptr  # this multiple of its direction takes a ray to its end
-    limits: F32Ptr  # how far each ray looks, as a share of its whole length; -1: there is no ray
+    rays: F32Ptr  # rows ox oy oz, then x y z of the vectors from origin to end
+    lengths: F32Ptr  # the end of a ray is this multiple of its direction away
+    limits: F32Ptr  # limit of each ray, as a fraction of its length; -1: no ray
 
 
 @inlined
 def bundle_in(memory):
-    """The `Bundle` in BUNDLE_FLOATS float32."""
+    """The `RayBundle` in BUNDLE_FLOATS float32."""
     return RayBundle(memory, ptr_at(memory, 96), ptr_at(memory, 112))
 
 
 @inlined
 def slabs_in(bundle, live):
-    """The rays of a bundle, prepared for slab tests; `live`: bits of its rays."""
+    """The rays of a bundle, prepared for slab tests; `live`: bits of the active rays."""
     return slabs_of(rays_as_shafts(rows(bundle.rays, 0, 16), rows(bundle.rays, 48, 16)), live)
 
 
 @overloaded("ray_bundles")
 def bundles_in(source):
-    """In kernels: the number of bundles of each cell."""
+    """In kernels: the number of bundles per cell; 0: the cell's shaft alone decides."""
 
 
 @overloaded("ray_bundles")
-def load_bundle(source, picture, y0, x0, s, k, blind, bundle):
-    """In kernels: fill bundle k of a cell, in ray set s. Return bits of the rays that look.
+def load_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
+    """In kernels: fill bundle k of a cell, in ray set s. Return bits of the active rays.
 
     y0, x0 : the first receiver of the cell
-    blind : also load rays that are blocked
+    with_blocked : also load blocked rays, as active ones
     """
 
 
-# --- Cells: the rays of a screen as occlusion queries test them, 16 cells of 16 receivers side by side ----------------
-#
-# The rays of a *cell* lie in one shaft (`trace.descent`), from the box of its receivers to the box of the rays' ends.
-# Each
-# cell keeps the largest parameter up to which one of its rays still looks for a blocker, or for a nearer hit. These
-# numbers are the *depth buffer* of [Mattausch et al. 2015, Sec. 4.1]. They are shares of the rays' whole length, and
-# negative once no ray of the cell looks any more. The first rows of a region's cells are the rows that
-# `trace.frusta.bundle.shafts_of` loads.
-#
-# The receivers of a cell are 4 x 4 neighbours, or 16 of a row. In *spread* pictures they are every fourth pixel of a
-# square of 16 x 16 pixels. Such pixels take the same sample of each set, so their directions are alike (Sec. 5.3).
-
+# --- Cells of 16 receivers, and regions of 16 cells -------------------------------------------------------------------
 
 _F = np.float32
-FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: how far rays look, number of rays that look, number of rays
+FAR, COUNT, ALL = 12, 13, 14  # rows after the shafts: limits, numbers of active rays, numbers of rays
 ROWS = 15
 NONE, BLOCKED = _F(-1.0), _F(-0.5)  # values of row FAR: a cell without rays, a cell whose rays are all blocked
-WORDS = ROWS * 16  # float32 of a region
-CELL = 4  # pixels of a cell of a picture, both ways
+WORDS = ROWS * 16  # float32 numbers per region
+CELL = 4  # side of an image's cell in pixels
 
 
 class PictureCells(NamedTuple):
-    """How receivers are cut into cells and regions."""
+    """Partition of an image's receivers into cells and regions."""
 
     shape: TileShape
     layout: RegionLayout
     h: int  # rows of receivers
     w: int  # receivers in a row
-    spread: bool  # a cell's receivers are not neighbours, but every fourth one, both ways
+    spread: bool  # a cell has every fourth receiver along both axes, instead of adjacent ones
 
 
 def picture_of(shape: TileShape, h: int, w: int) -> PictureCells:
-    """The `Picture` of (h, w) receivers whose cells are the tiles of a query."""
+    """The `PictureCells` of (h, w) receivers whose cells are the tiles of a query."""
     return PictureCells(shape, layout_of(shape), h, w, False)
 
 
 def pixels_of(h: int, w: int, spread: bool = False) -> PictureCells:
-    """The `Picture` of (h, w) pixels, also if they form a single row."""
+    """The `PictureCells` of (h, w) pixels; a single row also has cells of 4 x 4 pixels."""
     shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
     return PictureCells(shape, layout_of(shape), h, w, spread)
 
 
-def new_cells(picture: PictureCells, sets: int) -> np.ndarray:
-    """(sets, regions, ROWS, 16) float32: memory for the cells of some ray sets."""
+def new_cells(picture: PictureCells, sets: int) -> NDArray[np.float32]:
+    """(sets, regions, ROWS, 16) float32: uninitialized memory for the cells of some ray sets."""
     return np.empty((sets, picture.layout.rows * picture.layout.columns, ROWS, 16), np.float32)
 
 
@@ -154,7 +142,7 @@ def first_receiver(picture, region, g):
 
 @inlined
 def receiver_in(picture, y0, x0, lane):
-    """(y, x, whether it is in the picture) of a receiver of the cell whose first receiver is (y0, x0)."""
+    """(y, x, whether it is inside the image) of a receiver of the cell whose first receiver is (y0, x0)."""
     row, column = lane // picture.shape.width, lane % picture.shape.width
     if picture.spread:
         row, column = row * picture.layout.down, column * picture.layout.across
@@ -170,7 +158,7 @@ def regions_in(span):
 
 @inlined
 def region_in(span, j, columns):
-    """The index of a tile's j-th region; `columns`: regions in a row of the picture."""
+    """The index of a tile's j-th region; `columns`: regions per row of the image."""
     across = span[1] - span[0]
     return (span[2] + j // across) * columns + span[0] + j % across
 
@@ -181,7 +169,7 @@ def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
 
     o_low, o_high : box of the rays' origins
     d_low, d_high : vectors from its lower and upper corner to the corners of the box of the rays' ends
-    far, n : how far the rays look, and how many rays look
+    far, n : limit and number of the rays, all active
     """
     for k in range(3):
         put(cells, 16 * k + g, o_low[k])
@@ -195,14 +183,14 @@ def put_cell(cells, g, o_low, o_high, d_low, d_high, far, n):
 
 @inlined
 def no_cell(cells, g):
-    """Write a cell g that has no rays."""
+    """Write cell g as a cell without rays."""
     zero, one = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
     put_cell(cells, g, zero, zero, one, one, NONE, _F(0.0))
 
 
 @inlined
 def wider(low, high, p):
-    """The box from `low` to `high`, widened by a point."""
+    """The box from `low` to `high`, extended by a point."""
     return (
         (min(low[0], p[0]), min(low[1], p[1]), min(low[2], p[2])),
         (max(high[0], p[0]), max(high[1], p[1]), max(high[2], p[2])),
@@ -211,12 +199,12 @@ def wider(low, high, p):
 
 @inlined
 def nothing_yet():
-    """The box of no points."""
+    """The empty box."""
     inf = _F(np.inf)
     return (inf, inf, inf), (-inf, -inf, -inf)
 
 
-# --- The hierarchy over the rays: a quadtree of screen tiles [Mattausch et al. 2015, Sec. 4.3] ------------------------
+# --- Hierarchy over the rays: a quadtree of screen tiles [Mattausch et al. 2015, Sec. 4.3] ----------------------------
 
 
 class Tiles(NamedTuple):
@@ -235,7 +223,7 @@ class Tiles(NamedTuple):
 def tiles_of(shape: TileShape, pixels: int) -> Tiles:
     """The quadtree over a query that `trace.tile.tile_shape` has cut into tiles of 16 receivers.
 
-    pixels : side of the smallest tile; 64 times as long if the receivers form one row
+    pixels : side of the smallest tile; multiplied by 64 if the receivers form one row
     """
     layout = layout_of(shape)
     width, height = layout.across * shape.width, layout.down * shape.height  # pixels of a region
@@ -268,24 +256,16 @@ def tiles_of(shape: TileShape, pixels: int) -> Tiles:
     )  # fmt: skip
 
 
-# --- Occlusion queries: how many rays of a screen tile may meet a box before their hits so far? -----------------------
-#
-# [Mattausch et al. 2015, Sec. 4.1]. The paper uses the graphics hardware. Here a query first tests the shafts of the
-# tile's cells, 16 side by side. Where a shaft meets the box, the single rays of the cell are tested side by side, each
-# up to its own limit, and counted. Counting ends when the answer is known.
-#
-# All queries of one tile are answered together, while its rays are in the cache: the paper's *multi-query* (Sec. 5.1).
-# Unlike the paper's, it answers for each box, so no box is queried again by itself. A query tests the boxes of a
-# node's two children instead of the node's own: the paper's *tighter bounds*.
+# --- Occlusion queries ------------------------------------------------------------------------------------------------
 
 
 class ScreenRays(NamedTuple):
-    """The rays of a screen, as queries see them."""
+    """The rays of an image, as input of occlusion queries."""
 
-    source: Any  # see `bundles`
+    source: Any  # `PassRays`, `CameraBundles` or `SegmentBundles`
     picture: PictureCells
     tiles: Tiles
-    cells: np.ndarray  # (sets, regions, ROWS, 16) float32, see `cells.new_cells`
+    cells: np.ndarray  # (sets, regions, ROWS, 16) float32, see `new_cells`
 
 
 class Pairs(NamedTuple):
@@ -293,35 +273,35 @@ class Pairs(NamedTuple):
 
     tile: np.ndarray  # int32: a tile of `Tiles`
     set: np.ndarray  # int32: a ray set
-    row: np.ndarray  # int32: a row of `Parts`
+    row: np.ndarray  # int32: a row of `TreeParts`
 
 
 class Answers(NamedTuple):
     """The answers to n queries."""
 
-    counts: np.ndarray  # (n,) int32: rays that may meet the box; counting ends beyond the threshold
-    keys: np.ndarray  # (n,) float32: a parameter before which no ray enters the box, in [0, 1]
+    counts: np.ndarray  # (n,) int32: rays that may enter the box; counting stops beyond the threshold
+    keys: np.ndarray  # (n,) float32: lower bound of the parameter at which rays enter the box, in [0, 1]
     groups: int  # number of multi-queries
 
 
 class MultiQuery(NamedTuple):
-    """Some pairs of one set and tile, and their answers: pointers, from `first` to `end`."""
+    """Pointers to the pairs of one set and tile, from `first` to `end`, and to their answers."""
 
     rows: I32Ptr  # int32: row of `lines`
-    counts: I32Ptr  # int32: rays found so far
+    counts: I32Ptr  # int32: rays counted so far
     keys: F32Ptr  # float32: see `Answers`
     met: I32Ptr  # int32: bits of the cells of a region whose shafts meet the box
     first: int
     end: int
-    threshold: int  # counting ends beyond it
+    threshold: int  # counting stops beyond it
 
 
 @inlined
-def _entered(lines, row, slabs, far):
-    """(bits of the lanes that may enter a child's box of a row before `far`, where each enters)."""
-    left, a = entry(lines, box_at(row, 0), slabs, far)
-    right, b = entry(lines, box_at(row, 1), slabs, far)
-    return left | right, minimum(a, b)
+def _entered_children(lines, row, slabs, far):
+    """(bits of the lanes that may enter a child's box of a row before `far`, parameter where each enters)."""
+    entered_left, a = entry(lines, box_at(row, 0), slabs, far)
+    entered_right, b = entry(lines, box_at(row, 1), slabs, far)
+    return entered_left | entered_right, minimum(a, b)
 
 
 @inlined
@@ -330,10 +310,10 @@ def _is_open(pairs, i):
 
 
 @kernel
-def _ask_shafts(cells, lines, pairs, blind):
+def _test_shafts(cells, lines, pairs, with_blocked):
     """Test the shafts of a region's cells, and write `pairs.met` and keys. Return bits of the cells that meet a box."""
     far, any_ = load16(cells, FAR * 16), np.int64(0)
-    if blind:
+    if with_blocked:
         far = select(far >= BLOCKED, splat16(_F(1.0)), far)
     live = bits(far >= _F(0.0))
     if live == 0:
@@ -342,26 +322,26 @@ def _ask_shafts(cells, lines, pairs, blind):
     for i in range(pairs.first, pairs.end):
         met = np.int64(0)
         if _is_open(pairs, i):
-            met, enters = _entered(lines, np.int64(get(pairs.rows, i)), slabs, far)
+            met, enters = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)
             met &= live
             if met != 0:
-                near = reduce_min(select(mask_from_bits16(met), enters, splat16(_F(1.0))))
-                put(pairs.keys, i, min(get(pairs.keys, i), near))
+                key = reduce_min(select(mask_from_bits16(met), enters, splat16(_F(1.0))))
+                put(pairs.keys, i, min(get(pairs.keys, i), key))
         put(pairs.met, i, met)
         any_ |= met
     return any_
 
 
 @kernel
-def _ask_bundle(bundle, live, lines, pairs, g):
-    """Count the rays of a bundle of cell g. Return how many pairs that met the cell's shaft are still open."""
-    slabs, far, left = slabs_in(bundle, live), load16(bundle.limits, 0), np.int64(0)
+def _count_bundle(bundle, live, lines, pairs, g):
+    """Count the rays of a bundle of cell g. Return the number of pairs that met the cell's shaft and are still open."""
+    slabs, far, n_open = slabs_in(bundle, live), load16(bundle.limits, 0), np.int64(0)
     for i in range(pairs.first, pairs.end):
         if np.int64(get(pairs.met, i)) >> g & 1 != 0 and _is_open(pairs, i):
-            met = _entered(lines, np.int64(get(pairs.rows, i)), slabs, far)[0] & live
+            met = _entered_children(lines, np.int64(get(pairs.rows, i)), slabs, far)[0] & live
             put(pairs.counts, i, np.int64(get(pairs.counts, i)) + popcount(met))
-            left += np.int64(_is_open(pairs, i))
-    return left
+            n_open += np.int64(_is_open(pairs, i))
+    return n_open
 
 
 @kernel
@@ -373,19 +353,19 @@ def _count_cell(pairs, g, n):
 
 
 @kernel
-def _ask_region(source, picture, region, set_, cells, lines, pairs, blind, bundle):
+def _count_region(source, picture, region, set_, cells, lines, pairs, with_blocked, bundle):
     """Add the rays of a region to the counts of the pairs. Return whether all counts exceed the threshold."""
-    # In: source, picture, region, set_, cells, lines, blind. Out: pairs. Scratch: bundle.
-    met, n = _ask_shafts(cells, lines, pairs, blind), bundles_in(source)
+    # In: source, picture, region, set_, cells, lines, with_blocked. Out: pairs. Scratch: bundle.
+    met, n = _test_shafts(cells, lines, pairs, with_blocked), bundles_in(source)
     while met != 0:
         g = lowest_bit(met)
         met &= met - 1
         if n == 0:
-            _count_cell(pairs, g, np.int64(get(cells, (ALL if blind else COUNT) * 16 + g)))
+            _count_cell(pairs, g, np.int64(get(cells, (ALL if with_blocked else COUNT) * 16 + g)))
         y, x = first_receiver(picture, region, g)
         for k in range(n):
-            live = load_bundle(source, picture, y, x, set_, k, blind, bundle)
-            if live != 0 and _ask_bundle(bundle, live, lines, pairs, g) == 0:
+            live = load_bundle(source, picture, y, x, set_, k, with_blocked, bundle)
+            if live != 0 and _count_bundle(bundle, live, lines, pairs, g) == 0:
                 break
     for i in range(pairs.first, pairs.end):
         if _is_open(pairs, i):
@@ -394,9 +374,11 @@ def _ask_region(source, picture, region, set_, cells, lines, pairs, blind, bundl
 
 
 @kernel
-def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, blind, counts, keys, met):
+def _ask(
+    ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, with_blocked, counts, keys, met
+):
     """Worker: answer groups of pairs of the same set and tile."""
-    # In: groups, tiles, sets, spans, source, picture, cells, lines, rows, threshold, blind. Out: counts, keys, met.
+    # In: the arguments before `counts`. Out: counts, keys, met.
     bundle, columns, regions = bundle_in(stack_f32(BUNDLE_FLOATS)), picture.layout.columns, cells.shape[1]
     for group in items(ticket):
         first, end = np.int64(groups[group]), np.int64(groups[group + 1])
@@ -405,15 +387,17 @@ def _ask(ticket, groups, tiles, sets, spans, source, picture, cells, lines, rows
         for j in range(regions_in(span)):
             region = region_in(span, j, columns)
             place = ptr_at(ptr(cells), (set_ * regions + region) * WORDS)
-            if _ask_region(source, picture, region, set_, place, ptr(lines), pairs, blind, bundle):
+            if _count_region(source, picture, region, set_, place, ptr(lines), pairs, with_blocked, bundle):
                 break
 
 
-def ask(rays: ScreenRays, lines, pairs: Pairs, threshold: int, blind: bool, threads: int) -> Answers:
+def ask(
+    rays: ScreenRays, lines: NDArray[np.float32], pairs: Pairs, threshold: int, with_blocked: bool, threads: int
+) -> Answers:
     """Answer the queries of n pairs of a tile and a row of `lines`.
 
-    threshold : counting ends beyond it
-    blind : also count rays that are blocked
+    threshold : counting stops beyond it
+    with_blocked : also count blocked rays
     """
     n = len(pairs.tile)
     counts, keys = np.zeros(n, np.int32), np.ones(n, np.float32)
@@ -423,9 +407,9 @@ def ask(rays: ScreenRays, lines, pairs: Pairs, threshold: int, blind: bool, thre
     order = np.argsort(group, kind="stable")
     ordered = group[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1], [True]])).astype(np.int32)
-    found, near, met = np.zeros(n, np.int32), np.ones(n, np.float32), np.zeros(n, np.int32)
+    group_counts, group_keys, met = np.zeros(n, np.int32), np.ones(n, np.float32), np.zeros(n, np.int32)
     tile, set_, row = (np.ascontiguousarray(a[order], np.int32) for a in pairs)
     arrays = starts, tile, set_, rays.tiles.spans, rays.source, rays.picture, rays.cells, lines, row
-    run(_ask, threads, new_ticket(len(starts) - 1, 1), *arrays, threshold, blind, found, near, met)
-    counts[order], keys[order] = found, near
+    run(_ask, threads, new_ticket(len(starts) - 1, 1), *arrays, threshold, with_blocked, group_counts, group_keys, met)
+    counts[order], keys[order] = group_counts, group_keys
     return Answers(counts, keys, len(starts) - 1)

@@ -1,13 +1,15 @@
-"""The ray sets of a picture: shadow segments, passes of one ray per pixel, camera rays, and combinations of them.
+"""The ray sets of an image: shadow segments, passes of one ray per pixel, camera rays, and combinations of them.
 
-Each ray set answers occlusion queries by `occlusion_queries.ask`. Each traces lists of parts by the tracer of its kind
-of rays.
+Each class answers occlusion queries by `occlusion_queries.ask`, and traces its rays through lists of parts with the
+tracer for its kind of rays.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.nodes import boxes_of
 from ...query.shadow_query import ShadowQuery
@@ -22,7 +24,7 @@ from ...trace.tile import TileShape, tile_shape
 from ...trace.tree_list import Hits, TreeList, no_hits
 from ..tracer_options import ChcRtOptions
 from .nearest_hits import mark_hits, trace_nearest
-from .occlusion_queries import NONE, Answers, Pairs, ScreenRays, ask, picture_of, pixels_of, tiles_of
+from .occlusion_queries import NONE, Answers, Pairs, ScreenRays, Tiles, ask, picture_of, pixels_of, tiles_of
 from .ray_bundles import (
     CameraBundles,
     PassRays,
@@ -35,17 +37,21 @@ from .ray_bundles import (
     shorten,
     shorten_camera,
 )
-from .tree_parts import Lists, TreeParts, lists_of
+from .tree_parts import Lists, Mark, TreeParts, lists_of
+from .visibility_fronts import Progress
+
+TreeListTracer: TypeAlias = Callable[..., None]
+"""Tracer of a `TreeList`, with the arguments of `trace.frusta.multi_frusta.trace_tree_list`."""
 
 
 class RaySets:
-    """The base of ray sets of one kind.
+    """Base of ray sets of one kind.
 
-    parts : Parts
-    rays : Rays
+    parts : TreeParts
+    rays : ScreenRays
     sets : int
     front_to_back : bool
-        True: rays go through lists front to back; False: in the tree's order of parts.
+        True: rays traverse their lists of parts front to back; False: in tree order.
     """
 
     front_to_back = True
@@ -54,16 +60,19 @@ class RaySets:
         self.parts, self.rays, self.threads, self.sets = parts, rays, threads, len(rays.cells)
 
     @property
-    def tiles(self):
+    def tiles(self) -> Tiles:
         return self.rays.tiles
 
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         return ask(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
 
-    def marker(self) -> Callable | None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+        raise NotImplementedError
+
+    def marker(self) -> Mark | None:
         return None
 
-    def lists(self, pairs: Pairs, keys: np.ndarray) -> Lists:
+    def lists(self, pairs: Pairs, keys: NDArray[np.float32]) -> Lists:
         return lists_of(pairs, keys, self.parts, self.tiles.smallest, self.sets, self.front_to_back)
 
     def forest(self, lists: Lists, sets: int = 1, fresh: bool = False) -> TreeList:
@@ -72,40 +81,52 @@ class RaySets:
 
 
 class SegmentRaySets(RaySets):
-    """The segments of a query to some chunks of its samples: one set for all, or one for each stratum.
+    """The segments of a query to some chunks of its samples: one set for all, or one per stratum.
 
-    several : one set for each stratum
-    trace : the tracer of forests
+    several : one set per stratum
+    trace : the tracer of lists of trees
     """
 
     front_to_back = False
 
     def __init__(
-        self, parts: TreeParts, options: ChcRtOptions, query: ShadowQuery, bits, chunks, trace, several, **how
+        self,
+        parts: TreeParts,
+        options: ChcRtOptions,
+        query: ShadowQuery,
+        bits: NDArray[np.uint64],
+        chunks: range,
+        trace: TreeListTracer,
+        several: bool,
+        *,
+        threads: int,
+        counters: NDArray[np.int64] | None,
+        progress: Progress | None,
     ):
-        self.query, self.bits, self.chunks, self.trace_, self.how = query, bits, chunks, trace, how
+        self.query, self.bits, self.trace_lists = query, bits, trace
+        self.arguments = {"threads": threads, "counters": counters, "progress": progress, "chunks": chunks}
         first = chunks.start * STRATA
         count = min(len(chunks) * STRATA, query.samples.shape[1] - first)
         shape, sets = tile_shape(query), count if several else 1
-        picture, threads = picture_of(shape, *query.sides.shape), how["threads"]
+        picture = picture_of(shape, *query.sides.shape)
         self.segments = SegmentBundles(query, bits, first, count, sets)
         cells = bound_cells(query, picture, first, count, sets, threads)
         super().__init__(parts, ScreenRays(self.segments, picture, tiles_of(shape, options.tile), cells), threads)
         self.fresh = True
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         lists = self.lists(pairs, keys)
         if not (self.fresh or len(lists.tiles)):
             return
         forest = self.forest(_padded(lists, self.sets), STRATA if self.sets > 1 else 1, self.fresh)
-        self.trace_(forest, self.query, self.bits, chunks=self.chunks, **self.how)
+        self.trace_lists(forest, self.query, self.bits, **self.arguments)
         tiles = np.arange(self.tiles.smallest, dtype=np.int32) if self.fresh else lists.tiles
         shorten(self.rays.cells, self.tiles.spans, tiles, self.segments, self.rays.picture, self.threads)
         self.fresh = False
 
 
 def _padded(lists: Lists, sets: int) -> Lists:
-    """The lists of a chunk with fewer than STRATA sets, padded with empty lists to STRATA sets."""
+    """Pad the lists of a chunk with fewer than STRATA sets by empty lists, to STRATA sets."""
     if sets in (1, STRATA):
         return lists
     counts = np.zeros((len(lists.starts) // sets, STRATA), np.int32)
@@ -113,11 +134,11 @@ def _padded(lists: Lists, sets: int) -> Lists:
     return lists._replace(starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32))
 
 
-def segments_of(parts: TreeParts, query: ShadowQuery) -> list[tuple[range, Callable, bool]]:
-    """How a query's segments are traced: (chunks of samples, tracer of forests, one set for each stratum).
+def segments_of(parts: TreeParts, query: ShadowQuery) -> list[tuple[range, TreeListTracer, bool]]:
+    """Split a query's segments into steps: (chunks of samples, tracer of lists of trees, whether one set per stratum).
 
-    Rays to a lamp or the sun are one set, and multi-frusta tracing traces them. Each direction of the hemisphere is a
-    set of its own (Sec. 5.3), and packets trace its rays.
+    Rays to a lamp or the sun form one set, traced by multi-frusta tracing. Rays of each hemisphere direction form a set
+    of their own (Sec. 5.3), traced by packets.
     """
     chunks, kind = range(-(-query.samples.shape[1] // STRATA)), query.light.kind
     if is_incoherent(query):
@@ -128,19 +149,19 @@ def segments_of(parts: TreeParts, query: ShadowQuery) -> list[tuple[range, Calla
 
 
 class HitRays(RaySets):
-    """The base of rays that look for hits, `hits` so far."""
+    """Base of nearest-hit rays; `hits` are their hits so far."""
 
     hits: Hits
 
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return super().ask(pairs, threshold, False)  # a ray enters the box of its nearest hit before the hit
+    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+        return super().answer(pairs, threshold, False)  # a ray enters the box of its nearest hit before that hit
 
-    def marker(self) -> Callable | None:
+    def marker(self) -> Mark | None:
         return partial(mark_hits, self.hits, threads=self.threads)
 
 
 class PassRaySet(HitRays):
-    """Rays that look for their nearest hits, or for any hit: one a pixel, or a row of rays."""
+    """Nearest-hit or any-hit rays: one per pixel, or a row of rays."""
 
     def __init__(self, parts: TreeParts, options: ChcRtOptions, rays: PassRays, threads: int):
         h, w = rays.skip.shape
@@ -152,20 +173,20 @@ class PassRaySet(HitRays):
         super().__init__(parts, ScreenRays(rays, picture, tiles, cells), threads)
         self.pass_, self.hits = rays, rays.hits
 
-    def marker(self) -> Callable | None:
+    def marker(self) -> Mark | None:
         return None if self.pass_.any_hit else super().marker()
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
             trace_nearest(self.forest(lists), rays.picture, self.pass_, rays.cells[0], self.threads)
 
 
 class CameraRaySet(HitRays):
-    """The rays of a camera through some rows of pixels: their nearest hits.
+    """Nearest hits of camera rays through some rows of pixels.
 
     rows : slice
-        Of the picture, from a multiple of 16. The others have hits in front of everything, so their rays do not look.
+        Image rows to trace; starts at a multiple of 16. Rays of other rows are inactive: their t is negative.
     """
 
     def __init__(
@@ -176,50 +197,50 @@ class CameraRaySet(HitRays):
         picture, source = pixels_of(*self.hits.t.shape), CameraBundles(camera, self.hits.t, self.length)
         cells, tiles = bound_camera(picture, camera, rows, self.length, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, ScreenRays(source, picture, tiles, cells), threads)
-        self.seen = picture_seen(camera, parts.boxes[0], self.hits)
+        self.picture = picture_seen(camera, parts.boxes[0], self.hits)
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         lists, rays = self.lists(pairs, keys), self.rays
         if len(lists.tiles):
-            trace_hits(self.forest(lists), self.seen, self.threads)
+            trace_hits(self.forest(lists), self.picture, self.threads)
             shorten_camera(
                 rays.cells[0], self.tiles.spans, lists.tiles, rays.picture, self.hits, self.length, self.threads
             )
 
 
 class CombinedRaySets:
-    """Ray sets of several kinds over one picture, as the sets of one question. A part is read once for all of them."""
+    """Ray sets of several kinds over one image, traced in one call. A part is read once for all of them."""
 
     def __init__(self, members: Sequence[RaySets]):
         self.members = members
         self.ends = np.cumsum([member.sets for member in members])
         self.sets, self.tiles = int(self.ends[-1]), members[0].tiles
 
-    def _of_members(self, pairs: Pairs):
-        """Yield (member, its pairs with its own numbers of sets, their places) for all members."""
+    def _of_members(self, pairs: Pairs) -> Iterator[tuple[RaySets, Pairs, NDArray[np.int64]]]:
+        """Yield (member, its pairs with the member's set numbers, their indices in `pairs`) for all members."""
         which = np.searchsorted(self.ends, pairs.set, side="right")
         for i, member in enumerate(self.members):
-            mine = np.flatnonzero(which == i)
+            indices = np.flatnonzero(which == i)
             first = int(self.ends[i]) - member.sets
-            yield member, Pairs(pairs.tile[mine], pairs.set[mine] - np.int32(first), pairs.row[mine]), mine
+            yield member, Pairs(pairs.tile[indices], pairs.set[indices] - np.int32(first), pairs.row[indices]), indices
 
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         counts, keys, groups = np.zeros(len(pairs.tile), np.int32), np.ones(len(pairs.tile), np.float32), 0
-        for member, own, mine in self._of_members(pairs):
-            if len(mine):
-                answers = member.ask(own, threshold, again)
-                counts[mine], keys[mine], groups = answers.counts, answers.keys, groups + answers.groups
+        for member, member_pairs, indices in self._of_members(pairs):
+            if len(indices):
+                answers = member.answer(member_pairs, threshold, again)
+                counts[indices], keys[indices], groups = answers.counts, answers.keys, groups + answers.groups
         return Answers(counts, keys, groups)
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
-        for member, own, mine in self._of_members(pairs):
-            member.trace(own, keys[mine])
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+        for member, member_pairs, indices in self._of_members(pairs):
+            member.trace(member_pairs, keys[indices])
 
-    def marker(self) -> Callable | None:
-        markers = [mark for member in self.members if (mark := member.marker()) is not None]
+    def marker(self) -> Mark | None:
+        markers = [marker for member in self.members if (marker := member.marker()) is not None]
 
-        def mark(first: np.ndarray, marks: np.ndarray) -> None:
-            for each in markers:
-                each(first, marks)
+        def mark(first: NDArray[np.int64], marks: NDArray[np.uint8]) -> None:
+            for marker in markers:
+                marker(first, marks)
 
         return mark if markers else None

@@ -1,16 +1,17 @@
 """Cells and bundles of each kind of rays: shadow segments, passes of one ray per pixel, and camera rays.
 
-Segments. A cell's segments to a lamp or the sun are one ray set. The segments to each direction of the hemisphere are a
-set of their own [Mattausch et al. 2015, Sec. 5.3].
+Segments. A cell's segments to a lamp or the sun form one ray set; for ambient light, the segments of each hemisphere
+direction form a set of their own [Mattausch et al. 2015, Sec. 5.3].
 
-Passes. A ray's *length* is a power of two. This multiple of its direction takes the ray out of the scene.
+Passes. Each ray has a *length*, a power of two: the ray leaves the scene within this multiple of its direction.
 
-Camera rays. All rays are measured in one *length*. This multiple of a ray's direction takes every ray out of the scene.
+Camera rays. As for passes, but all rays share one length.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.exact.filters import BEYOND
 from ...kernels.jit import inlined, kernel, overload
@@ -67,24 +68,19 @@ from .occlusion_queries import (
     wider,
 )
 
-# --- Shadow segments: their cells and their bundles, for one light and some of its samples ----------------------------
-#
-# A cell's segments to a lamp or the sun are one ray set. The segments to each direction of the hemisphere are a set of
-# their own [Mattausch et al. 2015, Sec. 5.3].
-
+# --- Shadow segments to some samples of one light ---------------------------------------------------------------------
 
 # mypy: disable-error-code="call-arg, var-annotated"
 # (mypy counts the typing context among the arguments of intrinsics)
 
-
 _F = np.float32
 _BOXES = 96
-_MORE = np.float32(2.0**-20)  # of the largest coordinate: more than rounding a box of light samples loses
-_MOST_BUNDLES = 64  # of a cell: with more samples, its shaft alone decides
+_PADDING = np.float32(2.0**-20)  # relative to the largest coordinate; exceeds rounding errors of light samples
+_MOST_BUNDLES = 64  # per cell; with more samples, the cell's shaft alone decides
 
 
 class Ends(NamedTuple):
-    """The box in which the rays of all receivers end. It may move with the receiver."""
+    """The box that holds the ends of all receivers' rays, in space or relative to the receiver."""
 
     low: np.ndarray  # (3,) float32
     high: np.ndarray  # (3,) float32
@@ -92,17 +88,17 @@ class Ends(NamedTuple):
 
 
 class SegmentBundles(NamedTuple):
-    """The segments of a query to some samples. Bundle k of a cell has its receivers' segments to a sample."""
+    """The segments of a query to some samples. Bundle k of a cell has its receivers' segments to sample k."""
 
     query: ShadowQuery
-    bits: np.ndarray  # (h, w, words) uint64: the segments that are blocked
+    bits: np.ndarray  # (h, w, words) uint64: blocked segments
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     sets: int  # 1, or one for each sample
 
 
 def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
-    """The `Ends` of a query's segments to `count` of its samples, from the `first` on."""
+    """The `Ends` of a query's segments to `count` of its samples, starting at `first`."""
     light = query.light
     if light.kind == SPHERE:
         low, high = light.base - light.radius, light.base + light.radius
@@ -111,7 +107,7 @@ def ends_of(query: ShadowQuery, first: int, count: int) -> Ends:
     else:
         points = light.base + query.samples[:, first : first + count] @ np.stack([light.u, light.v, light.w])
         low, high = points.min((0, 1)), points.max((0, 1))
-    pad = _MORE * np.maximum(np.abs(low), np.abs(high)).max() + 1e-30
+    pad = _PADDING * np.maximum(np.abs(low), np.abs(high)).max() + 1e-30
     return Ends((low - pad).astype(_F), (high + pad).astype(_F), light.kind in (DIRECTIONAL, AMBIENT))
 
 
@@ -130,10 +126,10 @@ def _bound_receivers(query, picture, y0, x0):
 
 @kernel
 def _bound_ends(query, picture, y0, x0, samples, ends):
-    """Write, for each of 16 directions of the hemisphere, the box of the points that a cell's receivers look at.
+    """For each of 16 hemisphere directions, write the box of the ends of a cell's segments.
 
     samples : pointer to (16, 3, 16) float32
-    ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z, rounded by less than `_MORE`
+    ends : pointer to six rows of 16 float32: low x, y, z and high x, y, z, rounded by less than `_PADDING`
     """
     pointers, inf = query_pointers(query), splat16(_F(np.inf))
     lows, highs = (inf, inf, inf), (-inf, -inf, -inf)
@@ -186,14 +182,14 @@ def _bound_segments(ticket, query, picture, ends, pad, samples, spp, cells):
 
 def bound_cells(
     query: ShadowQuery, picture: PictureCells, first: int, count: int, sets: int, threads: int
-) -> np.ndarray:
-    """The cells of a query's segments to `count` samples from the `first` on.
+) -> NDArray[np.float32]:
+    """The cells of a query's segments to `count` samples, starting at `first`.
 
-    sets : 1, or one for each sample; then there are at most 16 samples, all of them directions of the hemisphere
+    sets : 1, or one for each sample: then at most 16 samples, all of them hemisphere directions
     """
     cells, ends, pad = new_cells(picture, sets), ends_of(query, first, count), 0.0
     if ends.moves:  # sums with receivers are rounded
-        pad = _MORE * (np.abs(query.origins).max(initial=0.0) + (query.light.radius if sets > 1 else 0.0))
+        pad = _PADDING * (np.abs(query.origins).max(initial=0.0) + (query.light.radius if sets > 1 else 0.0))
         ends = Ends(ends.low - _F(pad), ends.high + _F(pad), True)
     samples = np.zeros((16, 3, 16), _F)
     if sets > 1:
@@ -210,54 +206,54 @@ def _is_blocked(bits, at, words, sample):
 @overload(bundles_in)
 def _segment_bundles_in(source):
     if source.instance_class is SegmentBundles:
-        return lambda source: 1 if source.sets > 1 else (source.count if source.count <= _MOST_BUNDLES else 0)
+        return lambda source: 1 if source.sets > 1 else (source.n_samples if source.n_samples <= _MOST_BUNDLES else 0)
 
 
 @overload(load_bundle)
-def _load_segment_bundle(source, picture, y0, x0, s, k, blind, bundle):
+def _load_segment_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
     if source.instance_class is SegmentBundles:
-        return lambda source, picture, y0, x0, s, k, blind, bundle: _load_segments(
-            source, picture, y0, x0, source.first + (s if source.sets > 1 else k), blind, bundle
+        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: _load_segments(
+            source, picture, y0, x0, source.first + (s if source.sets > 1 else k), with_blocked, bundle
         )
 
 
 @kernel
-def _load_segments(source, picture, y0, x0, sample, blind, bundle):
-    """`load_bundle` of segments: the way from each receiver to a sample, rounded once, as tracers take it."""
+def _load_segments(source, picture, y0, x0, sample, with_blocked, bundle):
+    """`load_bundle` of segments: the vector from each receiver to a sample, rounded once, as in the tracers."""
     query, live = query_pointers(source.query), np.int64(0)
     for lane in range(16):
-        y, x, there = receiver_in(picture, y0, x0, lane)
+        y, x, active = receiver_in(picture, y0, x0, lane)
         i = y * query.w + x
-        there = there and source.query.sides[y, x] != NOTHING
-        there = there and (blind or not _is_blocked(ptr(source.bits), i, query.words, sample))
+        active = active and source.query.sides[y, x] != NOTHING
+        active = active and (with_blocked or not _is_blocked(ptr(source.bits), i, query.words, sample))
         o, end = (_F(0.0), _F(0.0), _F(0.0)), (_F(1.0), _F(1.0), _F(1.0))
-        if there:
+        if active:
             o = get(query.origins, 3 * i), get(query.origins, 3 * i + 1), get(query.origins, 3 * i + 2)
             end = sample_of(query, patch_of(query, i), i, sample)
         for axis in range(3):
             put(bundle.rays, 16 * axis + lane, o[axis])
             put(bundle.rays, 48 + 16 * axis + lane, end[axis] - o[axis])
-        put(bundle.limits, lane, _F(1.0) if there else _F(-1.0))
-        live |= np.int64(there) << lane
+        put(bundle.limits, lane, _F(1.0) if active else _F(-1.0))
+        live |= np.int64(active) << lane
     return live
 
 
 @kernel
-def _count_left(query, picture, y0, x0, bits, words, first, left):
-    """Write the number of a cell's unblocked receivers for each of 16 samples, side by side; 16 divides `first`."""
-    counts = splat16(_F(0.0))
+def _count_unblocked(query, picture, y0, x0, bits, words, first, counts):
+    """Write the number of a cell's unblocked receivers for each of 16 samples; `first` is a multiple of 16."""
+    sums = splat16(_F(0.0))
     for lane in range(16):
         y, x, inside = receiver_in(picture, y0, x0, lane)
         if inside and query.sides[y, x] != NOTHING:
             word = get(bits, (y * picture.w + x) * words + (first >> 6)) >> np.uint64(first & 63)
             blocked = mask_from_bits16(np.int64(word & np.uint64(0xFFFF)))
-            counts += select(blocked, splat16(_F(0.0)), splat16(_F(1.0)))
-    store(left, 0, counts)
+            sums += select(blocked, splat16(_F(0.0)), splat16(_F(1.0)))
+    store(counts, 0, sums)
 
 
 @inlined
-def _put_left(out, g, n):
-    """Note that n rays of cell g still look."""
+def _put_active_count(out, g, n):
+    """Write n as the number of active rays of cell g."""
     if get(out, FAR * 16 + g) >= _F(0.0):
         put(out, COUNT * 16 + g, n)
         if n == _F(0.0):
@@ -269,53 +265,53 @@ def _shorten_segments(ticket, spans, tiles, columns, segments, picture, cells):
     """Worker: update the numbers of unblocked rays of all cells of some tiles."""
     # In: spans, tiles, columns, segments, picture. Out: cells.
     query, bits, words, regions = segments.query, ptr(segments.bits), segments.bits.shape[2], cells.shape[1]
-    left = stack_f32(16)
+    unblocked = stack_f32(16)
     for t in items(ticket):
         span = spans[tiles[t]]
         for k in range(regions_in(span)):
             region = region_in(span, k, columns)
             for g in range(16):
                 (y, x), n = first_receiver(picture, region, g), _F(0.0)
-                for first in range(segments.first, segments.first + segments.count, 16):
-                    _count_left(query, picture, y, x, bits, words, first, left)
-                    for s in range(min(16, segments.first + segments.count - first)):
+                for first in range(segments.first, segments.first + segments.n_samples, 16):
+                    _count_unblocked(query, picture, y, x, bits, words, first, unblocked)
+                    for s in range(min(16, segments.first + segments.n_samples - first)):
                         if segments.sets > 1:
-                            _put_left(ptr_at(ptr(cells), (s * regions + region) * WORDS), g, get(left, s))
-                        n += get(left, s)
+                            _put_active_count(ptr_at(ptr(cells), (s * regions + region) * WORDS), g, get(unblocked, s))
+                        n += get(unblocked, s)
                 if segments.sets == 1:
-                    _put_left(ptr_at(ptr(cells), region * WORDS), g, n)
+                    _put_active_count(ptr_at(ptr(cells), region * WORDS), g, n)
 
 
-def shorten(cells, spans, tiles, segments: SegmentBundles, picture: PictureCells, threads: int) -> None:
-    """Update the cells of some tiles. A segment that is blocked looks no further."""
+def shorten(
+    cells: NDArray[np.float32],
+    spans: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    segments: SegmentBundles,
+    picture: PictureCells,
+    threads: int,
+) -> None:
+    """Update the cells of some tiles. Blocked segments are no longer active."""
     ticket = new_ticket(len(tiles), 1)
     run(_shorten_segments, threads, ticket, spans, tiles, picture.layout.columns, segments, picture, cells)
 
 
-# --- Passes of one ray a pixel: their cells and their bundles ---------------------------------------------------------
-#
-# A ray's *length* is a power of two. This multiple of its direction takes the ray out of the scene.
+# --- Passes of one ray per pixel --------------------------------------------------------------------------------------
 
-
-# mypy: disable-error-code="call-arg, var-annotated"
-# (mypy counts the typing context among the arguments of intrinsics)
-
-
-_SMALLEST = _F(2.0**-126)  # a length is not denormal
+_SMALLEST = _F(2.0**-126)  # lengths are not denormal
 _EXPONENT = 0x7F800000  # bits of a float32's exponent
-_ROWS = 8  # every so many rows of pixels are looked at
+_ROWS = 8  # rows of pixels per row that `is_spread` samples
 
 
 class PassRays(NamedTuple):
-    """One ray a pixel, and its nearest hit so far. If any hit will do, a ray with a hit looks no further."""
+    """One ray per pixel, and its nearest hit so far. An any-hit ray with a hit is no longer active."""
 
     origins: np.ndarray  # (h, w, 3) float32
-    directions: np.ndarray  # (h, w, 3) float32; zero: there is no ray; of segments, rounded differences of their ends
-    skip: np.ndarray  # (h, w) int32: triangles that do not count, -1 for none
+    directions: np.ndarray  # (h, w, 3) float32; zero: no ray; of segments: rounded differences of their ends
+    skip: np.ndarray  # (h, w) int32: triangles to skip, -1: none
     hits: Hits
-    reach: float  # no ray is longer inside the scene
+    reach: float  # upper bound of a ray's length inside the scene
     spans: np.ndarray  # (h * w, 2) float64: tmin and tmax, in lengths of the direction; or (1, 2) for all rays
-    each: int  # 1: each ray has its own span; 0: all have the same
+    each: int  # 1: each ray has its own span; 0: all share one
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool
     targets: np.ndarray  # (h, w, 3) float32, the ends of segments; (1, 1, 3) for rays
@@ -323,19 +319,19 @@ class PassRays(NamedTuple):
 
 
 EVERYWHERE = np.array([[0.0, np.inf]])
-"""The span of rays without ends."""
+"""The span of unbounded rays."""
 
 NO_TARGETS = np.zeros((1, 1, 3), np.float32)
 
 
 def pass_rays(rays: RayPass, h: int, w: int, reach: float) -> PassRays:
-    """`PassRays` of a pass over a picture."""
-    arrays = (a.reshape(h, w, *a.shape[1:]) for a in rays)
-    return PassRays(*arrays, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False, NO_TARGETS, False)
+    """`PassRays` of a pass over an (h, w) image."""
+    origins, directions, skip = (a.reshape(h, w, *a.shape[1:]) for a in rays)
+    return PassRays(origins, directions, skip, no_hits((h, w)), reach, EVERYWHERE, 0, 0, False, NO_TARGETS, False)
 
 
 def is_spread(rays: PassRays) -> bool:
-    """Whether cells should be spread: directions of every fourth pixel are more alike than those of neighbours."""
+    """Whether cells should be spread: directions of every fourth pixel are more similar than those of adjacent ones."""
     if min(rays.skip.shape) <= 4:
         return False
     d = rays.directions[::_ROWS].astype(np.float64)
@@ -345,7 +341,7 @@ def is_spread(rays: PassRays) -> bool:
 
 @inlined
 def _load_ray(rays, picture, y0, x0, lane, bundle):
-    """Load the ray of a lane, and how far it looks in lengths of its direction. Return whether it looks."""
+    """Load the ray of a lane, with its limit in lengths of its direction. Return whether it is active."""
     y, x, inside = receiver_in(picture, y0, x0, lane)
     y, x = (y, x) if inside else (y0, x0)
     d, far = rays.directions[y, x], _F(rays.hits.t[y, x])
@@ -358,7 +354,7 @@ def _load_ray(rays, picture, y0, x0, lane, bundle):
 
 @kernel
 def load_rays(rays, picture, y0, x0, bundle):
-    """Fill the bundle of a cell. Return bits of its rays that look."""
+    """Fill the bundle of a cell. Return bits of its active rays."""
     live = np.int64(0)
     for lane in range(16):
         live |= np.int64(_load_ray(rays, picture, y0, x0, lane, bundle)) << lane
@@ -366,8 +362,8 @@ def load_rays(rays, picture, y0, x0, bundle):
     size = largest(d)
     live &= bits(size > _F(0.0))
     lanes = mask_from_bits16(live)
-    whole = splat16(_F(rays.reach)) / select(lanes, size, splat16(_F(1.0))) * _F(4.0)
-    store(bundle.lengths, 0, maximum(whole, splat16(_SMALLEST)))
+    ratio = splat16(_F(rays.reach)) / select(lanes, size, splat16(_F(1.0))) * _F(4.0)
+    store(bundle.lengths, 0, maximum(ratio, splat16(_SMALLEST)))
     store(as_i32(bundle.lengths), 0, load16(as_i32(bundle.lengths), 0) & splat16(np.int32(_EXPONENT)))
     lengths = load16(bundle.lengths, 0)
     keep(bundle.rays, 48, 16, Vec3(d.x * lengths, d.y * lengths, d.z * lengths))
@@ -385,7 +381,7 @@ def span_of(rays, y, x):
 
 @inlined
 def limit_of(t, bundle, lane):
-    """How far a ray with a hit at t looks, as a share of its whole length."""
+    """The limit of a ray with a hit at t, as a fraction of its length."""
     return _F(min(t / np.float64(get(bundle.lengths, lane)) * BEYOND, 1.0))
 
 
@@ -396,14 +392,14 @@ def _pass_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_pass_bundle(source, picture, y0, x0, s, k, blind, bundle):
+def _load_pass_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
     if source.instance_class is PassRays:
-        return lambda source, picture, y0, x0, s, k, blind, bundle: load_rays(source, picture, y0, x0, bundle)
+        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: load_rays(source, picture, y0, x0, bundle)
 
 
 @inlined
 def _box(vectors, live):
-    """The corners of the box of the vectors in three rows, in the lanes of `live`."""
+    """The corners of the box around the vectors in three rows, in the lanes of `live`."""
     lanes, v, inf = mask_from_bits16(live), rows(vectors, 0, 16), splat16(_F(np.inf))
     low = Vec3(select(lanes, v.x, inf), select(lanes, v.y, inf), select(lanes, v.z, inf))
     high = Vec3(select(lanes, v.x, -inf), select(lanes, v.y, -inf), select(lanes, v.z, -inf))
@@ -429,23 +425,20 @@ def _bound_pass(ticket, picture, rays, cells):
                 put_cell(out, g, low, high, d_low, d_high, _F(1.0), _F(popcount(live)))
 
 
-def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> np.ndarray:
+def bound_rays(picture: PictureCells, rays: PassRays, threads: int) -> NDArray[np.float32]:
     """The cells of a pass, (1, regions, ROWS, 16)."""
     cells = new_cells(picture, 1)
     run(_bound_pass, threads, new_ticket(cells.shape[1], 1), picture, rays, cells)
     return cells
 
 
-# --- The camera's rays: their cells of 4 x 4 pixels and their bundles. Multi-frusta trace them (`trace.primary`) ------
-#
-# All rays are measured in one *length*. This multiple of a ray's direction takes every ray out of the scene.
+# --- Camera rays: cells of 4 x 4 pixels; the tracer is `trace.primary` ------------------------------------------------
 
-
-_REGION = 4 * CELL  # pixels of a region, both ways
+_REGION = 4 * CELL  # side of a region in pixels
 
 
 class CameraBundles(NamedTuple):
-    """The rays of a camera, and how far they look."""
+    """The rays of a camera, and their limits."""
 
     rays: CameraRays
     t: np.ndarray  # (h, w) float64: the nearest hits so far
@@ -459,9 +452,11 @@ def _camera_bundles_in(source):
 
 
 @overload(load_bundle)
-def _load_camera_bundle(source, picture, y0, x0, s, k, blind, bundle):
+def _load_camera_bundle(source, picture, y0, x0, s, k, with_blocked, bundle):
     if source.instance_class is CameraBundles:
-        return lambda source, picture, y0, x0, s, k, blind, bundle: _load_camera_rays(source, picture, y0, x0, bundle)
+        return lambda source, picture, y0, x0, s, k, with_blocked, bundle: _load_camera_rays(
+            source, picture, y0, x0, bundle
+        )
 
 
 @kernel
@@ -483,16 +478,16 @@ def _load_camera_rays(source, picture, y0, x0, bundle):
 
 
 def length_of(reach: float) -> float:
-    """The least power of two that makes every direction at least 2 * `reach` long along the view axis.
+    """The length of camera rays: the least power of two that is at least 2 * `reach`.
 
-    A direction's part along the view axis is 1.
+    The component of directions along the view axis is 1.
     """
     return float(2.0 ** np.ceil(np.log2(2.0 * reach)))
 
 
 @inlined
 def _ends(rays, error, length, x, y, k):
-    """Bounds of coordinate k of the whole rays of the cell at pixel (x, y)."""
+    """Bounds of coordinate k of the vectors from origin to end of the rays of the cell at pixel (x, y)."""
     half = 1.5 * abs(rays.dx[k]) + 1.5 * abs(rays.dy[k]) + 2.0 * error[k]
     middle = rays.corner[k] + (x + 2.0) * rays.dx[k] + (y + 2.0) * rays.dy[k]
     return (middle - half) * length, (middle + half) * length
@@ -516,8 +511,10 @@ def _bound_camera(ticket, picture, rays, error, length, cells):
             put_cell(out, g, eye, eye, (lx, ly, lz), (hx, hy, hz), _F(1.0), _F(n))
 
 
-def bound_camera(picture: PictureCells, rays: CameraRays, rows: slice, length: float, threads: int) -> np.ndarray:
-    """The cells of a camera's rays through some rows of pixels, (1, regions, ROWS, 16). Other cells have no rays."""
+def bound_camera(
+    picture: PictureCells, rays: CameraRays, rows: slice, length: float, threads: int
+) -> NDArray[np.float32]:
+    """The cells of camera rays through some rows of pixels, (1, regions, ROWS, 16); other cells have no rays."""
     cells, columns = new_cells(picture, 1), picture.layout.columns
     run(_bound_camera, threads, new_ticket(cells.shape[1], 1), picture, rays, direction_error(rays), length, cells)
     first, end = rows.start // _REGION * columns, -(-rows.stop // _REGION) * columns
@@ -527,7 +524,7 @@ def bound_camera(picture: PictureCells, rays: CameraRays, rows: slice, length: f
 
 @kernel
 def _shorten_camera(ticket, spans, tiles, columns, picture, t, length, cells):
-    """Worker: update how far the cells of some tiles look, after some of their rays have been traced."""
+    """Worker: update the limits of the cells of some tiles after tracing."""
     for i in items(ticket):
         span = spans[tiles[i]]
         for j in range(regions_in(span)):
@@ -542,7 +539,15 @@ def _shorten_camera(ticket, spans, tiles, columns, picture, t, length, cells):
                 put(out, FAR * 16 + g, min(far / length * BEYOND, 1.0))
 
 
-def shorten_camera(cells, spans, tiles, picture: PictureCells, hits: Hits, length: float, threads: int) -> None:
-    """Update the cells of some tiles. No cell looks beyond the farthest of its rays' nearest hits."""
+def shorten_camera(
+    cells: NDArray[np.float32],
+    spans: NDArray[np.int32],
+    tiles: NDArray[np.int32],
+    picture: PictureCells,
+    hits: Hits,
+    length: float,
+    threads: int,
+) -> None:
+    """Update the cells of some tiles: the limit of a cell is the farthest of its rays' nearest hits."""
     ticket, columns = new_ticket(len(tiles), 1), picture.layout.columns
     run(_shorten_camera, threads, ticket, spans, tiles, columns, picture, hits.t, length, cells)

@@ -1,15 +1,15 @@
-"""The scene hierarchy cut for CHC+RT: a small top tree, and *parts*, subtrees that are traced whole.
+"""The scene hierarchy cut into a small top tree and *parts*: subtrees at which the traversal of query pairs ends.
 
-For each smallest tile and ray set, a list names the parts that its rays traverse, in order.
-
-The traversal of query pairs ends at parts. `ChcRtOptions` limits their triangles and levels [Mattausch et al. 2015,
-Sec. 5.2]. In core, parts are subtrees of one `BlockTree`. Out of core, they are the chunks of a store.
+`ChcRtOptions` limits the triangles and levels of a part [Mattausch et al. 2015, Sec. 5.2]. In core, parts are subtrees
+of one `BlockTree`; out of core, they are the chunks of a store. For each smallest tile and ray set, a list has the
+parts that its rays traverse, in order.
 """
 
 from collections.abc import Callable, Generator
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import CHILDREN, EMPTY, LINK, MAX_DEPTH, block_leaf, boxes_of, bvh_leaf, parents_first
@@ -19,33 +19,32 @@ from ...trace.tree_list import addresses, head
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Pairs
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The hierarchy over the triangles, cut for CHC+RT: a small top tree, and *parts*, subtrees that are traced whole.
-#
-# The traversal of query pairs ends at parts. `Options` limits their triangles and levels [Mattausch et al. 2015, Sec.
-# 5.2]. In core, parts are subtrees of one `BlockTree`. Out of core, they are the chunks of a store.
-
+# --- The top tree and the parts ---------------------------------------------------------------------------------------
 
 _WAITING = MAX_DEPTH + 2
 
 Owner: TypeAlias = object
-"""A `BlockTree`, or a store: whatever owns the memory behind addresses. It only has to live as long as they do."""
+"""A `BlockTree` or a store: the owner of the memory behind addresses, which must outlive them."""
+
+
+Mark: TypeAlias = Callable[[NDArray[np.int64], NDArray[np.uint8]], None]
+"""Marks hits: see `store.chunk_residency.Mark`."""
 
 
 class PartMemory(Protocol):
-    """The memory of the parts' trees, if it does not hold all of them at once."""
+    """Memory for the trees of some parts at a time."""
 
     def begin_question(self) -> None:
-        """Forget what was kept for the question before."""
+        """Start a tracing call: discard what was kept for the previous one."""
         ...
 
     def groups(
-        self, parts: np.ndarray, still: Callable[[np.ndarray], np.ndarray], mark: Callable | None
-    ) -> Generator[np.ndarray, None, None]:
-        """Yield these parts in groups, parts in memory first. A group's trees stay until the next group is requested.
+        self, parts: NDArray[np.int32], still: Callable[[NDArray[np.int64]], NDArray[np.bool_]], mark: Mark | None
+    ) -> Generator[NDArray[np.int64], None, None]:
+        """Yield these parts in groups, parts in memory first. A group stays in memory until the next one is requested.
 
-        still : tells which of some parts are still wanted. It is called before they are read; other parts are left out.
-        mark : marks the hits so far: see `store.chunk_residency.Mark`; None: their triangles are not wanted
+        still : called before parts are read; returns which of them are still needed, and the others are skipped
+        mark : marks the hits so far: see `store.chunk_residency.Mark`; None: their triangles are not needed
         """
         ...
 
@@ -53,29 +52,32 @@ class PartMemory(Protocol):
 class TreeParts(NamedTuple):
     """The top tree as r rows: first its m inner nodes, the root first, then the k parts. Row m + i is part i."""
 
-    lines: np.ndarray  # (r, 16) float32: a node's line; for a part the line of its root, so queries test its children
-    children: np.ndarray  # (r, 2) int32: rows, -1 where there is none, and for parts
-    share: np.ndarray  # (r,) float64: surface area, as a share of the root's
+    lines: (
+        np.ndarray
+    )  # (r, 16) float32: nodes; of a part, its root node, so that queries test the boxes of its children
+    children: np.ndarray  # (r, 2) int32: rows; -1: no child, or the row is a part
+    share: np.ndarray  # (r,) float64: surface area relative to the root's
     inner: int  # m
-    order: np.ndarray  # (k,) int32: the place of each part in a walk that goes to the left child first
+    order: np.ndarray  # (k,) int32: the rank of each part in a depth-first, left-first traversal
     trees: np.ndarray  # (k, ADDRESSES) int64, see `trace.tree_list`; out of core, valid only for parts in memory
     heads: np.ndarray  # (k, 16) float32, see `trace.tree_list`
-    extents: np.ndarray  # (3,) float32 of the scene
+    extents: np.ndarray  # (3,) float32: extents of the scene
     memory: PartMemory | None  # None: everything is in memory
     keeps: Owner  # of the memory behind the addresses
 
     @property
-    def boxes(self) -> np.ndarray:
+    def boxes(self) -> NDArray[np.float32]:
         """(r, 2, 3) float32: lower and upper corner of each row."""
         return boxes_of(self.lines)
 
 
-def shares(lines: np.ndarray) -> np.ndarray:
-    """(r,) float64: the surface area of each row's box, as a share of the first one's."""
+def shares(lines: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(r,) float64: the surface area of each row's box, relative to the first row's."""
     boxes = boxes_of(lines).astype(np.float64)
     x, y, z = np.maximum(boxes[:, 1] - boxes[:, 0], 0.0).T
-    area = x * y + y * z + z * x
-    return area / max(area[0], 1e-300)
+    area: NDArray[np.float64] = x * y + y * z + z * x
+    share: NDArray[np.float64] = area / max(area[0], 1e-300)
+    return share
 
 
 @kernel
@@ -96,9 +98,9 @@ def _measure(links, order, triangles, heights):
 
 @kernel
 def _cut(links, triangles, heights, most, highest, top, roots):
-    """Write the nodes of the top tree (parents first), and links to the parts' roots. Return their numbers.
+    """Write the nodes of the top tree (parents first), and links to the roots of the parts. Return their numbers.
 
-    most, highest : limits of a part's triangles and levels
+    most, highest : maximum number of triangles and levels of a part
     """
     waiting = stack_array(np.int64, _WAITING)
     waiting[0] = 0
@@ -119,8 +121,8 @@ def _cut(links, triangles, heights, most, highest, top, roots):
     return m, k
 
 
-def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int]]) -> np.ndarray:
-    """The lines of links. A node has its own line; a block's line has its box as both children."""
+def _lines(tree: BlockTree, links: NDArray[np.int64], parents: dict[int, tuple[int, int]]) -> NDArray[np.float32]:
+    """The lines of links. A block's line has its box as the box of both children."""
     lines = np.empty((len(links), 16), np.float32)
     inner = links >= 0
     lines[inner] = tree.nodes[links[inner]]
@@ -131,8 +133,8 @@ def _lines(tree: BlockTree, links: np.ndarray, parents: dict[int, tuple[int, int
     return lines
 
 
-def _order(children: np.ndarray, m: int) -> np.ndarray:
-    """See `Parts.order`."""
+def _order(children: NDArray[np.int32], m: int) -> NDArray[np.int32]:
+    """See `TreeParts.order`."""
     order, waiting, n = np.empty(len(children) - m, np.int32), [0], 0
     while waiting:
         row = waiting.pop()
@@ -168,17 +170,19 @@ def parts_of(tree: BlockTree, options: ChcRtOptions) -> TreeParts:
     )  # fmt: skip
 
 
-def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memory: PartMemory, keeps) -> TreeParts:
-    """`Parts` of the chunks of a store.
+def parts_of_chunks(
+    top: NDArray[np.float32], roots: NDArray[np.float32], trees: NDArray[np.int64], memory: PartMemory, keeps: Owner
+) -> TreeParts:
+    """`TreeParts` of the chunks of a store.
 
-    top : (m, 16) float32: nodes over the chunks as in `Bvh`, but a link < 0 is ``bvh_link(chunk, 1)``, or EMPTY
+    top : (m, 16) float32: nodes over the chunks as in `Bvh`; a link < 0 is ``bvh_link(chunk, 1)``, or EMPTY
     roots : (k, 16) float32: the chunks' root nodes
     trees : (k, ADDRESSES) int64, which `memory` writes to
     """
     links, m = top.view(np.int32)[:, CHILDREN], len(top)
     children = np.where(links >= 0, links, np.where(links == EMPTY, -1, m + bvh_leaf(links).first)).astype(np.int32)
     lines = np.concatenate([top, roots])
-    for side, other in ((0, 1), (1, 0)):  # replace the infinite box of a missing child by its sibling's box
+    for side, other in ((0, 1), (1, 0)):  # replace the infinite box of a missing child by its sibling's
         gone = ~np.isfinite(lines[:, side])
         lines[gone, side:12:2] = lines[gone, other:12:2]
     children = np.concatenate([children, np.full((len(roots), 2), -1, np.int32)])
@@ -190,28 +194,32 @@ def parts_of_chunks(top: np.ndarray, roots: np.ndarray, trees: np.ndarray, memor
     return TreeParts(lines, children, shares(lines), m, order, trees, heads, boxes[0, 1] - boxes[0, 0], memory, keeps)
 
 
-# --- Lists: for each smallest tile and ray set, the parts that its rays go through, in order --------------------------
+# --- Lists of the parts that the rays of a smallest tile and ray set traverse -----------------------------------------
 
 
 class Lists(NamedTuple):
     """The lists of all smallest tiles."""
 
-    starts: np.ndarray  # (tiles * sets + 1,) int32: list number tile * sets + set
+    starts: np.ndarray  # (tiles * sets + 1,) int32: the first item of list tile * sets + set, and the end
     items: np.ndarray  # (n,) int32: parts
     tiles: np.ndarray  # (k,) int32: the tiles whose lists are not empty
 
 
-def in_lists(pairs: Pairs, keys: np.ndarray, sets: int) -> tuple[np.ndarray, np.ndarray]:
-    """(the list of each final pair, the order of the pairs by list, and by key within a list)."""
+def in_lists(
+    pairs: Pairs, keys: NDArray[np.float32] | NDArray[np.int32], sets: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(the list of each final pair, the pairs sorted by list, then by key)."""
     number = pairs.tile.astype(np.int64) * sets + pairs.set
     return number, np.lexsort((keys, number))
 
 
-def lists_of(pairs: Pairs, keys: np.ndarray, parts: TreeParts, smallest: int, sets: int, front_to_back: bool) -> Lists:
-    """The lists of final pairs: front to back by `keys`, or in the tree's order of parts.
+def lists_of(
+    pairs: Pairs, keys: NDArray[np.float32], parts: TreeParts, smallest: int, sets: int, front_to_back: bool
+) -> Lists:
+    """The lists of final pairs: front to back by `keys`, or in tree order.
 
-    Any-hit rays are fastest in the tree's order. A tile may begin inside the boxes of many parts, which are then all
-    equally near. There, front to back took 1.6 times as long in foliage (San Miguel).
+    Any-hit rays are fastest in tree order. A tile may start inside the boxes of many parts, which then all have the
+    same key; with front to back, foliage (San Miguel) took 1.6 times as long.
 
     smallest : number of smallest tiles
     """

@@ -1,12 +1,12 @@
-"""The query-pair hierarchy and its visible and invisible fronts, and one frame of CHC+RT (Algorithm 1).
+"""The query-pair hierarchy with its visible and invisible fronts, and one frame of CHC+RT (Algorithm 1).
 
-[Mattausch et al. 2015, Sec. 5.1]. A query pair is a screen tile and a node.
+Fronts [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1]. A query pair is a screen tile and a node. The leaves of the
+hierarchy are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped. Inner pairs
+record the splits, so that invisibility can be pulled up.
 
-Fronts. Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped.
-Inner pairs record the splits, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
-
-Each ray set has its own hierarchy. All rays to a light form one set. Each direction of ambient occlusion or of diffuse
-rays forms a set (Sec. 5.3). All hierarchies share the same arrays, because their queries are asked together.
+Each ray set has its own hierarchy: all rays to a light form one set, and so do the rays of each direction of ambient
+occlusion or diffuse rays (Sec. 5.3). All hierarchies share the same arrays, because their queries are answered
+together.
 """
 
 from collections.abc import Callable
@@ -15,36 +15,31 @@ from time import perf_counter
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..tracer_options import ChcRtOptions
 from .occlusion_queries import Answers, Pairs, Tiles
-from .tree_parts import TreeParts, in_lists
+from .tree_parts import Mark, TreeParts, in_lists
 
-# --- The query-pair hierarchy: pairs of a screen tile and a node, and which pairs were visible ------------------------
-#
-# Its leaves are the *visible front*, pairs that are traced, and the *invisible front*, pairs that are skipped. Inner
-# pairs record the splits, so that invisible pairs can be pulled up [Mattausch et al. 2015, Sec. 4.3, 4.5, 5.1].
-#
-# Each ray set has its own hierarchy. All rays to a light form one set. Each direction of ambient occlusion or of
-# diffuse rays forms a set (Sec. 5.3). All hierarchies share the same arrays, because their queries are asked together.
+# --- The query-pair hierarchy -----------------------------------------------------------------------------------------
 
 
 INNER, INVISIBLE, VISIBLE = range(3)
 
 
 class Fronts:
-    """The pairs of all sets, n of them, as arrays.
+    """The n pairs of all sets, as arrays.
 
     tile, set, row : (n,) int32
-        A tile of `Tiles`, a ray set, a row of `Parts`.
+        A tile of `Tiles`, a ray set, a row of `TreeParts`.
     parent : (n,) int32
-        The pair that was split; -1 for the first of each set.
+        The pair that was split; -1: the root pair of a set.
     state : (n,) int8
         INNER, INVISIBLE or VISIBLE.
     due : (n,) int64
         The frame in which a visible pair is queried again.
     key : (n,) float32
-        The parameter at which rays last entered its box.
+        The parameter at which rays enter its box, by the last query.
     """
 
     def __init__(self, tiles: Tiles, parts: TreeParts, sets: int, options: ChcRtOptions):
@@ -54,7 +49,7 @@ class Fronts:
         self._restart()
 
     def _restart(self) -> None:
-        """Forget all pairs but the first of each set: the whole screen and the whole scene."""
+        """Keep only the root pair of each set: the whole screen and the whole scene."""
         sets = self.sets
         self.tile = np.full(sets, len(self.tiles.spans) - 1, np.int32)
         self.set = np.arange(sets, dtype=np.int32)
@@ -68,24 +63,25 @@ class Fronts:
         return len(self.tile)
 
     def begin_frame(self) -> None:
-        """Keep the pairs of the frame before, if the options say so (Sec. 4.5)."""
+        """Discard the pairs of the previous frame unless `ChcRtOptions.keep` is set (Sec. 4.5)."""
         if not self.options.keep:
             self._restart()
 
-    def pairs(self, chosen: np.ndarray) -> Pairs:
-        """Some of the pairs, by their indices."""
+    def pairs(self, chosen: NDArray[np.int64]) -> Pairs:
+        """The pairs with these indices."""
         return Pairs(self.tile[chosen], self.set[chosen], self.row[chosen])
 
-    def of(self, state: int) -> np.ndarray:
+    def of(self, state: int) -> NDArray[np.int64]:
         """(k,) int64: the pairs in a state."""
         return np.flatnonzero(self.state == state)
 
-    def is_final(self, pairs: np.ndarray) -> np.ndarray:
-        """(k,) bool: which pairs are final. A final pair is never split: a smallest tile and a part."""
-        return (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+    def is_final(self, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(k,) bool: whether pairs are final, a smallest tile and a part. Final pairs are never split."""
+        final: NDArray[np.bool_] = (self.tile[pairs] < self.tiles.smallest) & (self.row[pairs] >= self.parts.inner)
+        return final
 
-    def split(self, pairs: np.ndarray) -> np.ndarray:
-        """Split pairs that are not final. Return their children, which are queried next.
+    def split(self, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Split pairs that are not final. Return their children.
 
         A pair is split in object space if the node's share of the scene is larger than t_q times the tile's share of
         the screen. Otherwise it is split in screen space (Sec. 4.4).
@@ -97,11 +93,11 @@ class Fronts:
         nodes = np.pad(self.parts.children[row], ((0, 0), (0, 2)), constant_values=-1)
         tile2 = np.where(in_object[:, None], tile[:, None], self.tiles.children[tile])
         row2 = np.where(in_object[:, None], nodes, row[:, None])
-        there = (tile2 >= 0) & (row2 >= 0)
+        exists = (tile2 >= 0) & (row2 >= 0)
         self.state[pairs] = INNER
-        return self._add(tile2[there], row2[there], np.repeat(pairs, there.sum(1)))
+        return self._add(tile2[exists], row2[exists], np.repeat(pairs, exists.sum(1)))
 
-    def _add(self, tile, row, parent) -> np.ndarray:
+    def _add(self, tile: NDArray[np.int32], row: NDArray[np.int32], parent: NDArray[np.int64]) -> NDArray[np.int64]:
         first, n = len(self), len(tile)
         self.tile, self.row = np.append(self.tile, tile), np.append(self.row, row)
         self.set = np.append(self.set, self.set[parent])
@@ -111,13 +107,13 @@ class Fronts:
         self.key = np.append(self.key, np.ones(n, np.float32))
         return np.arange(first, first + n)
 
-    def show(self, pairs: np.ndarray) -> None:
-        """Make pairs visible. Their first queries are spread at random over the next frames (Sec. 5.1)."""
+    def show(self, pairs: NDArray[np.int64]) -> None:
+        """Make pairs visible, and distribute their first queries at random over the next frames (Sec. 5.1)."""
         self.state[pairs] = VISIBLE
         self.due[pairs] = self.frame + self._random.integers(1, self.options.every + 1, len(pairs))
 
     def end_frame(self) -> None:
-        """Pull invisibility up by at most one level (Sec. 5.1). Forget the children of pairs that became invisible."""
+        """Pull invisibility up by at most one level (Sec. 5.1), and remove the children of pulled-up pairs."""
         self.frame += 1
         if self.options.pull_up:
             self._pull_up()
@@ -131,36 +127,35 @@ class Fronts:
         if not pulled.any():
             return
         self.state[pulled] = INVISIBLE
-        kept = ~(has_parent & pulled[self.parent])
-        new = np.cumsum(kept, dtype=np.int32) - 1
-        self.parent = np.where(has_parent, new[self.parent], -1)[kept].astype(np.int32)
-        self.tile, self.set, self.row = self.tile[kept], self.set[kept], self.row[kept]
-        self.state, self.due, self.key = self.state[kept], self.due[kept], self.key[kept]
+        remaining = ~(has_parent & pulled[self.parent])
+        new = np.cumsum(remaining, dtype=np.int32) - 1
+        self.parent = np.where(has_parent, new[self.parent], -1)[remaining].astype(np.int32)
+        self.tile, self.set, self.row = self.tile[remaining], self.set[remaining], self.row[remaining]
+        self.state, self.due, self.key = self.state[remaining], self.due[remaining], self.key[remaining]
 
 
 # --- One frame of CHC+RT: the three phases of Algorithm 1 [Mattausch et al. 2015, Sec. 5.1] ---------------------------
 
-
-_FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches double up to `Options.batch`
+_FIRST_BATCH = 4  # newly visible parts of a tile in the first batch; batches double up to `ChcRtOptions.batch`
 
 
 class FrameRaySet(Protocol):
-    """The rays of a picture, as the schedule sees them: one ray set, or several."""
+    """One or several ray sets of an image, as input of `trace_frame`."""
 
-    def ask(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
+    def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
         """Answer occlusion queries for pairs; `again`: the pairs have just been traced.
 
-        A part that blocks a ray must stay visible for the next frame. So queries of traced pairs count blocked rays,
-        too.
+        Queries of traced pairs also count blocked rays, because a part that blocks a ray must stay visible in the next
+        frame.
         """
         ...
 
-    def trace(self, pairs: Pairs, keys: np.ndarray) -> None:
-        """Trace the rays of final pairs, and update what the queries know of them; `keys`: see `Answers`."""
+    def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
+        """Trace the rays of final pairs, and update the limits that queries use; `keys`: see `Answers`."""
         ...
 
-    def marker(self) -> Callable | None:
-        """The function that marks hits, a `store.chunk_residency.Mark`; None if their triangles are not wanted."""
+    def marker(self) -> Mark | None:
+        """The function that marks hits, a `store.chunk_residency.Mark`; None: their triangles are not needed."""
         ...
 
 
@@ -168,10 +163,10 @@ Progress = Callable[[int, int], None]
 
 
 class Statistics:
-    """The times and counts of a frame, by the phases of Fig. 8.
+    """Times and counts of a tracing call, by the phases of Fig. 8.
 
     progress : function of (done, total) or None
-        It receives the number of parts traced, and the number of parts requested from the part memory.
+        Called with the number of parts traced, and the number of parts requested from the part memory.
     """
 
     def __init__(self, progress: Progress | None = None):
@@ -185,8 +180,8 @@ class Statistics:
         self.seconds[phase] += now - self._last
         self._last = now
 
-    def as_dict(self, fronts: Fronts) -> dict:
-        """The statistics as a dict, for people and benchmarks."""
+    def as_dict(self, fronts: Fronts) -> dict[str, float]:
+        """The statistics as a dict, for reports and benchmarks."""
         visible = int(np.count_nonzero(fronts.state == VISIBLE))
         hidden = int(np.count_nonzero(fronts.state == INVISIBLE))
         return {
@@ -196,38 +191,38 @@ class Statistics:
 
 
 def trace_frame(fronts: Fronts, rays: FrameRaySet, progress: Progress | None = None) -> Statistics:
-    """Trace the rays of a frame, and store the visible pairs in `fronts` for the next frame."""
+    """Trace the rays of a call, and update `fronts` for the next frame."""
     fronts.begin_frame()
     statistics = Statistics(progress)
-    shown, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
-    _trace(fronts, rays, shown, statistics)
+    visible, hidden = fronts.of(VISIBLE), fronts.of(INVISIBLE)
+    _trace(fronts, rays, visible, statistics)
     statistics.lap("phase 1")
-    due = shown[fronts.due[shown] <= fronts.frame]
-    seen, still = _ask(fronts, rays, hidden, statistics), _ask(fronts, rays, due, statistics, True)
+    due = visible[fronts.due[visible] <= fronts.frame]
+    is_visible, is_still_visible = _query(fronts, rays, hidden, statistics), _query(fronts, rays, due, statistics, True)
     fronts.due[due] += fronts.options.every
-    fronts.state[due[~still]] = INVISIBLE
+    fronts.state[due[~is_still_visible]] = INVISIBLE
     statistics.lap("phase 2")
-    _traverse(fronts, rays, hidden[seen], statistics)
+    _traverse(fronts, rays, hidden[is_visible], statistics)
     fronts.end_frame()
     statistics.lap("phase 3")
     return statistics
 
 
-def _ask(
-    fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics, again: bool = False
-) -> np.ndarray:
-    """Query pairs. Return (k,) bool: which pairs have more rays than the threshold."""
-    answers = rays.ask(fronts.pairs(pairs), fronts.options.threshold, again)
+def _query(
+    fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics, again: bool = False
+) -> NDArray[np.bool_]:
+    """Query pairs. Return (k,) bool: whether each has more rays than the threshold."""
+    answers = rays.answer(fronts.pairs(pairs), fronts.options.threshold, again)
     fronts.key[pairs] = answers.keys
     statistics.queries += len(pairs)
     statistics.multi_queries += answers.groups
     return answers.counts > fronts.options.threshold
 
 
-def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Statistics) -> np.ndarray:
+def _trace(fronts: Fronts, rays: FrameRaySet, pairs: NDArray[np.int64], statistics: Statistics) -> NDArray[np.int64]:
     """Trace the rays of final pairs, parts in memory first (Sec. 5.4). Return the pairs that were traced.
 
-    The other parts follow nearest first, each once for all its pairs. A pair is left out if all its rays find a hit
+    The other parts follow front to back, each once for all its pairs. A pair is skipped if all its rays have hits
     before its part is read.
     """
     memory = fronts.parts.memory
@@ -237,44 +232,44 @@ def _trace(fronts: Fronts, rays: FrameRaySet, pairs: np.ndarray, statistics: Sta
         return pairs
     parts = fronts.row[pairs] - fronts.parts.inner
 
-    def still(asked: np.ndarray) -> np.ndarray:
-        """Which parts do unblocked rays still meet? Called before the parts are read."""
-        those = pairs[np.isin(parts, asked)]
+    def still(candidates: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether active rays still enter each of these parts. Called before the parts are read."""
+        queried = pairs[np.isin(parts, candidates)]
         threshold = fronts.options.threshold
-        met = those[rays.ask(fronts.pairs(those), threshold, False).counts > threshold]
-        return np.isin(asked, fronts.row[met] - fronts.parts.inner)
+        entered = queried[rays.answer(fronts.pairs(queried), threshold, False).counts > threshold]
+        return np.isin(candidates, fronts.row[entered] - fronts.parts.inner)
 
-    wanted, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
-    with closing(memory.groups(wanted, still, rays.marker())) as groups:
+    ordered, done, traced = _nearest_first(parts, fronts.key[pairs]), 0, [pairs[:0]]
+    with closing(memory.groups(ordered, still, rays.marker())) as groups:
         for group in groups:
             traced.append(pairs[np.isin(parts, group)])
             statistics.traced += len(traced[-1])
             rays.trace(fronts.pairs(traced[-1]), fronts.key[traced[-1]])
             done += len(group)
             if statistics.progress is not None:
-                statistics.progress(done, len(wanted))
+                statistics.progress(done, len(ordered))
     return np.concatenate(traced)
 
 
-def _nearest_first(parts: np.ndarray, keys: np.ndarray) -> np.ndarray:
-    """The parts without repetition, in the order of their least keys."""
+def _nearest_first(parts: NDArray[np.int32], keys: NDArray[np.float32]) -> NDArray[np.int32]:
+    """The distinct parts, sorted by their smallest keys."""
     order = np.argsort(keys, kind="stable")
     _, first = np.unique(parts[order], return_index=True)
     return parts[order][np.sort(first)]
 
 
-def _traverse(fronts: Fronts, rays: FrameRaySet, seen: np.ndarray, statistics: Statistics) -> None:
+def _traverse(fronts: Fronts, rays: FrameRaySet, visible: NDArray[np.int64], statistics: Statistics) -> None:
     """Phase 3: split newly visible pairs down to final pairs, and trace the final pairs.
 
-    In core this goes batch by batch. A batch has the nearest parts of each tile. The parts behind them are queried
-    again before they are traced. Out of core, the part memory does both.
+    In core, each batch has the nearest parts of each tile, and the parts behind them are queried again before they are
+    traced. Out of core, the part memory does both.
     """
-    waiting = [seen[:0]]
-    while len(seen):
-        final = fronts.is_final(seen)
-        waiting.append(seen[final])
-        children = fronts.split(seen[~final])
-        seen = children[_ask(fronts, rays, children, statistics)]
+    waiting = [visible[:0]]
+    while len(visible):
+        final = fronts.is_final(visible)
+        waiting.append(visible[final])
+        children = fronts.split(visible[~final])
+        visible = children[_query(fronts, rays, children, statistics)]
     pairs, batch = np.concatenate(waiting), min(_FIRST_BATCH, fronts.options.batch)
     if fronts.parts.memory is not None:
         fronts.show(_trace(fronts, rays, pairs, statistics))
@@ -284,11 +279,11 @@ def _traverse(fronts: Fronts, rays: FrameRaySet, seen: np.ndarray, statistics: S
         now, pairs = pairs[nearest], pairs[~nearest]
         fronts.show(now)
         _trace(fronts, rays, now, statistics)
-        pairs, batch = pairs[_ask(fronts, rays, pairs, statistics)], min(2 * batch, fronts.options.batch)
+        pairs, batch = pairs[_query(fronts, rays, pairs, statistics)], min(2 * batch, fronts.options.batch)
 
 
-def _rank(fronts: Fronts, pairs: np.ndarray) -> np.ndarray:
-    """(k,) int: the number of nearer pairs of the same tile and set."""
+def _rank(fronts: Fronts, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(k,) int64: the number of nearer pairs of the same tile and set."""
     number, order = in_lists(fronts.pairs(pairs), fronts.key[pairs], fronts.sets)
     ordered = number[order]
     starts = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]])) if len(order) else order

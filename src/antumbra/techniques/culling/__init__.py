@@ -1,5 +1,5 @@
 """Pre-BVH culling: drop the triangles that no shadow ray can meet [Selgrad et al. 2015].
 
-- `pre_bvh_culling`: `cull`, relevant triangles, solid triangles
-- `culling_grid`: the grid, boxes of receivers and lights, cells between them
+- `pre_bvh_culling`: `cull`, and the input of builders and of tracers without a BVH
+- `culling_grid`: the grid, boxes of receivers and lights, and the cells between them
 """

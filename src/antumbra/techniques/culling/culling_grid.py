@@ -1,23 +1,20 @@
-"""The grid of pre-BVH culling: mark the cells that shadow rays can meet [Selgrad et al. 2015, Sec. 3.1 and 3.2].
+"""The grid of pre-BVH culling, and the marking of the cells that shadow rays can meet [Selgrad et al. 2015, Sec. 3].
 
-Sources are boxes around the receivers of each cell; targets are boxes around light samples. The cells of the convex
-hull of each pair are marked one layer at a time.
+Sources are boxes around the receivers of each cell, and targets are boxes around light samples: the source and
+destination cells of Sec. 3.1.
 
-Sources. They are the source cells of [Selgrad et al. 2015, Sec. 3.1].
-
-Targets. They are the destination cells of [Selgrad et al. 2015, Sec. 3.1].
-
-Hulls. The paper walks along the line between the centres of every source cell and every destination cell. It marks each
-cell on the line and all its neighbours. This module marks the convex hull of a source box S and a target box T itself.
-
-The hull is the union of the boxes B(t) = (1 - t) S + t T, 0 <= t <= 1 (equation 1 of docs/design/culling.md). Their
-bounds are linear in t. So the hull's part in a layer of cells lies in a rectangle, and two values of t bound it. Adding
-a rectangle to the layer's table of differences takes four additions, however many cells it has.
+Hulls (Sec. 3.2). The paper walks along the line between the centres of each source cell and each destination cell, and
+marks the cells on the line and all their neighbours. This module marks the cells that overlap the convex hull of a
+source box S and a target box T, one layer of the grid at a time. The hull is the union of the boxes B(t) =
+(1 - t) S + t T, 0 <= t <= 1 (equation 1 of docs/design/culling.md), whose bounds are linear in t. The part of the hull
+inside a layer therefore lies in a rectangle, bounded by two values of t. Adding a rectangle to the layer's table of
+differences takes four additions, regardless of its size.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
@@ -37,30 +34,28 @@ from ...kernels.simd import (
     to_i32,
 )
 from ...query.receivers import NOTHING
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, DIRECTIONAL, SPHERE
 
-# ---------------------------------------------------------------------------------------------------------------------
-# The coarse grid of pre-BVH culling [Selgrad et al. 2015, Sec. 3.1], over the part of the scene where rays can be.
+# --- The grid over the part of the scene where rays can be [Selgrad et al. 2015, Sec. 3.1] ----------------------------
 
-
-PAD = 2.0**-20  # of the largest coordinate: far more than the errors of float32 samples and of float64 arithmetic
+PAD = 2.0**-20  # relative to the largest coordinate; far above the errors of float32 samples and float64 arithmetic
 
 
 class CellGrid(NamedTuple):
     """A box of n x n x n equal cells.
 
-    One monotone function (`cells_at`) maps a float32 coordinate to its cell, for triangles and for rays alike. Suppose
-    a point of a triangle lies between the bounds that were marked for a ray. Then the point's cell is marked too,
-    however numbers were rounded.
+    One monotone function (`cells_at`) maps float32 coordinates to cells, for triangles and rays alike. If a point of a
+    triangle lies within the bounds marked for a ray, its cell is therefore marked too, regardless of rounding.
     """
 
-    bounds: np.ndarray  # (2, 4) float32: lower, upper corner; the fourth number is not used
-    scale: np.ndarray  # (4,) float32: cells per unit of length, 0 along an axis without extent
-    n: int  # cells along an axis
+    bounds: np.ndarray  # (2, 4) float32: lower, upper corner; the fourth number is unused
+    scale: np.ndarray  # (4,) float32: cells per unit of length; 0 along an axis without extent
+    n: int  # cells per axis
 
 
 class GridPointers(NamedTuple):
-    """Pointers to the arrays of a `CellGrid`. The arrays must outlive them. Kernels take either type."""
+    """A `CellGrid` with pointers instead of arrays, which must outlive them. Kernels accept both types."""
 
     bounds: F32Ptr  # float32 *
     scale: F32Ptr  # float32 *
@@ -73,7 +68,7 @@ def pointers_of(grid):
     return GridPointers(ptr(grid.bounds), ptr(grid.scale), np.int64(grid.n))
 
 
-def grid_over(lower, upper, n: int) -> CellGrid:
+def grid_over(lower: NDArray[np.float64], upper: NDArray[np.float64], n: int) -> CellGrid:
     """The `CellGrid` over the box from `lower` to `upper`, (3,) float64 each, rounded outwards."""
     bounds = np.zeros((2, 4), np.float32)
     bounds[0, :3] = np.nextafter(np.asarray(lower, np.float32), np.float32(-np.inf))
@@ -92,7 +87,7 @@ def cells_at(grid, point):
 
 @inlined
 def cell_at(grid, axis, x):
-    """The cell of one float32 coordinate along an axis: the same number as from `cells_at`."""
+    """The cell of one float32 coordinate along an axis, equal to that of `cells_at`."""
     place = (x - get(grid.bounds, axis)) * get(grid.scale, axis)
     return np.int64(min(max(place, np.float32(0.0)), np.float32(grid.n - 1)))
 
@@ -104,15 +99,12 @@ def cell_number(grid, cell):
     return (np.int64(extract(cell, 0)) * n + np.int64(extract(cell, 1))) * n + np.int64(extract(cell, 2))
 
 
-# --- Origins of shadow rays: a box around the receivers in each cell --------------------------------------------------
-#
-# They are the source cells of [Selgrad et al. 2015, Sec. 3.1].
+# --- Sources: a box around the receivers in each cell -----------------------------------------------------------------
 
+FINEST = 32  # maximum number of cells per axis for sorting receivers; the boxes around them are exact
+TILE = 8  # a tile has 8 x 8 receivers, or 1 x 64 if there are fewer than 8 rows
 
-FINEST = 32  # most cells along an axis that receivers are sorted into; the boxes around them are exact
-TILE = 8  # a tile has 8 x 8 receivers, or 1 x 64 where there are fewer than 8 rows
-
-_PARTS = 16  # most tables of cells; a table is a megabyte
+_PARTS = 16  # maximum number of cell tables, of one megabyte each
 _INF = np.float32(np.inf)
 
 
@@ -121,8 +113,8 @@ class ReceiverTiles(NamedTuple):
 
     origins: np.ndarray  # (h, w, 3) float32
     sides: np.ndarray  # (h, w) int8
-    rows: int  # of receivers in a tile
-    columns: int  # of receivers in a tile
+    rows: int  # rows of receivers per tile
+    columns: int  # columns of receivers per tile
     boxes: np.ndarray  # (tiles, 8) float32: lower and upper corner, fourth numbers unused; inf and -inf: no receiver
 
 
@@ -136,7 +128,7 @@ def _receiver(tiles, y, x):
 
 @inlined
 def _corner(tiles, tile):
-    """(y, x) of the first receiver of a tile, and (y, x) behind its last one."""
+    """(y, x) of the first receiver of a tile, and (y, x) one past its last one."""
     h, w = tiles.sides.shape
     across = (w + tiles.columns - 1) // tiles.columns
     y, x = tile // across * tiles.rows, tile % across * tiles.columns
@@ -160,17 +152,14 @@ def _bound_tiles(ticket, tiles):
 
 @inlined
 def _grow(boxes, i, low, high):
-    """Grow box i of an array to hold the box from `low` to `high`."""
+    """Grow box i of an array to enclose the box from `low` to `high`."""
     store(boxes, i * 8, minimum(load4(boxes, i * 8), low))
     store(boxes, i * 8 + 4, maximum(load4(boxes, i * 8 + 4), high))
 
 
 @kernel
 def _bound_cells(ticket, tiles, grid, cells):
-    """Worker: fill one row of `cells` after the other. Each row covers its share of the tiles.
-
-    An element is the box of the share's receivers in one cell.
-    """
+    """Worker: fill the rows of `cells`: for each cell, the box of the receivers in the share of tiles of the row."""
     for part in items(ticket):
         boxes = cells[part]
         for i in range(part, len(tiles.boxes), len(cells)):
@@ -189,7 +178,7 @@ def _bound_cells(ticket, tiles, grid, cells):
                         _grow(boxes, cell_number(grid, cells_at(grid, point)), point, point)
 
 
-def tiles_of(query, threads: int) -> ReceiverTiles:
+def tiles_of(query: ShadowQuery, threads: int) -> ReceiverTiles:
     """The receivers of a ShadowQuery, in tiles."""
     h, w = query.sides.shape
     rows = TILE if h >= TILE else 1
@@ -200,49 +189,46 @@ def tiles_of(query, threads: int) -> ReceiverTiles:
     return tiles
 
 
-def bounds_of(tiles: ReceiverTiles) -> tuple[np.ndarray, np.ndarray] | None:
+def bounds_of(tiles: ReceiverTiles) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Lower and upper corner, (3,) float64, of all receivers; None if there are none."""
     if not (tiles.boxes[:, 0] <= tiles.boxes[:, 4]).any():
         return None
     return tiles.boxes[:, :3].min(0).astype(np.float64), tiles.boxes[:, 4:7].max(0).astype(np.float64)
 
 
-def sources_of(tiles: ReceiverTiles, grid, threads: int) -> np.ndarray:
+def sources_of(tiles: ReceiverTiles, grid: CellGrid, threads: int) -> NDArray[np.float64]:
     """(m, 2, 3) float64: for each cell of a grid that has receivers, the box around them."""
     parts = min(threads, _PARTS)
     cells = np.empty((parts, grid.n**3, 8), np.float32)
     cells[:, :, :4], cells[:, :, 4:] = np.inf, -np.inf
     run(_bound_cells, threads, new_ticket(parts, 1), tiles, grid, cells)
     lower, upper = cells[:, :, :3].min(0), cells[:, :, 4:7].max(0)
-    held = lower[:, 0] <= upper[:, 0]
-    return np.stack([lower[held], upper[held]], 1).astype(np.float64)
+    occupied = lower[:, 0] <= upper[:, 0]
+    return np.stack([lower[occupied], upper[occupied]], 1).astype(np.float64)
 
 
-# --- Ends of a query's shadow rays: boxes around the samples of its light ---------------------------------------------
-#
-# They are the destination cells of [Selgrad et al. 2015, Sec. 3.1].
+# --- Targets: boxes around the samples of a light ---------------------------------------------------------------------
 
-
-MOST = 4  # most boxes of one light; twelve cost more time than they saved
+MOST = 4  # maximum number of boxes per light; twelve cost more time than they saved
 
 
 class Targets(NamedTuple):
-    """Boxes that hold the far ends of a query's segments.
+    """Boxes that enclose the far ends of a query's segments.
 
     A light with a position has boxes there. A distant or ambient light has boxes relative to the receiver: a segment
-    from o ends in o + box. So a distant light of any angular size is a box of directions, times a length that reaches
-    beyond the scene. It needs no destination cells.
+    from o ends in o + box. A distant light of any angular size is therefore a box of directions times a length that
+    reaches beyond the scene, and needs no destination cells.
     """
 
     boxes: np.ndarray  # (k, 2, 3) float64: lower, upper
     relative: bool  # whether the boxes are relative to the receiver
 
 
-def targets_of(query, cell: np.ndarray) -> Targets:
+def targets_of(query: ShadowQuery, cell: NDArray[np.float64]) -> Targets:
     """The `Targets` of a ShadowQuery; ``cell``: (3,) extent of a cell of about the grid's size.
 
-    They hold the samples that the query asks, not all of the light. If the samples fill a box that is thicker than a
-    cell on every axis, they are split into several boxes. Tilted lights and lists have such samples.
+    They enclose the samples of the query, not the whole light. Samples whose box is larger than a cell along every
+    axis, such as those of tilted lights and lists, are split into several boxes.
     """
     light = query.light
     if light.kind in (SPHERE, AMBIENT):  # tangent disks lie in the sphere
@@ -253,17 +239,18 @@ def targets_of(query, cell: np.ndarray) -> Targets:
     return Targets(_padded(_boxes(points, cell, 1 if relative else MOST)), relative)
 
 
-def sample_points(query) -> np.ndarray:
+def sample_points(query: ShadowQuery) -> NDArray[np.float64]:
     """(k, 3) float64: all samples of a flat light, a list or a distant light.
 
     Samples of a distant light are relative to the receiver.
     """
     light = query.light
-    return light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    points: NDArray[np.float64] = light.base + query.samples.reshape(-1, 3) @ np.stack([light.u, light.v, light.w])
+    return points
 
 
-def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
-    """At most `most` boxes, (k, 2, 3), each around points that lie together."""
+def _boxes(points: NDArray[np.float64], cell: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    """At most `most` boxes, (k, 2, 3), around groups of nearby points."""
     lower, upper = points.min(0), points.max(0)
     if most == 1 or (upper - lower <= cell).any():
         return np.array([[lower, upper]])
@@ -281,30 +268,22 @@ def _boxes(points: np.ndarray, cell: np.ndarray, most: int) -> np.ndarray:
     return boxes
 
 
-def _padded(boxes: np.ndarray) -> np.ndarray:
-    """The boxes, grown by more than the rounding error of the float32 samples in them."""
+def _padded(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The boxes, padded by more than the rounding error of float32 samples."""
     pad = PAD * np.abs(boxes).max()
-    return boxes + np.array([[-pad], [pad]])
+    padded: NDArray[np.float64] = boxes + np.array([[-pad], [pad]])
+    return padded
 
 
-# --- Marks the cells between sources and targets [Selgrad et al. 2015, Sec. 3.2], one layer of the grid at a time -----
-#
-# The paper walks along the line between the centres of every source cell and every destination cell. It marks each
-# cell on the line and all its neighbours. This module marks the convex hull of a source box S and a target box T
-# itself.
-#
-# The hull is the union of the boxes B(t) = (1 - t) S + t T, 0 <= t <= 1 (equation 1 of docs/design/culling.md). Their
-# bounds are linear in t. So the hull's part in a layer of cells lies in a rectangle, and two values of t bound it.
-# Adding a rectangle to the layer's table of differences takes four additions, however many cells it has.
+# --- Hulls: mark the cells between sources and targets [Selgrad et al. 2015, Sec. 3.2] --------------------------------
 
-
-_SOURCES = 8192  # boxes of receivers whose pairs are in memory at the same time
+_SOURCES = 8192  # source boxes whose pairs are in memory at once
 
 
 class Hulls(NamedTuple):
     """Pairs of a source box S and a target box T, sorted by their main axis.
 
-    The main axis is the one along which S and T are the most cells apart.
+    The main axis is the one along which S and T are farthest apart, in cells.
     """
 
     lower: np.ndarray  # (m, 3) float64: lower corner of S
@@ -314,7 +293,7 @@ class Hulls(NamedTuple):
     start: np.ndarray  # (4,) int64: pairs start[k] to start[k + 1] - 1 have the main axis k
 
 
-def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
+def hulls_between(sources: NDArray[np.float64], targets: Targets, grid: CellGrid) -> Hulls:
     """The `Hulls` of all pairs of (m, 2, 3) source boxes and `Targets`.
 
     Equations 1 and 5 of docs/design/culling.md.
@@ -331,9 +310,9 @@ def hulls_between(sources: np.ndarray, targets, grid) -> Hulls:
 
 
 class _Bounds(NamedTuple):
-    """Pointers to the arrays of `Hulls`. The arrays must outlive them. Arrays would cost reference counts."""
+    """Pointers to the arrays of `Hulls`, which must outlive them. Arrays would cost reference counts."""
 
-    lower: F64Ptr  # float64 *, 3 for each pair, as are the others
+    lower: F64Ptr  # float64 *: 3 numbers per pair, in all fields
     upper: F64Ptr  # float64 *
     grow: F64Ptr  # float64 *
     swell: F64Ptr  # float64 *
@@ -349,14 +328,14 @@ def _while_at_least(start, slope, limit, low, high):
 
 
 @inlined
-def _while_within(bounds, k, near, far):
-    """(low, high): the t in [0, 1] for which B(t) meets the slab from `near` to `far`; empty if low > high.
+def _while_within(bounds, k, lower, upper):
+    """(low, high): the t in [0, 1] for which B(t) meets the slab from `lower` to `upper`; empty if low > high.
 
     `k` is the index of the pair and the axis in the arrays. Equation 3 of docs/design/culling.md.
     """
     low, high = np.float64(0.0), np.float64(1.0)
-    low, high = _while_at_least(get(bounds.upper, k), get(bounds.swell, k), near, low, high)
-    return _while_at_least(-get(bounds.lower, k), -get(bounds.grow, k), -far, low, high)
+    low, high = _while_at_least(get(bounds.upper, k), get(bounds.swell, k), lower, low, high)
+    return _while_at_least(-get(bounds.lower, k), -get(bounds.grow, k), -upper, low, high)
 
 
 @inlined
@@ -378,7 +357,7 @@ def _add(table, place, x):
 
 @inlined
 def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
-    """Add 1 to a rectangle of cells, by its differences in the table, which has `side` numbers a row."""
+    """Add 1 to a rectangle of cells in a table of differences with `side` numbers per row."""
     _add(table, first_u * side + first_v, 1)
     _add(table, (last_u + 1) * side + first_v, -1)
     _add(table, first_u * side + last_v + 1, -1)
@@ -387,39 +366,39 @@ def _add_rectangle(table, side, first_u, last_u, first_v, last_v):
 
 @inlined
 def _walls(grid, axis, layer, pad):
-    """(near, far): the coordinates that bound the points of a layer. Outermost layers have no outer wall."""
+    """(lower, upper): the coordinates that bound a layer. The outermost layers are unbounded on their outer sides."""
     size = 1.0 / np.float64(grid.scale[axis]) if grid.scale[axis] > 0.0 else np.inf
-    near = grid.bounds[0, axis] + layer * size - pad if layer > 0 else -np.inf
-    far = grid.bounds[0, axis] + (layer + 1) * size + pad if layer < grid.n - 1 else np.inf
-    return near, far
+    lower = grid.bounds[0, axis] + layer * size - pad if layer > 0 else -np.inf
+    upper = grid.bounds[0, axis] + (layer + 1) * size + pad if layer < grid.n - 1 else np.inf
+    return lower, upper
 
 
 @kernel
 def _mark_layers(ticket, hulls, grid, pad, marked, table):
-    """Worker: mark the cells of one layer after the other, along each axis in turn.
+    """Worker: mark the cells of layers along each axis in turn.
 
-    table : (n + 1, n + 1) int32, the thread's own memory
+    table : (n + 1, n + 1) int32, scratch memory of the thread
     """
     n = grid.n
     bounds = _Bounds(ptr(hulls.lower), ptr(hulls.upper), ptr(hulls.grow), ptr(hulls.swell))
-    known = pointers_of(grid)
+    grid_pointers = pointers_of(grid)
     for item in items(ticket):
         axis, layer = item // n, item % n
         u, v = 1 - min(axis, 1), 2 - axis // 2
-        near, far = _walls(grid, axis, layer, pad)
+        layer_lower, layer_upper = _walls(grid, axis, layer, pad)
         table[:] = 0
         for i in range(hulls.start[axis], hulls.start[axis + 1]):
-            low, high = _while_within(bounds, i * 3 + axis, near, far)
+            low, high = _while_within(bounds, i * 3 + axis, layer_lower, layer_upper)
             if low <= high:
-                u0, u1 = _cells_between(bounds, i * 3 + u, u, low, high, pad, known)
-                v0, v1 = _cells_between(bounds, i * 3 + v, v, low, high, pad, known)
+                u0, u1 = _cells_between(bounds, i * 3 + u, u, low, high, pad, grid_pointers)
+                v0, v1 = _cells_between(bounds, i * 3 + v, v, low, high, pad, grid_pointers)
                 _add_rectangle(ptr(table), n + 1, u0, u1, v0, v1)
         _mark_sums(table, axis, layer, marked)
 
 
 @inlined
 def _mark_sums(table, axis, layer, marked):
-    """Sum the table's differences, and mark the cells of the layer where the sum is not zero."""
+    """Integrate the table's differences, and mark the cells of the layer with a non-zero sum."""
     n = len(marked)
     for i in range(n):
         row = np.int32(0)
@@ -435,14 +414,16 @@ def _mark_sums(table, axis, layer, marked):
                     marked[i, j, layer] = 1
 
 
-def mark_hulls(sources: np.ndarray, targets, grid, marked: np.ndarray, threads: int) -> None:
+def mark_hulls(
+    sources: NDArray[np.float64], targets: Targets, grid: CellGrid, marked: NDArray[np.uint8], threads: int
+) -> None:
     """Set to 1 the cells of ``marked``, (n, n, n) uint8, that a segment from a source to a target can meet.
 
-    One thread marks a layer. Another thread can write the same cell for another axis only, and it also writes 1. So the
-    order does not matter, as in the paper.
+    Each layer is marked by one thread. Threads can only share a cell of layers along different axes, and all of them
+    write 1, so their order does not matter, as in the paper.
     """
     pad = np.float64(PAD * np.abs(grid.bounds).max())
-    own = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)
+    new_table = lambda: (np.empty((grid.n + 1, grid.n + 1), np.int32),)
     for first in range(0, len(sources), _SOURCES):
         hulls = hulls_between(sources[first : first + _SOURCES], targets, grid)
-        run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked, own=own)
+        run(_mark_layers, threads, new_ticket(3 * grid.n, 1), hulls, grid, pad, marked, own=new_table)

@@ -1,23 +1,22 @@
-"""Pre-BVH culling: find and pack the triangles that overlap a marked cell [Selgrad et al. 2015, Sec. 3].
+"""Pre-BVH culling: find and pack the triangles that segments of the queries can meet [Selgrad et al. 2015, Sec. 3].
 
-Also what trees and tracers without a tree get of a scene: its solid triangles, without holes or zero area.
+1. `culling_grid.sources_of` and `targets_of` make boxes of receivers and lights.
+2. `culling_grid.mark_hulls` marks the cells between these boxes.
+3. `find_relevant` drops the triangles that overlap no marked cell, and `pack_relevant` packs the others.
 
-Relevance. The paper looks at all cells that a triangle overlaps. Here a summed-volume table answers for any range of
-cells with eight numbers. So a huge triangle costs no more than a small one.
+Two differences from the paper: its grid covers the whole scene, while this one covers the box of all segments, so that
+cells are smaller. And it visits all cells that a triangle overlaps, while this module queries a summed-volume table,
+which takes eight numbers for any range of cells; a huge triangle costs no more than a small one.
 
-Steps:
-
-1. Sources and targets are boxes of the receivers and of the lights.
-2. Hulls mark the cells between these boxes.
-3. `find_relevant` drops the triangles that overlap no marked cell.
-
-The paper's grid lies over the whole scene. This grid lies over the box of all segments, so its cells are smaller.
+The module also selects the input of builders and of tracers without a tree: the solid triangles of a scene, without
+cut-outs, clear faces and triangles of zero area.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.nodes import Bvh
 from ...bvh.triangle_bounds import corners_of
@@ -25,6 +24,7 @@ from ...kernels.jit import I32Ptr, U8Ptr, inlined, kernel
 from ...kernels.parallel import CHUNK, items, new_ticket, run, shares, thread_count
 from ...kernels.simd import all_lanes, extract, get, load4, load8, mask_from_bits4, maximum, minimum, ptr, put, store
 from ...query.query_bounds import bounds
+from ...query.shadow_query import ShadowQuery
 from ...scene.triangle_setup import solid_vertices
 from ...scene.triangles import Triangles
 from .culling_grid import (
@@ -32,6 +32,7 @@ from .culling_grid import (
     CellGrid,
     GridPointers,
     ReceiverTiles,
+    Targets,
     bounds_of,
     cell_number,
     cells_at,
@@ -43,19 +44,15 @@ from .culling_grid import (
     tiles_of,
 )
 
-# --- Finds the triangles that overlap a marked cell, and packs them together [Selgrad et al. 2015, Sec. 3.3] ----------
-#
-# The paper looks at all cells that a triangle overlaps. Here a summed-volume table answers for any range of cells with
-# eight numbers. So a huge triangle costs no more than a small one.
+# --- The triangles that overlap a marked cell [Selgrad et al. 2015, Sec. 3.3] -----------------------------------------
 
-
-_CHUNK = 8192  # triangles
+_CHUNK = 8192  # triangles per work item
 
 
 class MarkedCells(NamedTuple):
-    """Marked cells, and their summed-volume table, which counts the marked cells of any range."""
+    """Marked cells, and their summed-volume table, which gives the number of marked cells in any range."""
 
-    cells: np.ndarray  # (n, n, n) uint8: 1 marked, 0 not
+    cells: np.ndarray  # (n, n, n) uint8: 1: marked
     sums: np.ndarray  # (n + 1, n + 1, n + 1) int32: [x, y, z] is the number of marked cells below x, y and z
 
 
@@ -73,7 +70,7 @@ def _sum_slabs(ticket, cells, sums):
 
 @kernel
 def _sum_across(ticket, sums):
-    """Worker: add the sums of the layers before, row by row."""
+    """Worker: add the sums of the preceding layers, row by row."""
     n = len(sums)
     for y in items(ticket):
         for x in range(1, n):
@@ -81,8 +78,8 @@ def _sum_across(ticket, sums):
                 sums[x, y, z] += sums[x - 1, y, z]
 
 
-def marked_cells_of(cells: np.ndarray, threads: int) -> MarkedCells:
-    """The `Marks` of cells, (n, n, n) uint8."""
+def marked_cells_of(cells: NDArray[np.uint8], threads: int) -> MarkedCells:
+    """The `MarkedCells` of cells, (n, n, n) uint8."""
     n = len(cells)
     sums = np.zeros((n + 1, n + 1, n + 1), np.int32)
     run(_sum_slabs, threads, new_ticket(n, 1), cells, sums)
@@ -91,7 +88,7 @@ def marked_cells_of(cells: np.ndarray, threads: int) -> MarkedCells:
 
 
 class _Table(NamedTuple):
-    """Pointers to the arrays of `Marks` and of the grid. The arrays must outlive them."""
+    """Pointers to the arrays of `MarkedCells` and of the grid, which must outlive them."""
 
     cells: U8Ptr  # uint8 *
     sums: I32Ptr  # int32 *
@@ -120,9 +117,8 @@ def _is_relevant(corners, i, table):
     """Whether the box of triangle i overlaps the grid and a marked cell."""
     a, b, c = corners_of(corners, i)
     low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
-    inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | mask_from_bits4(
-        8
-    )  # the fourth lanes always pass
+    fourth = mask_from_bits4(8)  # the fourth lanes always pass
+    inside = (low <= load4(table.grid.bounds, 4)) & (high >= load4(table.grid.bounds, 0)) | fourth
     if not all_lanes(inside):
         return False
     first, last = cells_at(table.grid, low), cells_at(table.grid, high)
@@ -133,9 +129,9 @@ def _is_relevant(corners, i, table):
 
 
 @kernel
-def _find(ticket, corners, grid, marks, found, counts):
-    """Worker: write the relevant triangles of each chunk to `found`, from the chunk's first place on."""
-    values, out = ptr(corners), ptr(found)
+def _find(ticket, corners, grid, marks, ids, counts):
+    """Worker: write the relevant triangles of each chunk to `ids`, starting at the chunk's first index."""
+    values, out = ptr(corners), ptr(ids)
     table = _Table(ptr(marks.cells), ptr(marks.sums), pointers_of(grid))
     for first, last in shares(ticket):
         n = first
@@ -147,13 +143,13 @@ def _find(ticket, corners, grid, marks, found, counts):
 
 
 @kernel
-def _pack(ticket, corners, found, counts, starts, kept, packed):
-    """Worker: copy the relevant triangles of each chunk to their places in `kept` and `packed`."""
+def _pack(ticket, corners, relevant, counts, starts, ids, packed):
+    """Worker: copy the relevant triangles of each chunk to `ids` and `packed`, without gaps."""
     source, target = ptr(corners), ptr(packed)
     for chunk in items(ticket):
         for k in range(counts[chunk]):
-            i, place = np.int64(found[chunk * _CHUNK + k]), starts[chunk] + k
-            kept[place] = i
+            i, place = np.int64(relevant[chunk * _CHUNK + k]), starts[chunk] + k
+            ids[place] = i
             store(target, place * 9, load8(source, i * 9))
             put(target, place * 9 + 8, get(source, i * 9 + 8))
 
@@ -161,72 +157,76 @@ def _pack(ticket, corners, found, counts, starts, kept, packed):
 class RelevantTriangles(NamedTuple):
     """The triangles that overlap a marked cell, chunk by chunk."""
 
-    ids: np.ndarray  # (n,) int32: indices, those of each chunk from the chunk's first place on
-    counts: np.ndarray  # (chunks,) int64: how many there are in each chunk
+    ids: np.ndarray  # (n,) int32: indices; those of a chunk start at the chunk's first index
+    counts: np.ndarray  # (chunks,) int64: number of them in each chunk
 
 
-def find_relevant(corners: np.ndarray, grid, marks: MarkedCells, threads: int) -> RelevantTriangles:
+def find_relevant(corners: NDArray[np.float32], grid: CellGrid, marks: MarkedCells, threads: int) -> RelevantTriangles:
     """Find the triangles, (n, 9) float32, that overlap a marked cell."""
-    found = RelevantTriangles(np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64))
-    run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, *found)
-    return found
+    relevant = RelevantTriangles(np.empty(len(corners), np.int32), np.zeros(-(-len(corners) // _CHUNK), np.int64))
+    run(_find, threads, new_ticket(len(corners), _CHUNK), corners, grid, marks, *relevant)
+    return relevant
 
 
-def pack_relevant(corners: np.ndarray, found: RelevantTriangles, threads: int) -> tuple[np.ndarray, np.ndarray]:
-    """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the triangles that were found."""
-    counts, total = found.counts, int(found.counts.sum())
-    kept, packed = np.empty(total, np.int32), np.empty((total, 9), np.float32)
+def pack_relevant(
+    corners: NDArray[np.float32], relevant: RelevantTriangles, threads: int
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Indices, (m,) int32 and ascending, and corners, (m, 9) float32, of the relevant triangles."""
+    counts, total = relevant.counts, int(relevant.counts.sum())
+    ids, packed = np.empty(total, np.int32), np.empty((total, 9), np.float32)
     starts = np.cumsum(counts) - counts
-    run(_pack, threads, new_ticket(len(counts), 1), corners, found.ids, counts, starts, kept, packed)
-    return kept, packed
+    run(_pack, threads, new_ticket(len(counts), 1), corners, relevant.ids, counts, starts, ids, packed)
+    return ids, packed
 
 
-# --- Pre-BVH culling [Selgrad et al. 2015, Sec. 3]: finds the triangles that the queries' segments can meet -----------
-#
-# 1. `sources` and `targets` make boxes of the receivers and of the lights.
-# 2. `swept` marks the cells between these boxes.
-# 3. `relevance` drops the triangles that overlap no marked cell.
-#
-# The paper's grid lies over the whole scene. This grid lies over the box of all segments, so its cells are smaller.
+# --- Culling ----------------------------------------------------------------------------------------------------------
 
+Mark: TypeAlias = Callable[[NDArray[np.float64], Targets, CellGrid, NDArray[np.uint8], int], None]
+"""Function of (sources, targets, grid, marked, threads) that marks the cells between sources and targets."""
 
 STEPS = ("sources", "mark", "triangles", "pack")
-"""The steps of culling: sort receivers into cells, mark cells, find the triangles that are left, pack them together."""
+"""The steps of culling: sort receivers into cells, mark cells, find the relevant triangles, pack them."""
 
 
 class CullResult(NamedTuple):
-    """The triangles that are left of a scene, and how culling found them."""
+    """The remaining triangles of a scene, with the grid that culling used."""
 
-    kept: np.ndarray  # (m,) int32, ascending: indices of the triangles that are left
+    kept: np.ndarray  # (m,) int32, ascending: indices of the remaining triangles
     vertices: np.ndarray  # (m, 3, 3) float32: their vertices
     grid: CellGrid | None  # None: there is no segment, or no segment can meet a triangle
-    marked: np.ndarray | None  # (n, n, n) uint8: 1 where segments can be
-    sources: int  # number of boxes of receivers
-    targets: int  # number of boxes of lights
+    marked: np.ndarray | None  # (n, n, n) uint8: 1: segments may enter the cell
+    sources: int  # number of source boxes
+    targets: int  # number of target boxes
 
 
 def cull(
-    triangles, queries, threads: int | None = None, *, n: int = 32, mark: Callable = mark_hulls, whole: bool = False,
+    triangles: Triangles,
+    queries: Sequence[ShadowQuery],
+    threads: int | None = None,
+    *,
+    n: int = 32,
+    mark: Mark = mark_hulls,
+    whole: bool = False,
     lap: Callable[[str], None] = lambda step: None,
-) -> CullResult:  # fmt: skip
-    """Find all triangles that a segment of the queries can meet, and perhaps some more.
+) -> CullResult:
+    """Find a superset of the triangles that the segments of the queries meet.
 
-    Answers over the culled triangles equal answers over all triangles, bit for bit.
+    Answers for the remaining triangles equal those for all triangles, bit for bit.
 
     Parameters
     ----------
     triangles : Triangles
         All triangles of the scene.
     queries : list of ShadowQuery
-        They must hold every sample that will be asked.
+        They must have every sample that will be traced.
     threads : int or None
         None: all cores.
     n : int
-        Cells of the grid along an axis.
+        Cells of the grid per axis.
     mark : function of (sources, targets, grid, marked, threads)
         Marks the cells between sources and targets.
     whole : bool
-        Whether the grid lies over the whole scene and all lights.
+        Whether the grid covers the whole scene and all lights.
     lap : function of str
         Called after each step, with its name from STEPS.
     """
@@ -237,27 +237,27 @@ def cull(
         return CullResult(np.empty(0, np.int32), np.empty((0, 3, 3), np.float32), None, None, 0, 0)
     grid, coarse = grid_over(*box, n), grid_over(*box, min(n, FINEST))
     marked, counts = np.zeros((n, n, n), np.uint8), np.zeros(2, np.int64)
-    for tiles, asked in groups:
+    for tiles, group_queries in groups:
         sources = sources_of(tiles, coarse, threads)
         lap("sources")
-        ends = [targets_of(query, (box[1] - box[0]) / n) for query in asked]
+        ends = [targets_of(query, (box[1] - box[0]) / n) for query in group_queries]
         for targets in ends:
             mark(sources, targets, grid, marked, threads)
         counts += len(sources), sum(len(targets.boxes) for targets in ends)
         lap("mark")
-    found = find_relevant(corners, grid, marked_cells_of(marked, threads), threads)
+    relevant = find_relevant(corners, grid, marked_cells_of(marked, threads), threads)
     lap("triangles")
-    kept, packed = pack_relevant(corners, found, threads)
+    ids, packed = pack_relevant(corners, relevant, threads)
     lap("pack")
-    return CullResult(kept, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
+    return CullResult(ids, packed.reshape(-1, 3, 3), grid, marked, *counts.tolist())
 
 
-def _groups(queries, threads) -> list[tuple[ReceiverTiles, list]]:
-    """Group the queries that share their receivers; leave out queries without receivers.
+def _groups(queries: Sequence[ShadowQuery], threads: int) -> list[tuple[ReceiverTiles, list[ShadowQuery]]]:
+    """Group the queries that share their receivers, and skip queries without receivers.
 
-    The receivers of a group are sorted into tiles once.
+    The receivers of a group are divided into tiles only once.
     """
-    groups: dict[tuple[int, int], tuple[ReceiverTiles, list]] = {}
+    groups: dict[tuple[int, int], tuple[ReceiverTiles, list[ShadowQuery]]] = {}
     for query in queries:
         key = id(query.origins), id(query.sides)
         if key not in groups:
@@ -266,43 +266,48 @@ def _groups(queries, threads) -> list[tuple[ReceiverTiles, list]]:
     return [group for group in groups.values() if bounds_of(group[0]) is not None]
 
 
-def _box_of(groups, corners, whole: bool, threads) -> tuple[np.ndarray, np.ndarray] | None:
+def _box_of(
+    groups: list[tuple[ReceiverTiles, list[ShadowQuery]]], corners: NDArray[np.float32], whole_scene: bool, threads: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Lower and upper corner, (3,) float64, of the grid's box; None if it is empty.
 
-    The box is the overlap of the box of all segments and the box of all triangles. With `whole`, it is the box of all
-    triangles, receivers and lights.
+    It is the intersection of the box of all segments and the box of all triangles. With `whole_scene`, it is the box
+    around all triangles, receivers and lights.
     """
     if not groups or not len(corners):
         return None
     everywhere = np.full(3, np.inf)
     low, high = everywhere, -everywhere
     for tiles, queries in groups:
-        near, far = bounds_of(tiles)
+        receivers = bounds_of(tiles)
+        assert receivers is not None  # `_groups` skips them
+        tiles_lower, tiles_upper = receivers
         for query in queries:
             targets = targets_of(query, everywhere)
-            if whole and targets.relative:
+            if whole_scene and targets.relative:
                 continue
-            ends = targets.boxes[0] + ([near, far] if targets.relative else 0.0)
-            low, high = np.minimum(low, np.minimum(near, ends[0])), np.maximum(high, np.maximum(far, ends[1]))
+            ends = targets.boxes[0] + ([tiles_lower, tiles_upper] if targets.relative else 0.0)
+            low = np.minimum(low, np.minimum(tiles_lower, ends[0]))
+            high = np.maximum(high, np.maximum(tiles_upper, ends[1]))
     lower, upper = bounds(corners.reshape(-1, 3), threads)
-    if whole:
+    if whole_scene:
         return np.minimum(low, lower), np.maximum(high, upper)
     low, high = np.maximum(low, lower), np.minimum(high, upper)
     return (low, high) if (low <= high).all() else None
 
 
-# --- The solid triangles of a scene, which a plan's tree holds: they have an area, and no hole ------------------------
+# --- Solid triangles: the triangles of a plan's tree ------------------------------------------------------------------
 
 
 def solid_of(triangles: Triangles, culled: CullResult | None, threads: int | None) -> CullResult | None:
-    """What culling left, without cut-outs, clear faces and triangles without area; None: all triangles."""
-    own = triangles.solid
-    if own is None:
+    """The result of culling without cut-outs, clear faces and triangles of zero area; None: all triangles."""
+    solid = triangles.solid
+    if solid is None:
         return culled
     if culled is None:
-        return CullResult(own, solid_vertices(triangles, threads), None, None, 0, 0)
-    left = np.isin(culled.kept, own, assume_unique=True)
-    return culled._replace(kept=culled.kept[left], vertices=np.ascontiguousarray(culled.vertices[left]))
+        return CullResult(solid, solid_vertices(triangles, threads), None, None, 0, 0)
+    is_solid = np.isin(culled.kept, solid, assume_unique=True)
+    return culled._replace(kept=culled.kept[is_solid], vertices=np.ascontiguousarray(culled.vertices[is_solid]))
 
 
 def solid_count(triangles: Triangles) -> int:
@@ -310,14 +315,16 @@ def solid_count(triangles: Triangles) -> int:
     return len(triangles.vertices if triangles.solid is None else triangles.solid)
 
 
-def solid_tree(build: Callable, triangles: Triangles, threads: int | None) -> Bvh:
-    """A tree of the solid triangles, by a builder's function."""
+def solid_tree(
+    build: Callable[[NDArray[np.float32], int | None], Bvh], triangles: Triangles, threads: int | None
+) -> Bvh:
+    """Build a tree of the solid triangles."""
     bvh = build(solid_vertices(triangles, threads), threads)
-    own = triangles.solid
-    return bvh if own is None else bvh._replace(prim_ids=own[bvh.prim_ids])
+    solid = triangles.solid
+    return bvh if solid is None else bvh._replace(prim_ids=solid[bvh.prim_ids])
 
 
-# --- The input of tracers without a BVH: the unsorted triangles -------------------------------------------------------
+# --- Triangle soup: the input of tracers without a BVH ----------------------------------------------------------------
 
 
 class Soup(NamedTuple):
@@ -328,7 +335,7 @@ class Soup(NamedTuple):
 
 
 def soup_of(triangles: Triangles, culled: CullResult | None = None, threads: int | None = None) -> Soup:
-    """The `Soup` of the solid triangles of a scene, or of those left by culling; without copies if all are solid."""
+    """The `Soup` of a scene's solid triangles, or of those that culling kept; copies nothing if all are solid."""
     if culled is not None:
         return Soup(culled.vertices.reshape(-1, 9), culled.kept)
     if triangles.solid is not None:

@@ -1,13 +1,13 @@
-"""Improved ray hierarchies [Olsson and Assarsson 2011]: a hierarchy over the shadow rays, none over the scene.
+"""Improved ray hierarchies [Olsson and Assarsson 2011]: a hierarchy over the shadow rays, and none over the scene.
 
-- `ray_hierarchy`: `trace_shadow`, and the choice for wide lights
-- `light_beams`: beams, their projection, their active receivers
+- `ray_hierarchy`: `trace_shadow`, and the choice of traversal for wide lights
+- `light_beams`: beams of segments, their projection, their active receivers
 - `receiver_order`: sorting keys and order of receivers
-- `leaf_packing`: receivers to leaves
-- `ray_leaves`: the rays in leaves, ray tests, scratch memory
-- `ray_tree`: the implicit tree, and the interface of its nodes
-- `shadow_planes`: triangles as planes and rows of numbers
-- `box_nodes`: nodes as boxes
-- `shaft_hierarchy`: nodes as shafts, traversal by clusters of triangles
+- `leaf_packing`: packing of receivers into leaves
+- `ray_leaves`: the rays in leaves, ray-triangle tests, scratch memory
+- `ray_tree`: the implicit tree, and the interface of its node classes
+- `shadow_planes`: the shadow planes of triangles, and rows of triangle data
+- `box_nodes`: boxes as nodes
+- `shaft_hierarchy`: shafts as nodes, and their traversal by clusters of triangles
 - `triangle_traversal`: traversal by single triangles, good occluders first
 """

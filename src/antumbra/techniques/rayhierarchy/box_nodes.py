@@ -1,18 +1,17 @@
 """Box nodes: boxes in the beam's projection, tighter and cheaper than the paper's cones.
 
-Rows in float32. The planes are those of `shadow_planes` in float32, with margins for the rounding error. Let u = 2^-24
-and let the apex A be exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. A normal n =
-a x e has errors of at most 8 u |a| |e| (largest components) in each component. Evaluate n_u u + n_v v + n_w with |u|,
-|v| up to 1, each off by at most 3 u. The sum is off by at most 54 u |a| |e|. The margin is 64 u, with the largest edge
-and corner.
-
-The volume d = N . a is off by less than 100 u |e1| |e2| |a|. It decides the light's side only if it exceeds 128 u of
-this product. If a product could overflow or may have underflowed, all planes are unknown.
-
 Boxes. On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth gives its end. Planes stay
 planes: n . x + m = depth (n_u u + n_v v + n_w + m q). A plane is tested at the box corner farthest along its normal,
-with three products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square section. For a distant
-light, it is a box along the light's direction.
+with three products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square cross section. For a
+distant light, it is a box along the light's direction.
+
+Rows in float32 have the planes of `shadow_planes` with margins for the rounding error. Let u = 2^-24, and let the apex
+A be exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. Each component of a normal
+n = a x e has an error of at most 8 u |a| |e| (largest components). With |u|, |v| up to 1 and errors of at most 3 u
+each, the error of n_u u + n_v v + n_w is at most 54 u |a| |e|. The margin is 64 u times the largest edge and corner.
+
+The error of the volume d = N . a is less than 100 u |e1| |e2| |a|; the light's side is known only if d exceeds 128 u
+times this product. If a product could overflow or may have underflowed, all planes are unknown.
 """
 
 from typing import NamedTuple
@@ -40,7 +39,7 @@ from ...kernels.simd import (
     store,
 )
 from ...kernels.vec3 import Vec3, cross, dot, largest, minus, times
-from . import ray_tree as names
+from . import ray_tree
 from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
 from .ray_leaves import block_of, origins_in
 from .shadow_planes import (
@@ -49,20 +48,19 @@ from .shadow_planes import (
     LANES,
     OUTER,
     TRIANGLE,
-    nothing,
     number,
     number16,
     put_number,
     put_whole,
     sphere_of,
+    unknown_plane,
     whole,
 )
 
-# --- Triangle rows for the tests of `boxes`, one triangle at a time, in float64, for every kind of beam ---------------
-
+# --- Triangle rows in float64 for all kinds of beams, one triangle at a time ------------------------------------------
 
 BOX, CORNERS = 32, 38
-"""Positions in a row: the box of the triangle's shadow, and the farthest box corners along its outer planes."""
+"""Positions in a row: the box of the triangle's shadow, and the box corners farthest along its outer planes."""
 
 _E = np.float64(2.0**-19)  # exceeds the rounding error of planes, boxes and their products, for sums up to 1
 _FAR = np.float64(2.0**-12)  # _FAR _E exceeds the relative rounding error of planes far from their corners
@@ -83,19 +81,19 @@ def _most(a, b):
 
 @inlined
 def lower(a, b):
-    """The lower of two points on each axis."""
+    """The componentwise minimum of two points."""
     return _least(a[0], b[0]), _least(a[1], b[1]), _least(a[2], b[2])
 
 
 @inlined
 def upper(a, b):
-    """The higher of two points on each axis."""
+    """The componentwise maximum of two points."""
     return _most(a[0], b[0]), _most(a[1], b[1]), _most(a[2], b[2])
 
 
 @inlined
 def _put_plane(row, at, plane, view, face, scale, sign):
-    """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, made a little larger (sign 1) or smaller (-1)."""
+    """Write a plane as (a, b, c, d), for f = a u + b v + c + d q, slightly enlarged (sign 1) or shrunk (-1)."""
     size = abs(plane.x) + abs(plane.y) + abs(plane.z)
     s = 1.0 / size if size > 0.0 else np.float64(0.0)
     x, y, z, m = plane.x * s, plane.y * s, plane.z * s, plane.m * s
@@ -123,19 +121,19 @@ def _corner(row, at, plane, ways):
 @inlined
 def _shadow(x, z, r, low, high):
     """Extend (low, high) by a corner's shadow: by all (x - k y) / (z - k w) with |y|, |w| <= r and k <= 1."""
-    near, far = 1.0 / (z - r), 1.0 / (z + r)
-    low = _least(low, (x - r) * (near if x - r < 0.0 else far))
-    return low, _most(high, (x + r) * (near if x + r > 0.0 else far))
+    inverse_near, inverse_far = 1.0 / (z - r), 1.0 / (z + r)
+    low = _least(low, (x - r) * (inverse_near if x - r < 0.0 else inverse_far))
+    return low, _most(high, (x + r) * (inverse_near if x + r > 0.0 else inverse_far))
 
 
 @inlined
 def _misses_face(corners, r):
-    """Is a triangle beyond one of the planes that bound a face, or behind the apex? Corners are (u, v, depth)."""
+    """Whether a triangle is beyond a plane that bounds a face, or behind the apex. Corners are (u, v, depth)."""
     a, b, c, d, behind = True, True, True, True, True
     for u, v, z in corners:
-        far = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
-        a, b, c, d = a and z - u < far, b and z + u < far, c and z - v < far, d and z + v < far
-        behind = behind and z < far
+        margin = -_SLANT * (abs(u) + abs(v) + abs(z)) - 2.001 * r
+        a, b, c, d = a and z - u < margin, b and z + u < margin, c and z - v < margin, d and z + v < margin
+        behind = behind and z < margin
     return a or b or c or d or behind
 
 
@@ -196,7 +194,7 @@ def write_box_row(view, face, ways, shape, spheres, row):
         scale = view.scale + _FAR * _most(_size(low), _size(high))
         low, high = _parallel_box(view, low, high)
     for k in range(4):
-        outer = nothing() if spheres else shape.outer[k]
+        outer = unknown_plane() if spheres else shape.outer[k]
         _put_plane(row, OUTER + 4 * k, outer, view, face, scale, np.float64(1.0))
         _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, scale, np.float64(-1.0))
         _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
@@ -205,17 +203,7 @@ def write_box_row(view, face, ways, shape, spheres, row):
     return True
 
 
-# --- Triangle rows for the tests of `boxes`, 16 triangles at once, for beams that end in one point --------------------
-#
-# The planes are those of `planes` in float32, with margins for the rounding error. Let u = 2^-24 and let the apex A be
-# exact. Each component of a = v0 - A, b, c and of the edges is one rounded difference. A normal n = a x e has errors
-# of at most 8 u |a| |e| (largest components) in each component. Evaluate n_u u + n_v v + n_w with |u|, |v| up to 1,
-# each off by at most 3 u. The sum is off by at most 54 u |a| |e|. The margin is 64 u, with the largest edge and
-# corner.
-#
-# The volume d = N . a is off by less than 100 u |e1| |e2| |a|. It decides the light's side only if it exceeds 128 u of
-# this product. If a product could overflow or may have underflowed, all planes are unknown.
-
+# --- Triangle rows in float32 for beams that end in one point, 16 triangles at once -----------------------------------
 
 _F = np.float32
 _MARGIN = _F(64 * 2.0**-24)
@@ -256,16 +244,16 @@ def _put_planes(rows, k, normal, face, margin, d, more, ways):
     n = turned((normal.x, normal.y, normal.z), face)
     _put_point_plane(rows, OUTER + 4 * k, n, n[2] + margin, d)
     _put_point_plane(rows, INNER + 4 * k, n, n[2] - margin, d + more)
-    zero, whole, none, step = _F(0.0), as_i32(rows), splat16(np.int32(0)), np.int32(ways)
-    _put(whole, CORNERS + 3 * k, select(n[0] > zero, none + step, none))
-    _put(whole, CORNERS + 3 * k + 1, select(n[1] > zero, none + 3 * step, none + 2 * step))
-    _put(whole, CORNERS + 3 * k + 2, select(d > zero, none + 5 * step, none + 4 * step))
+    zero, integers, none, step = _F(0.0), as_i32(rows), splat16(np.int32(0)), np.int32(ways)
+    _put(integers, CORNERS + 3 * k, select(n[0] > zero, none + step, none))
+    _put(integers, CORNERS + 3 * k + 1, select(n[1] > zero, none + 3 * step, none + 2 * step))
+    _put(integers, CORNERS + 3 * k + 2, select(d > zero, none + 5 * step, none + 4 * step))
 
 
 @inlined
-def _beyond(z, x, far):
-    """mask16: are all three corners beyond the plane depth = x? z, x, far: one per corner; far: the error margin."""
-    return (z[0] - x[0] < far[0]) & (z[1] - x[1] < far[1]) & (z[2] - x[2] < far[2])
+def _beyond(z, x, margins):
+    """mask16: whether all three corners are beyond the plane depth = x. z, x, margins: one value per corner."""
+    return (z[0] - x[0] < margins[0]) & (z[1] - x[1] < margins[1]) & (z[2] - x[2] < margins[2])
 
 
 @inlined
@@ -280,26 +268,26 @@ def _far(v):
 
 
 @inlined
-def _range(x, s, near):
-    """(lowest, highest) of the corners' coordinates times s, their inverse depths; unbounded where not `near`."""
+def _range(x, s, in_front):
+    """(lowest, highest) product of the corners' coordinates and inverse depths s; unbounded where not `in_front`."""
     a, b, c = x[0] * s[0], x[1] * s[1], x[2] * s[2]
     low, high = minimum(minimum(a, b), c), maximum(maximum(a, b), c)
     low, high = low - (absolute(low) + _F(1.0)) * _POINT_ERROR, high + (absolute(high) + _F(1.0)) * _POINT_ERROR
-    return select(near, low, -_INF), select(near, high, _INF)
+    return select(in_front, low, -_INF), select(in_front, high, _INF)
 
 
 @inlined
 def _put_point_box(rows, u, v, z, reach):
-    """Write the boxes of the shadows of 16 triangles from their corners' coordinates, none larger than `reach`."""
-    near, one = (minimum(minimum(z[0], z[1]), z[2]) > _FLOOR) & (reach < _POINT_HUGE), _F(1.0)
-    s = one / select(near, z[0], one), one / select(near, z[1], one), one / select(near, z[2], one)
-    u, v, q = _range(u, s, near), _range(v, s, near), maximum(maximum(s[0], s[1]), s[2])
+    """Write the boxes of the shadows of 16 triangles. No coordinate of their corners is larger than `reach`."""
+    in_front, one = (minimum(minimum(z[0], z[1]), z[2]) > _FLOOR) & (reach < _POINT_HUGE), _F(1.0)
+    s = one / select(in_front, z[0], one), one / select(in_front, z[1], one), one / select(in_front, z[2], one)
+    u, v, q = _range(u, s, in_front), _range(v, s, in_front), maximum(maximum(s[0], s[1]), s[2])
     _put(rows, BOX, u[0])
     _put(rows, BOX + 1, u[1])
     _put(rows, BOX + 2, v[0])
     _put(rows, BOX + 3, v[1])
     _put(rows, BOX + 4, splat16(-_INF))
-    _put(rows, BOX + 5, select(near, q + q * _POINT_ERROR, _INF))
+    _put(rows, BOX + 5, select(in_front, q + q * _POINT_ERROR, _INF))
 
 
 @inlined
@@ -308,8 +296,8 @@ def _turned(a, face):
 
 
 @kernel
-def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows, step, found):
-    """Write the rows of 16 triangles for each face; write bits of the triangles whose shadow may meet it to `found`.
+def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows, step, face_lanes):
+    """Write the rows of 16 triangles for each face, and to `face_lanes` the bits of those whose shadow may meet it.
 
     faces : pointer to int64, the faces
     rows : pointer to the rows of the first face; the rows of the next face follow `step` numbers later
@@ -334,10 +322,8 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
         if how.backface:
             lanes &= ~bits(known & (facing == _F(how.facing)))
     n, ab, bc, ca = times(n, sign), times(cross(a, e), sign), times(cross(b, f), sign), times(cross(c, g), sign)
-    near, far = (
-        (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign),
-        (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0),
-    )
+    outer_offset = (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign)
+    inner_offset = (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0)
     none, wide = splat16(_F(0.0)), reach * _MARGIN
     slants = _far(a), _far(b), _far(c)
     for part in range(parts):
@@ -346,34 +332,28 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
         u, v, z = (p[0], q[0], r[0]), (p[1], q[1], r[1]), (p[2], q[2], r[2])
         gone = _beyond(z, u, slants) | _beyond(z, _minus(u), slants) | _beyond(z, v, slants)
         gone = gone | _beyond(z, _minus(v), slants) | _beyond(z, (none, none, none), slants)
-        there = lanes & ~bits(gone)
-        put(found, part, there)
-        if there == 0:
+        on_face = lanes & ~bits(gone)
+        put(face_lanes, part, on_face)
+        if on_face == 0:
             continue
         block = ptr_at(rows, part * step)
         _put_planes(block, 0, ab, face, wide * le, none, none, ways)
         _put_planes(block, 1, bc, face, wide * lf, none, none, ways)
         _put_planes(block, 2, ca, face, wide * lg, none, none, ways)
-        _put_planes(block, 3, n, face, square * _MARGIN, near, far, ways)
+        _put_planes(block, 3, n, face, square * _MARGIN, outer_offset, inner_offset, ways)
         _put_point_box(block, u, v, z, reach)
         _put(as_i32(block), TRIANGLE, at)
         _put(as_i32(block), COVERS, select(covers, splat16(np.int32(1)), splat16(np.int32(0))))
 
 
-# --- Nodes as boxes in the beam's projection: tighter and cheaper than the paper's cones ------------------------------
-#
-# On a face of the cube around the apex, a ray is a point (u, v), and q = 1 / depth gives its end. Planes stay planes:
-# n . x + m = depth (n_u u + n_v v + n_w + m q). A plane is tested at the box corner farthest along its normal, with
-# three products. The box in (u, v) is a pyramid from the apex: the paper's cone with a square section. For a distant
-# light, it is a box along the light's direction.
-
+# --- Nodes ------------------------------------------------------------------------------------------------------------
 
 ROWS = 6  # numbers per node: the lowest and highest u, v and q
 _HUGE = np.float32(1e30)
 
 
 class Boxes(NamedTuple):
-    """Nodes of a hierarchy; see `nodes`."""
+    """The node class of boxes; see `ray_tree`."""
 
     rows: int = ROWS  # float32 per node
 
@@ -391,20 +371,20 @@ def _union_of_boxes(block, lanes, union):
 @inlined
 def _meet_box(group, union, ways):
     """Bits of the nodes that a box meets."""
-    found = mask_from_bits16(0xFFFF)
+    overlaps = mask_from_bits16(0xFFFF)
     for k in range(0, 6, 2):
-        found = found & (load16(group, k * ways) <= get(union, k + 1))
-        found = found & (load16(group, (k + 1) * ways) >= get(union, k))
-    return bits(found)
+        overlaps = overlaps & (load16(group, k * ways) <= get(union, k + 1))
+        overlaps = overlaps & (load16(group, (k + 1) * ways) >= get(union, k))
+    return bits(overlaps)
 
 
-@overload(names.union_of)
+@overload(ray_tree.union_of)
 def _union_of(nodes, block, lanes, union):
     if nodes.instance_class is Boxes:
         return lambda nodes, block, lanes, union: _union_of_boxes(block, lanes, union)
 
 
-@overload(names.meet_union)
+@overload(ray_tree.meet_union)
 def _meet_union(nodes, group, union, ways):
     if nodes.instance_class is Boxes:
         return lambda nodes, group, union, ways: _meet_box(group, union, ways)
@@ -425,24 +405,24 @@ def _box_of_leaf(view, face, leaves, leaf, group, lane):
         return False
     there = mask_from_bits16(lanes)
     u, v, q = projected16(view, origins_in(leaves, block_of(leaves, leaf)), face)
-    everywhere = mask_from_bits16(0)
+    unbounded = mask_from_bits16(0)
     if view.kind == PERSPECTIVE:
-        everywhere = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex: unbounded
-    _put_range(group, 0, ways, lane, there, u, everywhere)
-    _put_range(group, 2, ways, lane, there, v, everywhere)
-    _put_range(group, 4, ways, lane, there, q, everywhere)
+        unbounded = there & ~((q > _F(0.0)) & (q < _HUGE))  # at the apex
+    _put_range(group, 0, ways, lane, there, u, unbounded)
+    _put_range(group, 2, ways, lane, there, v, unbounded)
+    _put_range(group, 4, ways, lane, there, q, unbounded)
     return True
 
 
 @inlined
-def _put_range(group, k, ways, lane, there, x, everywhere):
+def _put_range(group, k, ways, lane, there, x, unbounded):
     """Write the lowest and highest x of some lanes as numbers k and k + 1 of a node.
 
-    The range is unbounded if `everywhere` has a lane.
+    The range is unbounded if any lane of `unbounded` is set.
     """
     inf = _F(np.inf)
-    put(group, k * ways + lane, reduce_min(select(everywhere, -inf, select(there, x, inf))))
-    put(group, (k + 1) * ways + lane, reduce_max(select(everywhere, inf, select(there, x, -inf))))
+    put(group, k * ways + lane, reduce_min(select(unbounded, -inf, select(there, x, inf))))
+    put(group, (k + 1) * ways + lane, reduce_max(select(unbounded, inf, select(there, x, -inf))))
 
 
 @kernel
@@ -457,13 +437,13 @@ def _box_of_nodes(children, alive, ways, group, lane):
     _put_box(group, ways, lane, low, high)
 
 
-@overload(names.bound_leaf)
+@overload(ray_tree.bound_leaf)
 def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
     if nodes.instance_class is Boxes:
         return lambda nodes, view, face, leaves, leaf, group, lane: _box_of_leaf(view, face, leaves, leaf, group, lane)
 
 
-@overload(names.bound_node)
+@overload(ray_tree.bound_node)
 def _bound_node(nodes, children, alive, ways, group, lane):
     if nodes.instance_class is Boxes:
         return lambda nodes, children, alive, ways, group, lane: _box_of_nodes(children, alive, ways, group, lane)
@@ -495,12 +475,12 @@ def _overlaps(group, row, ways):
 
 @inlined
 def _possible_boxes(group, row, ways, alive):
-    found = bits(_overlaps(group, row, ways)) & alive
-    if found == 0:
-        return found
-    own = _not_outside(group, row, OUTER + 12, CORNERS + 9)
+    candidates = bits(_overlaps(group, row, ways)) & alive
+    if candidates == 0:
+        return candidates
+    own_plane = _not_outside(group, row, OUTER + 12, CORNERS + 9)
     ab, bc = _not_outside(group, row, OUTER, CORNERS), _not_outside(group, row, OUTER + 4, CORNERS + 3)
-    return found & bits(own & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))
+    return candidates & bits(own_plane & ab & bc & _not_outside(group, row, OUTER + 8, CORNERS + 6))
 
 
 @inlined
@@ -518,29 +498,29 @@ def _covered_boxes(group, row, ways, among):
     v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
     if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
         return np.int64(0)
-    found = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
-    return bits(found & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among
+    inside = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
+    return bits(inside & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among
 
 
-@overload(names.write_row)
+@overload(ray_tree.write_row)
 def _write_row(nodes, view, face, ways, shape, spheres, row):
     if nodes.instance_class is Boxes:
         return lambda nodes, view, face, ways, shape, spheres, row: write_box_row(view, face, ways, shape, spheres, row)
 
 
-@overload(names.writes_sixteen)
+@overload(ray_tree.writes_sixteen)
 def _writes_sixteen(nodes):
     if nodes.instance_class is Boxes:
         return lambda nodes: True
 
 
-@overload(names.possible)
+@overload(ray_tree.possible)
 def _possible(nodes, group, row, ways, alive, spheres):
     if nodes.instance_class is Boxes:
         return lambda nodes, group, row, ways, alive, spheres: _possible_boxes(group, row, ways, alive)
 
 
-@overload(names.covered)
+@overload(ray_tree.covered)
 def _covered(nodes, group, row, ways, among):
     if nodes.instance_class is Boxes:
         return lambda nodes, group, row, ways, among: _covered_boxes(group, row, ways, among)

@@ -1,15 +1,16 @@
 """Beams: segments of a query that share one ray hierarchy and one traversal of the triangles.
 
-Apexes. All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011,
-Sec. 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone,
-and the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
-amount (`shadow_planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own
-beam.
+Apexes. All segments to a point light end there, so it is the common apex of their cones [Olsson and Assarsson 2011,
+Sec. 4.3]. Other lights have a blurred apex: the samples of a quad lie in a ball, the directions to the sun in a cone,
+and the ends of ambient segments in a ball around each receiver. A triangle's planes are tilted or moved by the same
+amount (`shadow_planes`), so that one traversal serves all samples. Alternatively, each sample is a point light with its
+own beam.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.exact.filters import dot, plane, widest
 from ...kernels.jit import U64Ptr, inlined, kernel
@@ -33,6 +34,7 @@ from ...query.query_bounds import bounds
 from ...query.receivers import NOTHING
 from ...query.shadow_query import (
     QueryPointers,
+    ShadowQuery,
     horizon_of,
     is_above,
     patch_of,
@@ -43,35 +45,29 @@ from ...query.shadow_query import (
     three_at,
 )
 from ...scene.light_lists import N_SETS
-from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, is_list, tangents
+from ...scene.lights import AMBIENT, DIRECTIONAL, FIXED, SPHERE, LightPatch, is_list, tangents
 from ...trace.counters import BELOW_HORIZON, RAYS, count
 
-# --- Beams: segments of a query that share one cone hierarchy and one traversal of the triangles ----------------------
-#
-# All segments of a point light meet in it, so it is the common apex of their cones [Olsson and Assarsson 2011, Sec.
-# 4.3]. Other lights have a blurred apex. The samples of a quad lie in a ball, the directions to the sun in a cone, and
-# the ends of ambient segments in a ball around each receiver. The triangle's planes are tilted or moved by the same
-# amount (`planes`), so one traversal serves all samples. Alternatively each sample is a point light with its own beam.
-
+# --- Beams ------------------------------------------------------------------------------------------------------------
 
 PERSPECTIVE, PARALLEL, AROUND = 0, 1, 2
 """Kinds of `Beam`: ends in a point or ball; ends far away; ends all around each receiver."""
 
 _BEAM_MARGIN = 1.0 + 2.0**-18  # exceeds the rounding error of float32 samples and of planes
-_NARROW = 1e-3  # least cosine to the middle of a cone of distant lights; others are all around
-_WIDE = 1e5  # tangent of an angle: for a wider disk, rounding of the samples loses its distance
+_NARROW = 1e-3  # minimum cosine to the axis of a cone of distant lights; below it, the beam is AROUND
+_WIDE = 1e5  # tangent of an angle; for wider disks, the distance is lost in the rounding of samples
 
 
 class Beam(NamedTuple):
     """The samples and receivers of a beam, and its apex or direction.
 
-    A beam has its own frame. No receiver is farther than 1 away in it, and most are not much nearer. So its numbers fit
-    into float32 for every unit of the scene.
+    A beam has its own frame, in which receivers are at most 1 away and most are not much nearer. Its numbers therefore
+    fit into float32 for every unit of the scene.
     """
 
     kind: int  # PERSPECTIVE, PARALLEL or AROUND
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     set: int  # the sample set of the beam's receivers; -1: all sets
     common: bool  # all these receivers have the same ends
     apex: np.ndarray  # (3,) float64, recentred frame; PERSPECTIVE: the middle of all ends, a float32 point
@@ -85,14 +81,14 @@ class Beam(NamedTuple):
     scale: float  # largest absolute coordinate of the receivers; unused by PERSPECTIVE
 
 
-def fixed_points(query) -> np.ndarray:
+def fixed_points(query: ShadowQuery) -> NDArray[np.float32]:
     """(16, n, 3) float32: the ends of a light that does not move with the receiver, computed as in `sample_point`."""
     light, a = query.light, query.samples
-    ends = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
+    ends: NDArray[np.float64] = ((light.base + a[..., :1] * light.u) + a[..., 1:2] * light.v) + a[..., 2:] * light.w
     return ends.astype(np.float32)
 
 
-def beams_of(query, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
+def beams_of(query: ShadowQuery, each_sample: bool = False, threads: int | None = None) -> list[Beam]:
     """The beams of a ShadowQuery; ``each_sample``: one beam for each sample of a light that does not move.
 
     The lights of a list always have one beam each, because they may be far apart.
@@ -102,47 +98,59 @@ def beams_of(query, each_sample: bool = False, threads: int | None = None) -> li
         return []
     low, high = (corner.astype(np.float64) for corner in bounds(query.origins, threads))
     if light.kind == SPHERE:
-        return [_ball(0, n, -1, light.base, light.radius, low, high)]
+        return [_beam_of_ball(0, n, -1, light.base, light.radius, low, high)]
     if light.kind == DIRECTIONAL:
-        return [_heavens(query, low, high) if is_list(light) else _distant(light, n, low, high)]
+        return [_distant_list(query, low, high) if is_list(light) else _distant_disk(light, n, low, high)]
     if light.kind == AMBIENT:
-        return [_along(AROUND, n, np.eye(3), light.radius * _BEAM_MARGIN, low, high)]
+        return [_beam_without_apex(AROUND, n, np.eye(3), light.radius * _BEAM_MARGIN, low, high)]
     ends = fixed_points(query)
     if light.kind == FIXED and not each_sample:
-        return [_around(ends, 0, n, -1, low, high)]
+        return [_beam_of_ends(ends, 0, n, -1, low, high)]
     same = (ends == ends[:1]).all((0, 2))
     return [
-        _around(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
+        _beam_of_ends(ends[:, s : s + 1] if which < 0 else ends[which : which + 1, s : s + 1], s, 1, which, low, high)
         for s in range(n)
         for which in ([-1] if same[s] else range(N_SETS))
     ]
 
 
-def _around(ends: np.ndarray, first: int, count: int, which: int, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of these ends."""
+def _beam_of_ends(
+    ends: NDArray[np.float32], first: int, count: int, which: int, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> Beam:
+    """The beam of segments to these ends."""
     points = ends.reshape(-1, 3).astype(np.float64)
     if (points == points[0]).all():
-        return _ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
+        return _beam_of_ball(first, count, which, points[0], 0.0, low, high)._replace(common=True, radius=0.0)
     centre = (points.min(0) + points.max(0)) / 2.0
     common = bool((ends == ends[:1]).all())
-    beam = _ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
+    beam = _beam_of_ball(first, count, which, centre, float(np.linalg.norm(points - centre, axis=1).max()), low, high)
     return beam._replace(common=common)
 
 
-def _ball(first: int, count: int, which: int, centre: np.ndarray, radius: float, low, high) -> Beam:
-    """The beam of ends in a ball, and of receivers in the box from `low` to `high`, (3,) float64 each.
+def _beam_of_ball(
+    first: int,
+    count: int,
+    which: int,
+    centre: NDArray[np.float64],
+    radius: float,
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> Beam:
+    """The beam of segments from the box from `low` to `high`, (3,) float64 each, to a ball.
 
-    Its apex is a float32 point, so differences to it are rounded once.
+    Its apex is a float32 point, so that differences to it are rounded once.
     """
     apex, none = centre.astype(np.float32).astype(np.float64), np.zeros(3)
     radius = (radius + float(np.linalg.norm(centre - apex))) * _BEAM_MARGIN + 2.0**-22 * float(
         np.abs(apex).max() + radius
     )
-    unit = _unit(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex))))
+    unit = _unit(float(np.linalg.norm(np.maximum(np.abs(low - apex), np.abs(high - apex)))))
     return Beam(PERSPECTIVE, first, count, which, False, apex, np.eye(3), unit, radius * unit, none, none, 0.0)
 
 
-def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, high: np.ndarray) -> Beam:
+def _beam_without_apex(
+    kind: int, n: int, axes: NDArray[np.float64], radius: float, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> Beam:
     """The beam without an apex for receivers in the box from `low` to `high`."""
     corners = np.where(np.arange(8)[:, None] >> np.arange(3) & 1, high, low) @ axes.T
     unit = _unit(np.abs(corners).max() * _BEAM_MARGIN)
@@ -153,18 +161,18 @@ def _along(kind: int, n: int, axes: np.ndarray, radius: float, low: np.ndarray, 
     return Beam(kind, 0, n, -1, False, np.zeros(3), axes, unit, radius, corners.min(0), corners.max(0), scale)
 
 
-def _distant(light, n: int, low: np.ndarray, high: np.ndarray) -> Beam:
-    """The beam of a distant disk. Rounding spreads the directions even of a light without extent."""
+def _distant_disk(light: LightPatch, n: int, low: NDArray[np.float64], high: NDArray[np.float64]) -> Beam:
+    """The beam of a distant disk. Because of rounding, directions vary even for a light without extent."""
     distance = float(np.linalg.norm(light.base))
     towards = light.base / distance
     length = float(max(np.linalg.norm(light.u), np.linalg.norm(light.v)))
     if length > _WIDE * distance:
-        return _along(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
+        return _beam_without_apex(AROUND, n, np.eye(3), (distance + length) * _BEAM_MARGIN, low, high)
     sine = float(np.sin(np.arctan(length / distance * _BEAM_MARGIN))) + 2.0**-20
-    return _along(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
+    return _beam_without_apex(PARALLEL, n, np.stack([*tangents(towards), towards]), min(sine, 1.0), low, high)
 
 
-def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
+def _distant_list(query: ShadowQuery, low: NDArray[np.float64], high: NDArray[np.float64]) -> Beam:
     """The beam of a list of distant lights: of the cone around their mean direction, if it is narrow."""
     distance, towards = float(np.linalg.norm(query.light.u)), query.samples.reshape(-1, 3)
     middle = towards.mean(0)
@@ -175,17 +183,16 @@ def _heavens(query, low: np.ndarray, high: np.ndarray) -> Beam:
         cosine = float((towards @ middle).min())
         if cosine > _NARROW:
             sine = float(np.linalg.norm(np.cross(towards, middle), axis=1).max()) * _BEAM_MARGIN + 2.0**-20
-            return _along(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
-    return _along(AROUND, n, np.eye(3), distance * _BEAM_MARGIN, low, high)
+            return _beam_without_apex(PARALLEL, n, np.stack([*tangents(middle), middle]), min(sine, 1.0), low, high)
+    return _beam_without_apex(AROUND, n, np.eye(3), distance * _BEAM_MARGIN, low, high)
 
 
 def _unit(distance: float) -> float:
-    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents that float32 can hold."""
+    """The power of two that scales a distance to between 1 / 2 and 1, limited to exponents of float32."""
     return 2.0 ** -min(max(int(np.frexp(distance)[1]), -100), 100)
 
 
-# --- Projection of points by a beam: onto the six faces of a cube around the apex, or parallel for distant lights -----
-
+# --- Projection of points: onto the six faces of a cube around the apex, or parallel for distant lights ---------------
 
 FACES = 6  # of the cube around an apex: +x, -x, +y, -y, +z, -z
 
@@ -198,9 +205,9 @@ class BeamView(NamedTuple):
     x: float  # the apex
     y: float
     z: float
-    u: tuple  # three axes of the beam's frame; unused by PERSPECTIVE
-    v: tuple
-    w: tuple
+    u: tuple[float, float, float]  # three axes of the beam's frame; unused by PERSPECTIVE
+    v: tuple[float, float, float]
+    w: tuple[float, float, float]
     radius: float  # as in `Beam`
     scale: float  # largest absolute coordinate of a receiver in the beam's frame; unused by PERSPECTIVE
     lowest: float  # lowest last coordinate of a receiver
@@ -216,7 +223,7 @@ def view_of(beam):
 
 @inlined
 def relative(view, p):
-    """A float64 point in the beam's frame: relative to the apex, or along the axes."""
+    """A float64 point in the beam's frame, relative to the apex or along the axes."""
     s = view.unit
     if view.kind == PERSPECTIVE:
         return (p[0] - view.x) * s, (p[1] - view.y) * s, (p[2] - view.z) * s
@@ -225,7 +232,7 @@ def relative(view, p):
 
 @inlined
 def turned(d, face):
-    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear and also applies to normals."""
+    """(u, v, depth) of a direction, with depth along the face's axis. The map is linear, and also valid for normals."""
     if face < 2:
         return d[1], d[2], (d[0] if face == 0 else -d[0])
     if face < 4:
@@ -235,7 +242,7 @@ def turned(d, face):
 
 @inlined
 def relative16(view, o):
-    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so a difference is rounded only once."""
+    """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so differences are rounded only once."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
         return times(Vec3(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
@@ -263,10 +270,9 @@ def projected16(view, o, face):
     return d.x, d.y, d.z
 
 
-# --- Selection of a beam's active receivers: those with a sample above their own surface ------------------------------
+# --- Active receivers of a beam: those with a sample above their own surface ------------------------------------------
 
-
-_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane as a whole
+_SLANT = np.float64(2.0**-16)  # sine of an angle: a distant light must be this far above a plane to be on one side
 _SHALLOW = np.float64(2.0**-18)  # relative to the light's distance: receivers near a plane are no farther from it
 _MORE = np.float64(1.000001)
 
@@ -275,7 +281,7 @@ class ConeSamples(NamedTuple):
     """The samples of a `Beam`."""
 
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     set: int  # sample set; -1: all sets
 
 
@@ -288,23 +294,23 @@ class QueryBits(NamedTuple):
 
 @inlined
 def query_bits_of(query, bits):
-    """The `Asking` of a ShadowQuery and the array of its answer bits."""
+    """The `QueryBits` of a ShadowQuery and the array of its answer bits."""
     return QueryBits(query_pointers(query), ptr(bits))
 
 
 @kernel
-def _light_side(asking, view, face):
-    """The side of a triangle's plane that holds all segment ends of the receivers near it; 0: unknown."""
+def _light_side(query_bits, view, face):
+    """The side of a triangle's plane that all segment ends of the receivers near it are on; 0: unknown."""
     z = np.float64(0.0)
     if view.kind == AROUND:
         return np.int64(0)
     at = (view.x, view.y, view.z) if view.kind == PERSPECTIVE else (z, z, z)
-    p, n, error = plane(asking.query.corners, face, z, z, z)
+    p, n, error = plane(query_bits.query.corners, face, z, z, z)
     length = np.sqrt(dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
         h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
-    elif view.scale > 64.0 * view.unit * _distance(asking):  # the rounding of ends matters
+    elif view.scale > 64.0 * view.unit * _distance(query_bits):  # rounding of ends is significant
         return np.int64(0)
     else:
         h, slack = dot(n, view.w), (view.radius + _SLANT) * length + error
@@ -314,119 +320,118 @@ def _light_side(asking, view, face):
 
 
 @inlined
-def _light_side_again(asking, view, face, last):
-    """`_light_side`, cached with its triangle in `last`: adjacent pixels mostly see the same triangle."""
+def _cached_light_side(query_bits, view, face, last):
+    """`_light_side`, cached with its triangle in `last`, since adjacent pixels mostly see the same triangle."""
     if get(last, 0) != face:
         put(last, 0, face)
-        put(last, 1, _light_side(asking, view, face))
+        put(last, 1, _light_side(query_bits, view, face))
     return get(last, 1)
 
 
 @inlined
-def _distance(asking):
+def _distance(query_bits):
     """The distance of a distant light."""
-    base = asking.query.light.base
+    base = query_bits.query.light.base
     return np.sqrt(dot(base, base))
 
 
 @kernel
-def _is_near(asking, view, i):
-    """Is a receiver near its triangle's plane? If the plane then parts it from the light, all samples are below."""
+def _is_near(query_bits, view, i):
+    """Whether a receiver is near its triangle's plane, so that all samples beyond the plane are below its surface."""
     if view.kind == PERSPECTIVE:  # all receivers have the same ends
         return True
     z = np.float64(0.0)
-    p, n, error = plane(asking.query.corners, np.int64(get(asking.query.faces, i)), z, z, z)
-    o = three_at(asking.query.origins, i)
+    p, n, error = plane(query_bits.query.corners, np.int64(get(query_bits.query.faces, i)), z, z, z)
+    o = three_at(query_bits.query.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
-    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(asking) * np.sqrt(dot(n, n))
+    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(query_bits) * np.sqrt(dot(n, n))
 
 
 @kernel
-def _asks(asking, samples, i, counters):
-    """Does a sample of a beam lie above the receiver's own surface? Sets the bits of the samples below it."""
-    patch, horizon, asks = patch_of(asking.query, i), horizon_of(asking.query, i), False
-    for s in range(samples.first, samples.first + samples.count):
-        l = sample_of(asking.query, patch, i, s)
-        if is_above(horizon, l[0], l[1], l[2], asking.query.corners):
-            asks = True
+def _is_active(query_bits, samples, i, counters):
+    """Whether a sample of a beam lies above the receiver's own surface. Sets the bits of the samples below it."""
+    patch, horizon, active = patch_of(query_bits.query, i), horizon_of(query_bits.query, i), False
+    for s in range(samples.first, samples.first + samples.n_samples):
+        l = sample_of(query_bits.query, patch, i, s)
+        if is_above(horizon, l[0], l[1], l[2], query_bits.query.corners):
+            active = True
         else:
             count(counters, BELOW_HORIZON, 1)
-            set_bit(asking.query, asking.bits, i, s)
-    return asks
+            set_bit(query_bits.query, query_bits.bits, i, s)
+    return active
 
 
 @kernel
-def _below(asking, samples, ids, lanes, counters):
+def _set_below_horizon(query_bits, samples, ids, lanes, counters):
     """Set the bits of all samples of a beam for some lanes."""
-    count(counters, BELOW_HORIZON, samples.count * popcount(lanes))
+    count(counters, BELOW_HORIZON, samples.n_samples * popcount(lanes))
     while lanes != 0:
         i = np.int64(get(ids, lowest_bit(lanes)))
         lanes &= lanes - 1
-        for s in range(samples.first, samples.first + samples.count):
-            set_bit(asking.query, asking.bits, i, s)
+        for s in range(samples.first, samples.first + samples.n_samples):
+            set_bit(query_bits.query, query_bits.bits, i, s)
 
 
 @kernel
-def _sides_of(asking, samples, ids, lanes, sides):
+def _sides_of(query_bits, samples, ids, lanes, sides):
     """Write the sides of 16 receivers, NOTHING for receivers outside `lanes` or of another sample set."""
     for lane in range(16):
         i = np.int64(get(ids, lane))
-        others = samples.set >= 0 and set_of(asking.query, i) != samples.set
-        put(sides, lane, NOTHING if others else np.int64(get(asking.query.sides, i)))
+        others = samples.set >= 0 and set_of(query_bits.query, i) != samples.set
+        put(sides, lane, NOTHING if others else np.int64(get(query_bits.query.sides, i)))
     store(sides, 0, select(mask_from_bits16(lanes), load16(sides, 0), np.int32(NOTHING)))
 
 
 @kernel
-def _some_ask(asking, view, samples, ids, lanes, counters):
-    """`who_asks` for receivers that their triangle's plane parts from the light, tested one by one."""
-    asks, below = np.int64(0), np.int64(0)
+def _active_below_plane(query_bits, view, samples, ids, lanes, counters):
+    """`active_receivers` for receivers that their triangle's plane separates from the light, tested one by one."""
+    active, below = np.int64(0), np.int64(0)
     while lanes != 0:
         lane, i = lanes & -lanes, np.int64(get(ids, lowest_bit(lanes)))
         lanes ^= lane
-        if _is_near(asking, view, i):
+        if _is_near(query_bits, view, i):
             below |= lane
-        elif _asks(asking, samples, i, counters):
-            asks |= lane
-    _below(asking, samples, ids, below, counters)
-    return asks
+        elif _is_active(query_bits, samples, i, counters):
+            active |= lane
+    _set_below_horizon(query_bits, samples, ids, below, counters)
+    return active
 
 
 @kernel
-def active_receivers(asking, view, samples, ids, lanes, last, counters):
-    """Bits of the active receivers among 16: a sample of the beam lies above their surface.
-
-    The answer bits of samples below a receiver's surface are set.
+def active_receivers(query_bits, view, samples, ids, lanes, last, counters):
+    """Bits of the active ones among 16 receivers; sets the answer bits of samples below a receiver's surface.
 
     ids : pointer to 16 int32, indices of the receivers
     lanes : bits of the lanes that have a receiver
     last : pointer to 2 int64, a cache of this function; initialize the first with -1
     """
     scratch = stack_i32(16)
-    _sides_of(asking, samples, ids, lanes, scratch)
+    _sides_of(query_bits, samples, ids, lanes, scratch)
     sides = load16(scratch, 0)
-    valid, asks = bits(sides != np.int32(NOTHING)), np.int64(0)
-    count(counters, RAYS, samples.count * popcount(valid))
-    faces = gather(asking.query.faces, load16(ids, 0))
+    valid, active = bits(sides != np.int32(NOTHING)), np.int64(0)
+    count(counters, RAYS, samples.n_samples * popcount(valid))
+    faces = gather(query_bits.query.faces, load16(ids, 0))
     store(scratch, 0, faces)
-    while valid != 0:  # receivers on one triangle together
+    while valid != 0:  # one triangle at a time
         face, lane, known = np.int64(get(scratch, lowest_bit(valid))), valid & -valid, np.int64(0)
         if face >= 0:
-            known = _light_side_again(asking, view, face, last)
+            known = _cached_light_side(query_bits, view, face, last)
         if known == 0:
             valid ^= lane
-            asks |= lane if _asks(asking, samples, np.int64(get(ids, lowest_bit(lane))), counters) else np.int64(0)
+            i = np.int64(get(ids, lowest_bit(lane)))
+            active |= lane if _is_active(query_bits, samples, i, counters) else np.int64(0)
         else:
             same = valid & bits(faces == np.int32(face))
             valid ^= same
             above = same & bits(sides == np.int32(known))
-            asks |= above
+            active |= above
             if same != above:
-                asks |= _some_ask(asking, view, samples, ids, same & ~above, counters)
-    return asks
+                active |= _active_below_plane(query_bits, view, samples, ids, same & ~above, counters)
+    return active
 
 
 @inlined
-def origins_of(asking, ids):
+def origins_of(query_bits, ids):
     """The positions of 16 receivers, a `Vec` of f32x16."""
-    at, p = ids * 3, asking.query.origins
+    at, p = ids * 3, query_bits.query.origins
     return Vec3(gather(p, at), gather(p, at + 1), gather(p, at + 2))

@@ -1,11 +1,14 @@
-"""Leaves of a ray hierarchy: the rays of a beam, side by side for SIMD, and their tests against a triangle.
+"""Leaves of a ray hierarchy: the rays of a beam in SIMD lanes, and their tests against a triangle.
 
-Scratch memory. The system clears every new page of a process, which takes longer than most kernels work on the page.
-Memory released between frames would be cleared again in every frame.
+Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block; the
+other lanes belong to other leaves or are empty. The segment ends are either shared by all receivers, or stored in the
+same layout.
 
-Blocks. Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The
-other lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
-layout of the receivers.
+Tests. A triangle is tested against the 16 rays of a leaf at once, in float32, or exactly where the error bounds of
+float32 leave the result undecided.
+
+Scratch memory is reused between calls. The operating system clears each new page of a process, which takes longer than
+most kernels spend on the page; memory released between frames would be cleared again in every frame.
 """
 
 import threading
@@ -14,6 +17,7 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.exact.predicate import segment
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
@@ -34,30 +38,26 @@ from ...kernels.simd import (
 )
 from ...kernels.simd import bits as bits_of
 from ...kernels.vec3 import minus, rows
-from ...query.shadow_query import patch_of, sample_of
+from ...query.shadow_query import ShadowQuery, patch_of, sample_of
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import decide, length1, seen_from
 from .light_beams import Beam, query_bits_of
 
-# --- Scratch memory that is reused from call to call ------------------------------------------------------------------
-#
-# The system clears every new page of a process, which takes longer than most kernels work on the page. Memory released
-# between frames would be cleared again in every frame.
-
+# --- Scratch memory ---------------------------------------------------------------------------------------------------
 
 KEPT = 64 << 20
-"""Maximum number of bytes kept for later calls."""
+"""Maximum number of bytes retained for later calls."""
 
-_spare: list[np.ndarray] = []  # most recently used first
+_spare: list[NDArray[np.uint8]] = []  # most recently used first
 _lock = threading.Lock()
 
 Empty = Callable[[int, Any], np.ndarray]
 """Function of a number of elements and their dtype, such as ``numpy.empty``."""
 
 
-def _take(size: int) -> np.ndarray:
-    """A buffer of at least the given number of bytes: the smallest spare one that is not far too large."""
+def _spare_buffer(size: int) -> NDArray[np.uint8]:
+    """A buffer of at least this many bytes: the smallest spare one that fits and is at most twice as large, or new."""
     with _lock:
         fit = [i for i, spare in enumerate(_spare) if size <= len(spare) <= 2 * size]
         if fit:
@@ -65,12 +65,12 @@ def _take(size: int) -> np.ndarray:
     return np.empty(size, np.uint8)
 
 
-def _give_back(buffers: list[np.ndarray]) -> None:
+def _return_buffers(buffers: list[NDArray[np.uint8]]) -> None:
     with _lock:
-        kept = 0
+        total = 0
         for i, buffer in enumerate(all_ := buffers + _spare):
-            kept += len(buffer)
-            if kept > KEPT:
+            total += len(buffer)
+            if total > KEPT:
                 del all_[i:]
                 break
         _spare[:] = all_
@@ -79,26 +79,21 @@ def _give_back(buffers: list[np.ndarray]) -> None:
 @contextmanager
 def borrowed() -> Iterator[Empty]:
     """Yield a function like ``numpy.empty``; its arrays must not be used after the ``with`` block."""
-    taken: list[np.ndarray] = []
+    buffers: list[NDArray[np.uint8]] = []
 
     def empty(n: int, dtype: Any) -> np.ndarray:
         size = n * np.dtype(dtype).itemsize
-        buffer = _take(size)
-        taken.append(buffer)
+        buffer = _spare_buffer(size)
+        buffers.append(buffer)
         return buffer[:size].view(dtype)
 
     try:
         yield empty
     finally:
-        _give_back(taken)
+        _return_buffers(buffers)
 
 
-# --- The rays of a beam: the leaves of its hierarchy, stored side by side for SIMD tests ------------------------------
-#
-# Receivers are stored in *blocks*, each with as many lanes as a leaf. A leaf owns some lanes of a block. The other
-# lanes belong to other leaves or are empty. The segment ends are the same for all receivers, or are stored in the
-# layout of the receivers.
-
+# --- Leaves -----------------------------------------------------------------------------------------------------------
 
 PAD = 16  # padding at the end of an array, because kernels always read 16 numbers
 
@@ -114,13 +109,13 @@ class LeafRays(NamedTuple):
     origins: np.ndarray  # (3 blocks ways + PAD,) float32: block, axis, lane
     ids: np.ndarray  # (blocks ways + PAD,) int32: index of the receiver; -1: none
     own: np.ndarray  # (blocks ways + PAD,) int32: the triangle that the receiver lies on; -1: none
-    ends: np.ndarray  # (3 count ways [blocks] + PAD,) float32: [block,] sample, axis, lane
+    ends: np.ndarray  # (3 n_samples ways [blocks] + PAD,) float32: [block,] sample, axis, lane
     end_step: int  # float32 numbers from one block's ends to the next; 0: all blocks share their ends
     blocks: np.ndarray  # (leaves,) int32: the block of each leaf
     lanes: np.ndarray  # (leaves,) int32: bits of the block's lanes that the leaf owns
-    dead: np.ndarray  # (leaves, count) int32: bits of the lanes whose segment is dead
+    dead: np.ndarray  # (leaves, n_samples) int32: bits of the lanes whose segment is dead
     first: int  # the first sample
-    count: int  # number of samples
+    n_samples: int  # number of samples
     starts: np.ndarray  # (k + 1,) int64: the first leaf of each face, and the end
     faces: np.ndarray  # (k,) int64: the faces
     placed: bool  # leaves keep their places even if all their segments are dead
@@ -128,7 +123,7 @@ class LeafRays(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """Receivers, `ways` side by side, as in `LeafRays`."""
+    """Receivers in blocks of `ways` lanes, as in `LeafRays`."""
 
     ways: int
     origins: np.ndarray  # (3 blocks ways + PAD,) float32
@@ -159,7 +154,7 @@ class Leaves(NamedTuple):
     lanes: I32Ptr
     dead: I32Ptr
     first: int
-    count: int
+    n_samples: int
     samples: I32Ptr
 
 
@@ -168,7 +163,7 @@ def leaves_of(rays):
     """The `Leaves` of `LeafRays`."""
     return Leaves(
         rays.ways, ptr(rays.origins), ptr(rays.ids), ptr(rays.own), ptr(rays.ends), rays.end_step, ptr(rays.blocks),
-        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.count, ptr(rays.samples),
+        ptr(rays.lanes), ptr(rays.dead), rays.first, rays.n_samples, ptr(rays.samples),
     )  # fmt: skip
 
 
@@ -202,22 +197,22 @@ def fetch_leaf(leaves, leaf):
 @kernel
 def _fill_ends(ticket, query, bits, rays):
     """Worker: write the segment ends of each block's receivers. Empty lanes repeat the ends of another lane."""
-    asking, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
+    query_bits, leaves, ways = query_bits_of(query, bits), leaves_of(rays), np.int64(rays.ways)
     for block in items(ticket):
-        anyone = np.int64(-1)
+        some_id = np.int64(-1)
         for lane in range(ways):
-            anyone = max(anyone, np.int64(get(leaves.ids, block * ways + lane)))
-        for lane in range(ways if anyone >= 0 else 0):
+            some_id = max(some_id, np.int64(get(leaves.ids, block * ways + lane)))
+        for lane in range(ways if some_id >= 0 else 0):
             i = np.int64(get(leaves.ids, block * ways + lane))
-            _fill_lane(asking, i if i >= 0 else anyone, leaves, block, lane)
+            _fill_lane(query_bits, i if i >= 0 else some_id, leaves, block, lane)
 
 
 @inlined
-def _fill_lane(asking, i, leaves, block, lane):
+def _fill_lane(query_bits, i, leaves, block, lane):
     """Write the ends of the segments of receiver i to a lane."""
-    patch, ends = patch_of(asking.query, i), ptr_at(leaves.ends, block * leaves.end_step)
-    for s in range(leaves.count):
-        l = sample_of(asking.query, patch, i, leaves.first + s)
+    patch, ends = patch_of(query_bits.query, i), ptr_at(leaves.ends, block * leaves.end_step)
+    for s in range(leaves.n_samples):
+        l = sample_of(query_bits.query, patch, i, leaves.first + s)
         for k in range(3):
             put(ends, (3 * s + k) * leaves.ways + lane, l[k])
 
@@ -225,36 +220,36 @@ def _fill_lane(asking, i, leaves, block, lane):
 @kernel
 def _fill_common(query, leaf, bits, rays):
     """Write the ends that all receivers share, computed for one receiver of a leaf."""
-    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
     lane = lowest_bit(np.int64(get(leaves.lanes, leaf)) | 1 << 15) & leaves.ways - 1
     i = max(np.int64(get(leaves.ids, block_of(leaves, leaf) * leaves.ways + lane)), np.int64(0))
     for lane in range(rays.ways):
-        _fill_lane(asking, i, leaves, np.int64(0), lane)
+        _fill_lane(query_bits, i, leaves, np.int64(0), lane)
 
 
 @inlined
-def _fill_leaf(asking, leaves, leaf):
+def _fill_leaf(query_bits, leaves, leaf):
     """Mark the segments of a leaf that are dead before the traversal."""
     lanes = np.int64(get(leaves.lanes, leaf))
     others = ~lanes & (np.int64(1) << leaves.ways) - 1
-    if leaves.count == 1:  # a leaf has only receivers that ask, so its only sample is live
+    if leaves.n_samples == 1:  # all receivers of a leaf are active, so their only sample is live
         put(leaves.dead, leaf, others)
         return
     ids = maximum(load16(leaves.ids, block_of(leaves, leaf) * leaves.ways), np.int32(0))
-    there = ids * np.int32(2 * asking.query.words)
-    for n in range(leaves.count):
+    there = ids * np.int32(2 * query_bits.query.words)
+    for n in range(leaves.n_samples):
         s = leaves.first + n
-        word = gather(as_i32(asking.bits), there + np.int32(s >> 5))
+        word = gather(as_i32(query_bits.bits), there + np.int32(s >> 5))
         known = bits_of((word >> np.int32(s & 31)) & 1 != np.int32(0)) & lanes
-        put(leaves.dead, leaf * leaves.count + n, known | others)
+        put(leaves.dead, leaf * leaves.n_samples + n, known | others)
 
 
 @kernel
 def _fill_dead(ticket, query, bits, rays):
     """Worker: mark the segments that are dead before the traversal."""
-    asking, leaves = query_bits_of(query, bits), leaves_of(rays)
+    query_bits, leaves = query_bits_of(query, bits), leaves_of(rays)
     for leaf in items(ticket):
-        _fill_leaf(asking, leaves, leaf)
+        _fill_leaf(query_bits, leaves, leaf)
 
 
 def new_blocks(n: int, ways: int, empty: Empty) -> Blocks:
@@ -272,9 +267,11 @@ def block_pointers(blocks):
     return Blocks(blocks.ways, ptr(blocks.origins), ptr(blocks.ids), ptr(blocks.own))
 
 
-def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, threads: int, empty: Empty) -> LeafRays:
+def rays_in(
+    query: ShadowQuery, beam: Beam, blocks: Blocks, cut: LeafCut, bits: NDArray[np.uint64], threads: int, empty: Empty
+) -> LeafRays:
     """Make the `LeafRays` of the receivers in blocks; `cut` assigns their lanes to leaves."""
-    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.count
+    n, count = (len(blocks.ids) - PAD) // blocks.ways, beam.n_samples
     step = 0 if beam.common else 3 * count * blocks.ways
     ends = empty((n * step if step else 3 * count * blocks.ways) + PAD, np.float32)
     ends[-PAD:] = 0
@@ -291,10 +288,10 @@ def rays_in(query, beam: Beam, blocks: Blocks, cut: LeafCut, bits: np.ndarray, t
     return rays
 
 
-def finished(rays: LeafRays) -> float:
+def finished_share(rays: LeafRays) -> float:
     """The share of dead segments."""
-    asked = int(np.bitwise_count(rays.lanes).sum()) * rays.count
-    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(asked, 1)
+    segments = int(np.bitwise_count(rays.lanes).sum()) * rays.n_samples
+    return int(np.bitwise_count(rays.dead & rays.lanes[:, None]).sum()) / max(segments, 1)
 
 
 @kernel
@@ -302,8 +299,8 @@ def _write_bits(ticket, rays, bits):
     """Worker: set the bits of the blocked segments."""
     leaves, out, words = leaves_of(rays), ptr(bits), bits.shape[2]
     for leaf in items(ticket):
-        for s in range(leaves.count):
-            blocked = np.int64(get(leaves.dead, leaf * leaves.count + s)) & np.int64(get(leaves.lanes, leaf))
+        for s in range(leaves.n_samples):
+            blocked = np.int64(get(leaves.dead, leaf * leaves.n_samples + s)) & np.int64(get(leaves.lanes, leaf))
             block, n = block_of(leaves, leaf) * leaves.ways, leaves.first + s
             while blocked != 0:
                 i = np.int64(get(leaves.ids, block + lowest_bit(blocked)))
@@ -312,17 +309,17 @@ def _write_bits(ticket, rays, bits):
                 put(out, at, get(out, at) | np.uint64(1) << np.uint64(n & 63))
 
 
-def write_bits(rays: LeafRays, bits: np.ndarray, threads: int) -> None:
+def write_bits(rays: LeafRays, bits: NDArray[np.uint64], threads: int) -> None:
     """Set the bits of blocked segments in (h, w, words) uint64."""
     run(_write_bits, threads, new_ticket(len(rays.dead), 256), rays, bits)
 
 
-# --- Test of a triangle against the rays of a leaf, 16 at once: in float32, or exactly within its error bounds --------
+# --- Tests of a triangle against the rays of a leaf -------------------------------------------------------------------
 
 
 @kernel
-def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
-    """Bits of the `unsure` lanes that the triangle blocks. Float32 could not decide these, so the test is exact."""
+def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counters):
+    """Bits of the `unsure` lanes that the triangle blocks: an exact test where float32 was undecided."""
     blocked, o = np.int64(0), ptr_at(leaves.origins, 3 * block * leaves.ways)
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -341,7 +338,7 @@ def _settled(leaves, block, ends, corners, slot, facing, unsure, counters):
 def _span(leaves, ends, origins):
     """Upper bound of the 1-norm of each lane's segments."""
     span = length1(minus(rows(ends, 0, leaves.ways), origins))
-    for s in range(1, leaves.count):
+    for s in range(1, leaves.n_samples):
         span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
     return span
 
@@ -353,28 +350,28 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     triangle : the result of `triangle_in`
     prim : the triangle's id; it does not block receivers that lie on it
     """
-    ways, block, everyone = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
-    marks, first = ptr_at(leaves.dead, leaf * leaves.count), np.int64(0)
-    while first < leaves.count and np.int64(get(marks, first)) == everyone:
+    ways, block, all_lanes = leaves.ways, block_of(leaves, leaf), (np.int64(1) << leaves.ways) - 1
+    marks, first = ptr_at(leaves.dead, leaf * leaves.n_samples), np.int64(0)
+    while first < leaves.n_samples and np.int64(get(marks, first)) == all_lanes:
         first += 1
-    if first == leaves.count:
+    if first == leaves.n_samples:
         return True
     origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
     lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
-    for s in range(first, leaves.count):
-        asks = everyone & ~np.int64(get(marks, s))
-        if asks == 0:
+    for s in range(first, leaves.n_samples):
+        live = all_lanes & ~np.int64(get(marks, s))
+        if live == 0:
             continue
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
         hit, unsure = decide(minus(rows(points, 0, ways), origins), lanes, facing)
-        if (hit | unsure) & asks != 0:
+        if (hit | unsure) & live != 0:
             others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
-            hit, unsure = hit & asks & others, unsure & asks & others
+            hit, unsure = hit & live & others, unsure & live & others
             if unsure != 0:
-                hit |= _settled(leaves, block, points, corners, slot, facing, unsure, counters)
+                hit |= _exactly_blocked(leaves, block, points, corners, slot, facing, unsure, counters)
             if hit != 0:
-                atomic_or(leaves.dead, leaf * leaves.count + s, hit)
-                asks &= ~hit
-        finished = finished and asks == 0
+                atomic_or(leaves.dead, leaf * leaves.n_samples + s, hit)
+                live &= ~hit
+        finished = finished and live == 0
     return finished

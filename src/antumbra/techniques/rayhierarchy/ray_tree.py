@@ -1,11 +1,12 @@
 """The implicit hierarchy over a beam's rays: left-balanced, with a fixed number of children and no links.
 
-Nodes. A class has one field, `rows`: the number of float32 per node. Other packages may add classes.
-
 Tree. The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of
-level 0 is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5].
+level 0 is a leaf of `ways` rays, so the leaves below a node are contiguous [Olsson and Assarsson 2011, Sec. 3.5].
 Sixteen children fill a register; the paper uses four. The children of one node form a *group*: they are stored and
 tested together. Each face of the cube around an apex has its own hierarchy.
+
+Node classes, such as `box_nodes.Boxes` and `shaft_hierarchy.ShaftNodes`, have one field, `rows`: the number of float32
+per node. They overload the functions of their interface. Other packages may add classes.
 """
 
 from typing import Any, NamedTuple
@@ -15,22 +16,20 @@ import numpy as np
 from ...kernels.jit import inlined, kernel, overloaded
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import get, ptr, ptr_at, put
-from .light_beams import view_of
+from .light_beams import Beam, view_of
 from .ray_leaves import PAD, Empty, LeafRays, leaves_of
 
-# --- The common interface of classes of nodes, such as `boxes` and `shafts`: functions that dispatch on the class -----
-#
-# A class has one field, `rows`: the number of float32 per node. Other packages may add classes.
+# --- Interface of node classes ----------------------------------------------------------------------------------------
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
 def bound_leaf(nodes, view, face, leaves, leaf, group, lane):
-    """In kernels: write the node of a leaf to a lane of its group; False if the leaf has no ray."""
+    """In kernels: write the node of a leaf to a lane of its group; False if the leaf has no rays."""
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
 def bound_node(nodes, children, alive, ways, group, lane):
-    """In kernels: write the node that holds a group of `alive` children (bits)."""
+    """In kernels: write the node that encloses the `alive` children (bits) of a group."""
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
@@ -40,7 +39,7 @@ def write_row(nodes, view, face, ways, shape, spheres, row):
 
 @overloaded("box_nodes", "shaft_hierarchy")
 def writes_sixteen(nodes):
-    """In kernels: True if `pointrows` can write the rows of this class."""
+    """In kernels: True if `box_nodes.write_point_rows` can write the rows of this class."""
 
 
 @overloaded("box_nodes", "shaft_hierarchy")
@@ -63,13 +62,7 @@ def covered(nodes, group, row, ways, among):
     """In kernels: bits of the nodes in `among` (bits) of a group whose rays are all blocked by the triangle."""
 
 
-# --- The implicit hierarchy over a beam's rays: left-balanced, a fixed number of children, no links -------------------
-#
-# The children of node i of a level are the nodes ``ways i`` to ``ways i + ways - 1`` of the level below. A node of
-# level 0 is a leaf of `ways` rays. A node's leaves are therefore a range too [Olsson and Assarsson 2011, Sec. 3.5].
-# Sixteen children fill a register; the paper uses four. The children of one node form a *group*: they are stored and
-# tested together. Each face of the cube around an apex has its own hierarchy.
-
+# --- The hierarchy ----------------------------------------------------------------------------------------------------
 
 LEVELS = 16
 """Maximum number of levels: enough for 2^32 rays with four children per node."""
@@ -141,7 +134,7 @@ def _bound(ticket, arrays, beam, rays, part, level):
         put(tree.alive, start + g, alive)
 
 
-def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
+def tree_of(kind: Any, beam: Beam, rays: LeafRays, threads: int, empty: Empty = np.empty) -> RayTree:
     """Build the `RayTree` over a beam's rays; ``kind``: `Boxes`, `ShaftNodes` or `Cones`."""
     nodes, ways, k = kind(), rays.ways, len(rays.faces)
     step = nodes.rows * ways
@@ -159,19 +152,8 @@ def tree_of(kind: Any, beam, rays: LeafRays, threads: int, empty: Empty = np.emp
                 break
     numbers = empty(total * step + PAD, np.float32)
     numbers[:] = 0
-    tree = RayTree(
-        ways,
-        shift,
-        nodes,
-        step,
-        numbers,
-        np.zeros(total + PAD, np.int32),
-        heights,
-        sizes,
-        groups,
-        rays.starts,
-        rays.faces,
-    )
+    alive = np.zeros(total + PAD, np.int32)
+    tree = RayTree(ways, shift, nodes, step, numbers, alive, heights, sizes, groups, rays.starts, rays.faces)
     for part in range(k):
         for level in range(int(heights[part])):
             ticket = new_ticket(-(-int(sizes[part, level]) // ways), 64)

@@ -1,16 +1,17 @@
 """The order of a beam's active receivers in the leaves of its hierarchy.
 
-Keys. An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
-3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
+Sorted order [Olsson and Assarsson 2011, Sec. 3.5]. Receivers that the light cannot reach are dropped. The others are
+sorted by face of the cube around the apex, then along a discrete Hilbert curve over the face, whose indices have two
+bits per level of subdivision. Float32 is precise enough: a ray that rounding moves across the edge of a face sorts
+equally well there.
 
-Order. *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
-sorted by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a
-mip-map, with four pixels per node and four nodes per parent.
+Screen order. The order of a mip-map, with four pixels per node and four nodes per parent.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.morton_sort import radix_sort
 from ...kernels.jit import inlined, kernel
@@ -35,6 +36,7 @@ from ...kernels.simd import (
     to_i32,
 )
 from ...kernels.simd import bits as bits_of
+from ...query.shadow_query import ShadowQuery
 from ...trace.counters import N_COUNTERS, add_counters, cleared
 from .light_beams import (
     FACES,
@@ -49,12 +51,7 @@ from .light_beams import (
 )
 from .ray_leaves import PAD
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Sorting keys of rays: the face of the cube and the place on a Hilbert curve over it, for 16 receivers at once.
-#
-# An index on the discrete Hilbert curve has two bits for each level of subdivision [Olsson and Assarsson 2011, Sec.
-# 3.5]. Float32 is precise enough: a ray that rounding moves across a face's edge sorts equally well there.
-
+# --- Sorting keys: face of the cube and Hilbert index on it, for 16 receivers at once ---------------------------------
 
 BITS = 14  # per coordinate; two coordinates and three bits for the face fill a non-negative int32
 KEY_BITS = 2 * BITS + 3
@@ -65,7 +62,7 @@ _F = np.float32
 
 @inlined
 def hilbert(x, y):
-    """i32x16: indices on the curve of the cells (x, y), i32x16 of BITS bits each."""
+    """i32x16: Hilbert indices of the cells (x, y), i32x16 of BITS bits each."""
     key = splat16(np.int32(0))
     for i in range(BITS - 1, -1, -1):
         a, b = (x >> i) & 1, (y >> i) & 1
@@ -106,24 +103,17 @@ def cells_of(face, u, v):
 
 @inlined
 def keys_of(cells):
-    """The sorting keys of packed cells: the face stays, a Hilbert index replaces the cell."""
+    """The sorting keys of packed cells, with a Hilbert index in place of the cell's coordinates."""
     return (cells >> (2 * BITS) << (2 * BITS)) | hilbert((cells >> BITS) & _LAST, cells & _LAST)
 
 
 @inlined
-def on_ground(d, scale):
+def on_plane(d, scale):
     """(face, u, v) of points for a beam that is not PERSPECTIVE: the face is 0, and scale maps u and v to [0, 1]."""
     return splat16(np.int32(0)), (d.x - scale.u) * scale.factor, (d.y - scale.v) * scale.factor
 
 
-# --- Selection of a beam's active receivers, and their order in the leaves of its hierarchy ---------------------------
-#
-# *Sorted* [Olsson and Assarsson 2011, Sec. 3.5]: receivers that the light cannot reach are dropped. The others are
-# sorted
-# by face of the cube around the apex, then along a Hilbert curve over the face. *Screen order*: the order of a mip-
-# map,
-# with four pixels per node and four nodes per parent.
-
+# --- Order of the active receivers ------------------------------------------------------------------------------------
 
 _PART = 8192  # receivers per work item, a multiple of 16
 _TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in Z order
@@ -132,10 +122,10 @@ _TILE = 64  # side of a tile in pixels, a power of two; pixels of a tile are in 
 class Order(NamedTuple):
     """The receivers of a beam, leaf after leaf."""
 
-    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: an empty place
+    ids: np.ndarray  # (n,) int32: y w + x of each receiver; -1: empty
     starts: np.ndarray  # (k + 1,) int64: the first receiver of each face, and the end; k is 1 for all faces together
     faces: np.ndarray  # (k,) int64: the faces
-    placed: bool  # receivers have fixed places, and some places are empty
+    placed: bool  # receivers have fixed indices, and some entries are empty
 
 
 class ScreenScale(NamedTuple):
@@ -148,7 +138,7 @@ class ScreenScale(NamedTuple):
 
 @inlined
 def at_apex(view, d):
-    """Bits of the lanes whose receivers lie exactly at the apex. Their segments are points, so nothing blocks them."""
+    """Bits of the lanes whose receivers lie exactly at the apex; their segments are points that nothing can block."""
     zero = np.float32(0.0)
     exact = view.kind == PERSPECTIVE and view.radius == 0.0
     return bits_of((d.x == zero) & (d.y == zero) & (d.z == zero)) if exact else np.int64(0)
@@ -159,27 +149,28 @@ def places_on(view, scale, d):
     """(face, u, v) of 16 receivers, with u and v from 0 to 1."""
     if view.kind == PERSPECTIVE:
         return on_cube(d)
-    return on_ground(d, scale)
+    return on_plane(d, scale)
 
 
 @kernel
 def _write_cells(ticket, query, beam, scale, bits, keys, counts, tally):
     """Worker: write each receiver's cell, or -1 if it is inactive; count the active receivers of each part."""
-    asking, view, samples = query_bits_of(query, bits), view_of(beam), ConeSamples(beam.first, beam.count, beam.set)
-    ids, last, out, mine = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
+    query_bits, view = query_bits_of(query, bits), view_of(beam)
+    samples = ConeSamples(beam.first, beam.n_samples, beam.set)
+    ids, last, out, thread_counters = stack_i32(16), stack_i64(2), ptr(keys), cleared(stack_i64(N_COUNTERS))
     put(last, 0, -1)
     for first, end in shares(ticket):
         n = 0
         for i in range(first, end, 16):
             store(ids, 0, minimum(np.int32(i) + iota16(), np.int32(ticket[N] - 1)))
             lanes = (np.int64(1) << min(16, ticket[N] - i)) - 1
-            d = relative16(view, origins_of(asking, load16(ids, 0)))
-            asks = active_receivers(asking, view, samples, ids, lanes, last, mine) & ~at_apex(view, d)
+            d = relative16(view, origins_of(query_bits, load16(ids, 0)))
+            active = active_receivers(query_bits, view, samples, ids, lanes, last, thread_counters) & ~at_apex(view, d)
             face, u, v = places_on(view, scale, d)
-            store(out, i, select(mask_from_bits16(asks), cells_of(face, u, v), np.int32(-1)))
-            n += popcount(asks)
+            store(out, i, select(mask_from_bits16(active), cells_of(face, u, v), np.int32(-1)))
+            n += popcount(active)
         counts[first // ticket[CHUNK]] = n
-    add_counters(tally, mine)
+    add_counters(tally, thread_counters)
 
 
 @kernel
@@ -197,7 +188,7 @@ def _pack(ticket, keys, starts, to_keys, to_ids):
 
 @kernel
 def _on_screen(ticket, keys, w, h, ids):
-    """Worker: write the receivers tile by tile, in Z order within a tile; each tile is a work item."""
+    """Worker: write the receivers tile by tile, in Z order within a tile."""
     columns = (w + _TILE - 1) // _TILE
     for tile in items(ticket):
         y0, x0 = tile // columns * _TILE, tile % columns * _TILE
@@ -213,13 +204,13 @@ def _on_screen(ticket, keys, w, h, ids):
 
 @kernel
 def _to_keys(cells):
-    """Turn cells into keys, in place; their number is a multiple of 16."""
+    """Replace cells by keys, in place; their number is a multiple of 16."""
     p = ptr(cells)
     for i in range(0, len(cells), 16):
         store(p, i, keys_of(load16(p, i)))
 
 
-def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
+def sort_cells(cells: NDArray[np.int32], ids: NDArray[np.int32], threads: int) -> Order:
     """Sort ids by the keys of their cells into an `Order`. Both arrays are overwritten; `cells` is padded by PAD."""
     _to_keys(cells[: -(-len(ids) // 16) * 16])
     packed, ids = radix_sort(cells[: len(ids)], ids, KEY_BITS, threads)
@@ -228,11 +219,18 @@ def sort_cells(cells: np.ndarray, ids: np.ndarray, threads: int) -> Order:
     return Order(ids, np.append(starts[faces], len(ids)), faces, False)
 
 
-def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tally=None) -> Order:
+def order_of(
+    query: ShadowQuery,
+    beam: Beam,
+    bits: NDArray[np.uint64],
+    sort: bool,
+    threads: int,
+    tally: NDArray[np.int64] | None = None,
+) -> Order:
     """The `Order` of a beam's active receivers.
 
     bits : answer bits; the bits of samples below the receiver's own surface are set
-    sort : sort the receivers, or keep them in screen order
+    sort : True: sorted order; False: screen order
     tally : counters, or None
     """
     h, w = query.sides.shape
@@ -244,18 +242,18 @@ def order_of(query, beam: Beam, bits: np.ndarray, sort: bool, threads: int, tall
         tiles = -(-w // _TILE) * -(-h // _TILE)
         ids = np.empty(tiles * _TILE * _TILE, np.int32)
         run(_on_screen, threads, new_ticket(tiles, 1), keys, w, h, ids)
-        return _together(ids, True)
+        return _without_faces(ids, True)
     starts = np.cumsum(counts)
     packed, ids = np.zeros(int(starts[-1]) + PAD, np.int32), np.empty(int(starts[-1]), np.int32)
     run(_pack, threads, new_ticket(h * w, _PART), keys, starts, packed, ids)
-    return sort_cells(packed, ids, threads) if sort and len(ids) else _together(ids, False)
+    return sort_cells(packed, ids, threads) if sort and len(ids) else _without_faces(ids, False)
 
 
-def _together(ids: np.ndarray, placed: bool) -> Order:
+def _without_faces(ids: NDArray[np.int32], placed: bool) -> Order:
     return Order(ids, np.array([0, len(ids)], np.int64), np.zeros(1, np.int64), placed)
 
 
 def scale_of(beam: Beam) -> ScreenScale:
-    """The `Scale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
+    """The `ScreenScale` that maps the receivers' (u, v) to [0, 1]; unused by PERSPECTIVE beams."""
     extent = float((beam.upper - beam.lower)[:2].max())
     return ScreenScale(beam.lower[0], beam.lower[1], 1.0 / extent if extent > 0.0 else 0.0)

@@ -1,16 +1,17 @@
 """Shaft nodes, and their traversal by clusters of triangles, for lights as large as the lit surfaces.
 
-Shafts. If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them
-well: the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
+Shafts [Haines and Wallace 1991]. If a light is as large as the lit surfaces, a cone with one apex bounds the segments
+poorly. A shaft bounds them well: the segments of a few receivers to a small part of the light lie in the hull of two
+small boxes, one around the receivers and one around the ends of their segments.
 
 The hull is the set of all (1 - t) R + t L for t in [0, 1], Eq. (4) of docs/design/rayhierarchy.md. A box meets the hull
-if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. They leave an
-interval of t, and the box misses the hull if it is empty.
+if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. Together they leave
+an interval of t, and the box misses the hull if it is empty.
 
-Clusters. If rays diverge, a leaf's shaft meets many triangles far from all its rays. So 256 triangles descend together,
-represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it is tested
-against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in Morton
-order, so these boxes are small.
+Clusters. If rays diverge, a leaf's shaft meets many triangles far from all its rays. Therefore 256 triangles descend
+together, represented by their bounding box. The 16 rays of a leaf are tested against that box. Each ray that hits it is
+tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it hits. Triangles are in
+Morton order, so these boxes are small.
 """
 
 from typing import NamedTuple
@@ -50,22 +51,13 @@ from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import ray_meets
 from ..culling.pre_bvh_culling import Soup
-from . import ray_tree as names
+from . import ray_tree
 from .ray_leaves import block_of, ends_in, leaves_of, origins_in
 from .ray_tree import LEVELS, group_at, groups_of, tree_pointers
 from .shadow_planes import LANES
 from .triangle_traversal import finish
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Nodes as shafts [Haines and Wallace 1991]: a box around receivers, and a box around the ends of their segments.
-#
-# If a light is as large as the lit surfaces, a cone with one apex bounds the segments poorly. A shaft bounds them
-# well: the segments of a few receivers to a small part of the light lie in the hull of two small boxes.
-#
-# The hull is the set of all (1 - t) R + t L for t in [0, 1], Eq. (4) of docs/design/rayhierarchy.md. A box meets the
-# hull if the boxes overlap along all axes for some t. Each axis gives two conditions that are linear in t. They leave
-# an interval of t, and the box misses the hull if it is empty.
-
+# --- Nodes ------------------------------------------------------------------------------------------------------------
 
 ROWS = 12  # numbers per node: lowest and highest x, y and z of the receivers, then of the ends
 _ENDS = 6
@@ -74,7 +66,7 @@ _E = _F(2.0**-20)  # exceeds the rounding error of t
 
 
 class ShaftNodes(NamedTuple):
-    """Nodes of a hierarchy; see `nodes`."""
+    """The node class of shafts; see `ray_tree`."""
 
     rows: int = ROWS  # float32 per node
 
@@ -88,7 +80,7 @@ def _put_range(group, k, ways, lane, there, x):
 
 @kernel
 def _shaft_of_leaf(leaves, leaf, group, lane):
-    """Write the shaft around the segments of a leaf; False if it has no ray."""
+    """Write the shaft around the segments of a leaf; False if it has no rays."""
     ways, lanes = leaves.ways, np.int64(get(leaves.lanes, leaf))
     if lanes == 0:
         return False
@@ -99,7 +91,7 @@ def _shaft_of_leaf(leaves, leaf, group, lane):
     _put_range(group, 4, ways, lane, there, o.z)
     for k in range(3):
         low, high = _F(np.inf), _F(-np.inf)
-        for s in range(leaves.count):
+        for s in range(leaves.n_samples):
             x = load16(ends, (3 * s + k) * ways)
             low = min(low, reduce_min(select(there, x, _F(np.inf))))
             high = max(high, reduce_max(select(there, x, _F(-np.inf))))
@@ -118,13 +110,13 @@ def _shaft_of_nodes(children, alive, ways, group, lane):
         put(group, (k + 1) * ways + lane, reduce_max(select(there, high, _F(-np.inf))))
 
 
-@overload(names.bound_leaf)
+@overload(ray_tree.bound_leaf)
 def _bound_leaf(nodes, view, face, leaves, leaf, group, lane):
     if nodes.instance_class is ShaftNodes:
         return lambda nodes, view, face, leaves, leaf, group, lane: _shaft_of_leaf(leaves, leaf, group, lane)
 
 
-@overload(names.bound_node)
+@overload(ray_tree.bound_node)
 def _bound_node(nodes, children, alive, ways, group, lane):
     if nodes.instance_class is ShaftNodes:
         return lambda nodes, children, alive, ways, group, lane: _shaft_of_nodes(children, alive, ways, group, lane)
@@ -153,13 +145,7 @@ def meet_shafts(group, box, ways):
     return bits(~(t[0] > t[1]))
 
 
-# --- Traversal of a hierarchy of `shafts` by clusters of triangles, down to single rays -------------------------------
-#
-# If rays diverge, a leaf's shaft meets many triangles far from all its rays. So 256 triangles descend together,
-# represented by their bounding box. At a leaf, its 16 rays are tested against that box. Each ray that meets it is
-# tested against the boxes of 16 clusters, and against the 16 triangles of each cluster that it meets. Triangles are in
-# Morton order, so these boxes are small.
-
+# --- Traversal by clusters of triangles -------------------------------------------------------------------------------
 
 BATCH = LANES * LANES
 """Triangles that descend together."""
@@ -184,7 +170,7 @@ class Clusters(NamedTuple):
 
 @kernel
 def _write_cluster(soup, slots, clusters, i):
-    """Write cluster i of the triangles in these slots, i32x16."""
+    """Write cluster i: the triangles in these slots, i32x16."""
     store(clusters.slots, LANES * i, slots)
     store(clusters.prims, LANES * i, gather(soup.ids, slots))
     for k in range(3):
@@ -209,8 +195,8 @@ def _write_clusters(soup, picked, first, last, clusters):
 
 
 @inlined
-def _axis(o, d, low, high):
-    """On one axis: (segment middle relative to box middle, half size of the box with margin, mask: they are apart)."""
+def _test_axis(o, d, low, high):
+    """On one axis: (segment midpoint relative to box centre, half size of the box with margin, mask: disjoint)."""
     low, high, along = low * _HALF, high * _HALF, d * _HALF
     middle = low + high
     at = (o - middle) + along
@@ -219,30 +205,30 @@ def _axis(o, d, low, high):
 
 
 @inlined
-def _beside(c, d, h, e, g, k):
-    """mask16 of the rays that miss a box in the plane of two axes, with middles c and e and half sizes h and k."""
+def _is_separated(c, d, h, e, g, k):
+    """mask16 of the rays that miss a box in the plane of two axes, with midpoints c and e and half sizes h and k."""
     return absolute(c * g - e * d) > h * absolute(g) + k * absolute(d) + _TINY
 
 
 @inlined
-def _near(o, d, low, high, unit):
-    """Bits of the segments from o to o + d that may meet boxes: a separating axis test in f32x16.
+def _hit_boxes(o, d, low, high, unit):
+    """Bits of the segments from o to o + d that may hit boxes: a separating axis test in f32x16.
 
     The axes are the coordinate axes and their cross products with d.
 
     unit : a power of two that scales the largest d to at most 1, so no product overflows
     """
-    x, half_x, gone_x = _axis(o.x, d.x, low.x, high.x)
-    y, half_y, gone_y = _axis(o.y, d.y, low.y, high.y)
-    z, half_z, gone_z = _axis(o.z, d.z, low.z, high.z)
+    x, half_x, gone_x = _test_axis(o.x, d.x, low.x, high.x)
+    y, half_y, gone_y = _test_axis(o.y, d.y, low.y, high.y)
+    z, half_z, gone_z = _test_axis(o.z, d.z, low.z, high.z)
     u, v, w = d.x * unit, d.y * unit, d.z * unit
-    gone = gone_x | gone_y | gone_z | _beside(x, u, half_x, y, v, half_y)
-    return bits(gone | _beside(y, v, half_y, z, w, half_z) | _beside(z, w, half_z, x, u, half_x)) ^ 0xFFFF
+    gone = gone_x | gone_y | gone_z | _is_separated(x, u, half_x, y, v, half_y)
+    return bits(gone | _is_separated(y, v, half_y, z, w, half_z) | _is_separated(z, w, half_z, x, u, half_x)) ^ 0xFFFF
 
 
 @kernel
-def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
-    """Does an `unsure` triangle block the segment of a lane? Exact test; bit i of `unsure` is triangle `first` + i."""
+def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure, counters):
+    """Exact test: whether an `unsure` triangle blocks a lane's segment. Bit i of `unsure` is triangle `first` + i."""
     ray = segment(
         get(o, lane), get(o, ways + lane), get(o, 2 * ways + lane),
         get(ends, lane), get(ends, ways + lane), get(ends, 2 * ways + lane),
@@ -256,24 +242,26 @@ def _settled(o, ends, ways, lane, soup, clusters, first, facing, unsure, counter
 
 
 @kernel
-def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, counters):
-    """Does a triangle of the clusters block the segment of a lane? own: the receiver's own triangle."""
+def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, unit, counters):
+    """Whether a triangle of the clusters blocks the segment of a lane. own_prim: the receiver's own triangle."""
     o, boxes = broadcasts(origins, lane, ways), clusters.boxes
     d = minus(broadcasts(ends, lane, ways), o)
     low, high = rows(boxes, 0, 2 * LANES), rows(boxes, LANES, 2 * LANES)
     count(counters, BOX_TESTS, 1)
-    near = _near(o, d, low, high, unit)
-    while near != 0:
-        i = lowest_bit(near)
-        near &= near - 1
+    hit_clusters = _hit_boxes(o, d, low, high, unit)
+    while hit_clusters != 0:
+        i = lowest_bit(hit_clusters)
+        hit_clusters &= hit_clusters - 1
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = ray_meets(o, d, ptr_at(clusters.numbers, _NUMBERS * i), facing, None)
         if (hit | unsure) != 0:
-            others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own))
+            others = ~bits(load16(clusters.prims, LANES * i) == np.int32(own_prim))
             if hit & others != 0:
                 return True
             unsure &= others
-            if unsure != 0 and _settled(origins, ends, ways, lane, soup, clusters, LANES * i, facing, unsure, counters):
+            if unsure != 0 and _exactly_blocked(
+                origins, ends, ways, lane, soup, clusters, LANES * i, facing, unsure, counters
+            ):
                 return True
     return False
 
@@ -282,24 +270,24 @@ def _is_blocked(origins, ends, ways, own, lane, soup, clusters, facing, unit, co
 def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
     """Mark the segments of a leaf that the clusters block as dead; True if all are dead now. A lane has one segment."""
     ways = leaves.ways
-    asks = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
-    if asks == 0:
+    live = ~np.int64(get(leaves.dead, leaf)) & (np.int64(1) << ways) - 1
+    if live == 0:
         return True
     block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
     o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
     d = minus(rows(points, 0, ways), o)
     count(counters, BOX_TESTS, 1)
-    near = _near(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & asks
+    candidates = _hit_boxes(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & live
     origins = ptr_at(leaves.origins, 3 * block * ways)
-    while near != 0:
-        lane = lowest_bit(near)
-        near &= near - 1
-        own = np.int64(get(leaves.own, block * ways + lane))
-        if _is_blocked(origins, points, ways, own, lane, soup, clusters, facing, unit, counters):
+    while candidates != 0:
+        lane = lowest_bit(candidates)
+        candidates &= candidates - 1
+        own_prim = np.int64(get(leaves.own, block * ways + lane))
+        if _is_blocked(origins, points, ways, own_prim, lane, soup, clusters, facing, unit, counters):
             blocked |= np.int64(1) << lane
     if blocked != 0:
         atomic_or(leaves.dead, leaf, blocked)
-    return asks == blocked
+    return live == blocked
 
 
 @kernel
@@ -314,10 +302,10 @@ def _descend(tree, leaves, soup, clusters, facing, unit, waiting, counters):
         group = groups_of(tree, 0, level) + g
         alive = np.int64(get(tree.alive, group))
         count(counters, NODES, popcount(alive))
-        found = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
-        while found != 0:
-            node = g * tree.ways + lowest_bit(found)
-            found &= found - 1
+        hit_nodes = meet_shafts(group_at(tree, group), clusters.box, tree.ways) & alive
+        while hit_nodes != 0:
+            node = g * tree.ways + lowest_bit(hit_nodes)
+            hit_nodes &= hit_nodes - 1
             if level > 0:
                 put(waiting, 2 * n, node)
                 put(waiting, 2 * n + 1, level - 1)
@@ -335,11 +323,9 @@ def trace_clusters(ticket, triangles, picks, arrays, rays, facing, unit, counter
     """
     tree, leaves = tree_pointers(arrays), leaves_of(rays)
     soup, picked = Soup(ptr(triangles.corners), ptr(triangles.ids)), ptr(picks)
-    mine, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
-    clusters = Clusters(
-        stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH)
-    )  # fmt: skip
+    thread_counters, waiting = cleared(stack_i64(N_COUNTERS)), stack_i64(_WAITING)
+    clusters = Clusters(stack_f32(_ALL_NUMBERS), stack_f32(_BOXES), stack_f32(6), stack_i32(BATCH), stack_i32(BATCH))
     for first, last in shares(ticket):
         _write_clusters(soup, picked, first, last, clusters)
-        _descend(tree, leaves, soup, clusters, facing, unit, waiting, mine)
-    add_counters(counters, mine)
+        _descend(tree, leaves, soup, clusters, facing, unit, waiting, thread_counters)
+    add_counters(counters, thread_counters)

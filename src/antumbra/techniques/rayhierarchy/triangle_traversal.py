@@ -1,19 +1,19 @@
 """Traversal of a ray hierarchy by triangles: breadth-first while the queues have room, in bounded memory.
 
-Good occluders go first in a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4].
-
-Occluders. The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The
-deciding quantity is the share of the light's directions that a triangle hides.
-
-Queues. Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block
-[Olsson and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in
+Queues. Each level of the hierarchy has a queue of pairs of a triangle and a group of nodes that it may block [Olsson
+and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so that many pairs are tested in
 sequence. If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of
-pairs per level, independent of the triangles.
+pairs per level, independent of the number of triangles.
+
+Occluders. In a two-pass traversal, good occluders go first (Sec. 3.4). The report does not define good occluders.
+Several rules were measured (docs/design/rayhierarchy.md): what matters is the share of the light's directions that a
+triangle hides.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, shares
@@ -54,44 +54,42 @@ from .ray_tree import (
 )
 from .shadow_planes import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, shape_of, whole
 
-# --- Selection of the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] -------------------
-#
-# The report does not define a good occluder. Several rules were measured (docs/design/rayhierarchy.md). The deciding
-# quantity is the share of the light's directions that a triangle hides.
-
+# --- Good occluders, the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] ----------------
 
 AREA, SOLID_ANGLE, NEAREST = 0, 1, 2
 """Rules: largest area; largest solid angle as seen from the light; smallest distance to the light."""
 
 SHARE = 1.0 / 64.0
-"""Share of the triangles that go first."""
+"""Share of the triangles that are good occluders."""
 
 FINISHED = 1.0 / 16.0
-"""Share of the rays that must be finished for the hierarchy to be rebuilt."""
+"""Minimum share of finished rays for rebuilding the hierarchy before the second pass."""
 
 
 @kernel
 def _write_scores(ticket, soup, beam, rule, scores):
     """Worker: score each triangle as an occluder by a rule."""
-    c, apex, w, seen = ptr(soup.corners), beam.apex, beam.axes[2], beam.kind == PERSPECTIVE
+    c, apex, w, has_apex = ptr(soup.corners), beam.apex, beam.axes[2], beam.kind == PERSPECTIVE
     for i in items(ticket):
         k = 9 * i
         px, py, pz = get(c, k + 3) - get(c, k), get(c, k + 4) - get(c, k + 1), get(c, k + 5) - get(c, k + 2)
         qx, qy, qz = get(c, k + 6) - get(c, k), get(c, k + 7) - get(c, k + 1), get(c, k + 8) - get(c, k + 2)
         nx, ny, nz = np.float64(py * qz - pz * qy), np.float64(pz * qx - px * qz), np.float64(px * qy - py * qx)
         x, y, z = w[0], w[1], w[2]
-        if seen:
+        if has_apex:
             x, y, z = get(c, k) - apex[0], get(c, k + 1) - apex[1], get(c, k + 2) - apex[2]
         squared = x * x + y * y + z * z
         score = nx * nx + ny * ny + nz * nz
         if rule == SOLID_ANGLE:
             score = abs(nx * x + ny * y + nz * z) / max(squared * np.sqrt(squared), 1e-30)
         elif rule == NEAREST:
-            score = -squared if seen else x * get(c, k) + y * get(c, k + 1) + z * get(c, k + 2)
+            score = -squared if has_apex else x * get(c, k) + y * get(c, k + 1) + z * get(c, k + 2)
         put(ptr(scores), i, score)
 
 
-def occluders_first(soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGLE) -> tuple[np.ndarray, np.ndarray]:
+def occluders_first(
+    soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGLE
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """(good occluders, all others): int32 indices into the soup."""
     n = len(soup.corners)
     scores, k = np.empty(n), int(n * SHARE)
@@ -100,13 +98,7 @@ def occluders_first(soup: Soup, beam: Beam, threads: int, rule: int = SOLID_ANGL
     return np.sort(order[:k]), np.sort(order[k:])
 
 
-# --- Traversal of a ray hierarchy by triangles: breadth first while the queues have room, in bounded memory -----------
-#
-# Each level of the hierarchy has a queue of pairs. A pair is a triangle and a group of nodes that it may block [Olsson
-# and Assarsson 2011, Sec. 3.1]. A queue is processed before the queue below it, so many pairs are tested in sequence.
-# If the queue below is full, it is processed first (Sec. 4.2). Each thread therefore stores a fixed number of pairs
-# per level, independent of the triangles.
-
+# --- Traversal --------------------------------------------------------------------------------------------------------
 
 BATCH = 128
 """Triangles per batch; a multiple of 16. A batch is traversed together."""
@@ -147,7 +139,7 @@ class TraversalMemory(NamedTuple):
     """A thread's scratch memory for `trace_triangles`."""
 
     rows: np.ndarray  # float32: the triangle rows of a batch for each face
-    marks: np.ndarray  # int32, zeros: pairs in each queue; found bits of each block and face; slots
+    marks: np.ndarray  # int32, zeros: pairs in each queue; bits of triangles per block and face; slots
     pairs: np.ndarray  # int32: the queues
 
 
@@ -168,7 +160,7 @@ def row_at(rows, row):
 
 @inlined
 def _kill_below(tree, part, level, node, leaves):
-    """Mark everything below a node as finished: its rays need no more tests."""
+    """Mark everything below a node as finished: its rays need no further tests."""
     low, high, k = node, node + 1, level
     while k > 0:
         k -= 1
@@ -177,10 +169,10 @@ def _kill_below(tree, part, level, node, leaves):
         start = groups_of(tree, part, k)
         for g in range(low >> tree.shift, (high + tree.ways - 1) >> tree.shift):
             put(tree.alive, start + g, 0)
-    everyone = (np.int64(1) << tree.ways) - 1
+    all_lanes = (np.int64(1) << tree.ways) - 1
     first = get(tree.leaves, part)
-    for i in range((first + low) * leaves.count, (first + high) * leaves.count):
-        put(leaves.dead, i, everyone)
+    for i in range((first + low) * leaves.n_samples, (first + high) * leaves.n_samples):
+        put(leaves.dead, i, all_lanes)
 
 
 @kernel
@@ -198,7 +190,7 @@ def _kill(tree, part, level, node, leaves):
 
 @kernel
 def finish(tree, leaf, leaves):
-    """Mark a leaf as finished: its rays need no more tests. The hierarchy must have one part."""
+    """Mark a leaf as finished: its rays need no further tests. The hierarchy must have one part."""
     _kill(tree, np.int64(0), np.int64(0), leaf, leaves)
 
 
@@ -219,21 +211,21 @@ def _visit(tree, part, leaves, level, group, first, numbers, how, counters):
     """
     alive = np.int64(get(tree.alive, group))
     count(counters, NODES, popcount(alive))
-    found = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
-    count(counters, CANDIDATES, popcount(found))
-    if how.early_accept and found != 0:
-        full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, found)
+    candidates = possible(tree.nodes, group_at(tree, group), numbers, tree.ways, alive, how.spheres)
+    count(counters, CANDIDATES, popcount(candidates))
+    if how.early_accept and candidates != 0:
+        full = covered(tree.nodes, group_at(tree, group), numbers, tree.ways, candidates)
         if full != 0:
-            found &= ~full
+            candidates &= ~full
             _kill_all(tree, part, level, first, full, leaves, counters)
-    return found
+    return candidates
 
 
 @kernel
-def _work_off(tree, part, level, leaves, rows, queues, how, counters):
-    """Test a level's pairs, the last first, until the queue is empty or the next queue is full.
+def _process_queue(tree, part, level, leaves, rows, queues, how, counters):
+    """Test a level's pairs, last first, until the queue is empty or the next queue is full.
 
-    Registers hold the counts of both queues, so a pair does not wait for the pair before it.
+    The counts of both queues stay in registers, so that a pair does not wait for the previous pair.
     """
     n, below = np.int64(get(queues.counts, level + 1)), np.int64(get(queues.counts, level))
     to_rows, to_groups = ptr_at(queues.rows, level * queues.step), ptr_at(queues.groups, level * queues.step)
@@ -243,17 +235,17 @@ def _work_off(tree, part, level, leaves, rows, queues, how, counters):
         n -= 1
         row, g = np.int64(get(from_rows, n)), np.int64(get(from_groups, n))
         first = g * tree.ways
-        found = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
+        candidates = _visit(tree, part, leaves, level, start + g, first, row_at(rows, row), how, counters)
         store(to_rows, below, splat16(np.int32(row)))
-        store_compressed(to_groups, below, mask_from_bits16(found), iota16() + np.int32(first))
-        below += popcount(found)
+        store_compressed(to_groups, below, mask_from_bits16(candidates), iota16() + np.int32(first))
+        below += popcount(candidates)
     put(queues.counts, level + 1, n)
     put(queues.counts, level, below)
 
 
 @kernel
 def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
-    """Test the rays of the queued leaves; later leaves are prefetched meanwhile."""
+    """Test the rays of the queued leaves, and prefetch later leaves."""
     first, slot, triangle = get(tree.leaves, part), np.int64(-1), triangle_in(soup.corners, 0)
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
@@ -274,7 +266,7 @@ def _traverse(tree, part, leaves, soup, rows, queues, how, counters):
     queue, last = np.int64(0), get(tree.heights, part)
     while queue <= last:
         if queue > 0:
-            _work_off(tree, part, queue - 1, leaves, rows, queues, how, counters)
+            _process_queue(tree, part, queue - 1, leaves, rows, queues, how, counters)
         else:
             _test_rays(tree, part, leaves, soup, rows, queues, how, counters)
         queue += -1 if queue > 0 and get(queues.counts, queue - 1) > 0 else 1
@@ -287,8 +279,8 @@ def _corner(view, corners, at):
 
 
 @kernel
-def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
-    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `found`."""
+def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
+    """Write the row of one triangle for each face where it may block a ray; set bit `lane` of `face_lanes`."""
     corners = ptr_at(soup.corners, 9 * slot)
     shape = shape_of(view, _corner(view, corners, 0), _corner(view, corners, 3), _corner(view, corners, 6))
     if how.backface and how.facing != 0 and shape.facing == how.facing:
@@ -299,32 +291,32 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, found):
             put_whole(numbers, TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
                 put_whole(numbers, COVERS, 0)
-            put(found, part, np.int64(get(found, part)) | np.int64(1) << lane)
+            put(face_lanes, part, np.int64(get(face_lanes, part)) | np.int64(1) << lane)
 
 
 @kernel
-def write_rows(tree, parts, view, soup, slots, n, how, rows, found):
-    """Write the rows of n <= 16 triangles for each face; `found`: bits of those that may block a ray."""
+def write_rows(tree, parts, view, soup, slots, n, how, rows, face_lanes):
+    """Write the rows of n <= 16 triangles for each face; `face_lanes`: bits of those that may block a ray."""
     if view.kind == PERSPECTIVE and view.radius == 0.0 and writes_sixteen(tree.nodes):
         lanes = (np.int64(1) << n) - 1
         step = BATCH * NUMBERS
-        write_point_rows(view, tree.faces, parts, tree.ways, slots, soup.corners, lanes, how, rows, step, found)
+        write_point_rows(view, tree.faces, parts, tree.ways, slots, soup.corners, lanes, how, rows, step, face_lanes)
         return
     for part in range(parts):
-        put(found, part, 0)
+        put(face_lanes, part, 0)
     for lane in range(n):
         slot = np.int64(get(slots, lane))
-        _write_row(tree, parts, view, soup, slot, how, ptr_at(rows, lane), lane, found)
+        _write_row(tree, parts, view, soup, slot, how, ptr_at(rows, lane), lane, face_lanes)
 
 
 @kernel
-def _start(tree, part, block, found, union):
-    """(level, group) where the traversal of a block of triangles starts.
+def _start(tree, part, block, lanes, union):
+    """(level, group) where the traversal of a block of triangles starts; group -1 if they meet no node.
 
-    It is the deepest group that holds all nodes that the triangles meet; -1 if they meet no node.
+    It is the deepest group that contains all nodes that the triangles meet.
     """
     level, g = get(tree.heights, part) - 1, np.int64(0)
-    if not union_of(tree.nodes, block, found, union):
+    if not union_of(tree.nodes, block, lanes, union):
         return level, g
     while True:
         group = groups_of(tree, part, level) + g
@@ -337,18 +329,18 @@ def _start(tree, part, block, found, union):
 
 
 @inlined
-def _queue_block(tree, part, block, rows, found, queues):
-    """Queue the triangles of a block that may block rays of a face. They lie close together and start at one group."""
-    if found == 0:
+def _queue_block(tree, part, block, rows, lanes, queues):
+    """Queue the triangles of a block that may block rays of a face. They are close together and start at one group."""
+    if lanes == 0:
         return
-    level, g = _start(tree, part, ptr_at(rows, block * BLOCK), found, queues.union)
+    level, g = _start(tree, part, ptr_at(rows, block * BLOCK), lanes, queues.union)
     if g < 0:
         return
     queue = level + 1
     at = queue * queues.step + np.int64(get(queues.counts, queue))
-    store_compressed(queues.rows, at, mask_from_bits16(found), iota16() + np.int32(block * LANES))
+    store_compressed(queues.rows, at, mask_from_bits16(lanes), iota16() + np.int32(block * LANES))
     store(queues.groups, at, splat16(np.int32(g)))
-    put(queues.counts, queue, get(queues.counts, queue) + popcount(found))
+    put(queues.counts, queue, get(queues.counts, queue) + popcount(lanes))
 
 
 @kernel
@@ -356,20 +348,20 @@ def trace_triangles(ticket, triangles, picks, beam, arrays, rays, how, counters,
     """Worker: traverse the hierarchies of all faces with batches of the picked triangles."""
     tree, parts, view, leaves = tree_pointers(arrays), len(arrays.faces), view_of(beam), leaves_of(rays)
     soup, step = Soup(ptr(triangles.corners), ptr(triangles.ids)), how.pairs + LANES
-    mine = cleared(stack_i64(N_COUNTERS))
+    thread_counters = cleared(stack_i64(N_COUNTERS))
     marks, pairs = memory.marks, memory.pairs
     queues = _Queues(ptr(pairs), ptr_at(pairs, _QUEUES * step), ptr(marks), step, stack_f32(LANES))
-    rows, found, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
+    rows, face_lanes, slots = ptr(memory.rows), ptr_at(marks, _QUEUES), ptr_at(marks, _QUEUES + parts * BLOCKS)
     for first, last in shares(ticket):
         for i in range(first, last, LANES):
             for lane in range(LANES):
                 put(slots, lane, picks[min(i + lane, last - 1)])
             block, n = (i - first) // LANES, min(last - i, LANES)
-            numbers, to = ptr_at(rows, block * BLOCK), ptr_at(found, block * parts)
+            numbers, to = ptr_at(rows, block * BLOCK), ptr_at(face_lanes, block * parts)
             write_rows(tree, parts, view, soup, slots, n, how, numbers, to)
         for part in range(parts):
             of_part = ptr_at(rows, part * BATCH * NUMBERS)
             for block in range((last - first + LANES - 1) // LANES):
-                _queue_block(tree, part, block, of_part, np.int64(get(found, block * parts + part)), queues)
-            _traverse(tree, part, leaves, soup, of_part, queues, how, mine)
-    add_counters(counters, mine)
+                _queue_block(tree, part, block, of_part, np.int64(get(face_lanes, block * parts + part)), queues)
+            _traverse(tree, part, leaves, soup, of_part, queues, how, thread_counters)
+    add_counters(counters, thread_counters)

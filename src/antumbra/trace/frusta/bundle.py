@@ -1,6 +1,8 @@
 """Bundles: up to 16 tiles whose shafts traverse the trees of a tree list together, and their block tests.
 
-Each thread has scratch memory for one bundle.
+The 16 lanes of a bundle are groups of strata of its tiles, or the strata of a tile group. Each thread has scratch
+memory for one bundle. A block is prefetched when the traversal reaches it and tested when it reaches the next one.
+Blocks that recently blocked all segments of a lane are tested first.
 """
 
 from typing import NamedTuple
@@ -10,35 +12,35 @@ import numpy as np
 from ...bvh.nodes import MAX_DEPTH, block_leaf, bounds_at, is_leaf
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
-from ..descent import Shafts, left, next_leaf, nowhere, save, slabs_of
+from ..descent import Shafts, left, next_leaf, not_started, save, slabs_of
 from ..light_table import ALL_GROUPS, STRATA
-from ..shafts import have_shafts
+from ..shafts import ensure_shafts
 from ..tile import TILE_FLOATS, QueryChunk, finished_strata, tile_at
 from ..tree_list import TREE, list_of, tree_in, walk_tree, walk_tree_list
 from ..triangle_tests import DEFERRED, deferred_ints, fetch, resolve_deferred
 from .shaft_culling import trace_block
 from .tile_clusters import MAX_TILES
 from .tile_group import (
-    be_filled,
+    copy_from_tiles,
+    copy_to_tile,
+    copy_to_tiles,
+    ensure_filled,
     finished,
-    give_to_tile,
-    give_to_tiles,
-    take_from_tiles,
     tile_group_at,
     tile_in,
     tiles_by_beams,
     trace_tile_group,
 )
 
-# --- A bundle, up to 16 tiles whose shafts go through the tree together, and a thread's scratch memory for it ---------
+# --- A bundle and its scratch memory ----------------------------------------------------------------------------------
 
 
-TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the whole of a tile group
+TILES = (MAX_TILES + 1) * TILE_FLOATS  # the last one is the union of a tile group
 LANES = 12 * 16
 STACK = 4 * MAX_DEPTH
 PLACES = 2 * MAX_TILES
-WAITING = TREE + 1  # a leaf, and its lanes
-BLOCKERS = WAITING + 2  # the number of a tree, and blocks that blocked all segments of a lane, the last one first
+WAITING = TREE + 1  # a leaf and its lanes, to be tested next
+BLOCKERS = WAITING + 2  # a tree's number, then blocks that blocked all segments of a lane, most recent first
 N_BLOCKERS = 4
 AT = BLOCKERS + 1 + N_BLOCKERS
 DEFERRED_INTS = deferred_ints(MAX_TILES)
@@ -48,8 +50,8 @@ class Bundle(NamedTuple):
     """How the 16 lanes of a bundle share its tiles and strata."""
 
     tiles: int  # 1 to 16, a power of two; a tile group counts as one tile
-    groups: int  # groups of strata of each tile: lanes are slot * groups + group
-    strata: int  # strata in a group
+    groups: int  # groups of strata per tile: lanes are slot * groups + group
+    strata: int  # strata per group
     is_tile_group: bool
 
 
@@ -58,17 +60,17 @@ class Scratch(NamedTuple):
 
     tiles: F32Ptr  # float32: the parts of a cluster
     lanes: F32Ptr  # float32, rows of `Shafts`
-    work: F32Ptr  # float32, for `shaftleaf`
-    tile_group: F32Ptr  # float32, see `tilegroup`
+    work: F32Ptr  # float32, for `shaft_culling`
+    tile_group: F32Ptr  # float32, see `tile_group`
     stack: I32Ptr  # int32: links and masks
     slots: I32Ptr  # int32: the bundle's tiles
     valid: I32Ptr  # int32: bits of each tile's receivers
-    parts: I32Ptr  # int32, see `clusters`
+    parts: I32Ptr  # int32, see `tile_clusters.TileParts`
     places: I32Ptr  # int32: y and x of each tile's first pixel
     planes: F32Ptr  # float32, for `horizon`
-    at: I32Ptr  # int32: a walk as `descent.save` writes it; at TREE, WAITING and BLOCKERS what these describe
-    deferred: I32Ptr  # int32, see `deferred`
-    trials: F32Ptr  # float32, see `grouping`
+    at: I32Ptr  # int32: a traversal saved by `descent.save`, then the data at TREE, WAITING and BLOCKERS
+    deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
+    trials: F32Ptr  # float32, see `tile_clusters.choose_group`
 
 
 @inlined
@@ -82,7 +84,7 @@ def _power_of_two(n):
 
 @inlined
 def tiles_to_fill(count):
-    """The number of tiles that fill the lanes if each has `count` samples."""
+    """The number of tiles with `count` samples each that fill the lanes."""
     return STRATA // _power_of_two(count)
 
 
@@ -97,13 +99,13 @@ def bundle_of(tiles, count):
 @inlined
 def tile_group_of(scratch, chunk):
     """The `TileGroup` of a bundle. Its first tile is in the first slot."""
-    whole = tile_at(scratch.tiles, MAX_TILES, chunk)
-    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, whole, np.int64(get(scratch.slots, 0)))
+    union = tile_at(scratch.tiles, MAX_TILES, chunk)
+    return tile_group_at(scratch.tile_group, scratch.tiles, scratch.valid, union, np.int64(get(scratch.slots, 0)))
 
 
 @inlined
 def lane_strata(lanes, bundle):
-    """Bits of the strata in some groups of a tile (bits)."""
+    """Bits of the strata in the groups `lanes` (bits) of a tile."""
     if bundle.strata == 1:
         return lanes
     ones, strata = (np.int64(1) << bundle.strata) - 1, np.int64(0)
@@ -115,7 +117,7 @@ def lane_strata(lanes, bundle):
 
 @inlined
 def finished_groups(tile, valid, bundle):
-    """Bits of the groups to which no segment from the `valid` receivers (bits) is left."""
+    """Bits of the groups to which all segments from `valid` receivers (bits) are blocked."""
     strata, ones, groups = finished_strata(tile, valid), (np.int64(1) << bundle.strata) - 1, np.int64(0)
     for q in range(bundle.groups):
         if (strata >> (q * bundle.strata)) & ones == ones:
@@ -146,12 +148,12 @@ def shafts_of(p):
     )  # fmt: skip
 
 
-# --- The walk of a bundle through the trees of a forest, and its tests of the blocks that it finds --------------------
+# --- Traversal of a bundle --------------------------------------------------------------------------------------------
 
 
 @inlined
 def _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
-    """Test a block against the segments of a tile to some strata (bits)."""
+    """Test a block against the segments of a tile to `strata` (bits)."""
     strata &= ~finished_strata(tile, valid)
     if strata != 0:
         (block, triangles), facing = block_leaf(link), chunk.query.facing
@@ -160,12 +162,12 @@ def _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters):
 
 @inlined
 def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
-    """Test a block against some strata (bits) of a tile group.
+    """Test a block against `strata` (bits) of a tile group.
 
-    Return bits of the strata to which the group has no segment left.
+    Return bits of the strata to which all segments of the group are blocked.
     """
     tile_group, (block, triangles) = tile_group_of(scratch, chunk), block_leaf(link)
-    be_filled(tile_group, chunk)
+    ensure_filled(tile_group, chunk)
     live = tiles_by_beams(tile_group, ptr_at(tree.bounds, bounds_at(block)), strata, chunk)
     if live < 0:
         trace_tile_group(tile_group, tree, block, triangles, strata, chunk, scratch.work, scratch.deferred, counters)
@@ -175,19 +177,19 @@ def _tile_group_leaf(tree, link, strata, chunk, scratch, counters):
         g = lowest_bit(live)
         live &= live - 1
         tile, valid = tile_in(tile_group, g, chunk), np.int64(get(scratch.valid, g))
-        give_to_tile(tile_group, g, tile.dead)
+        copy_to_tile(tile_group, g, tile.dead)
         before = load16(tile.dead, 0)
         _trace_tile(tree, link, tile, valid, strata, chunk, scratch, counters)
         if bits(load16(tile.dead, 0) != before) != 0:
             changed |= np.int64(1) << g
     if changed != 0:
-        take_from_tiles(tile_group, changed, chunk)
+        copy_from_tiles(tile_group, changed, chunk)
     return finished(tile_group)
 
 
 @inlined
 def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
-    """Test a block against the lanes in `mask`. Return bits of the lanes that have no segment left."""
+    """Test a block against the lanes in `mask`. Return bits of the lanes whose segments are all blocked."""
     if bundle.is_tile_group:
         return _tile_group_leaf(tree, link, mask, chunk, scratch, counters)
     done, all_groups = np.int64(0), (np.int64(1) << bundle.groups) - 1
@@ -196,7 +198,7 @@ def _leaf(tree, link, mask, chunk, bundle, scratch, counters):
         if groups != 0:
             g = np.int64(get(scratch.slots, slot))
             tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
-            have_shafts(tile)
+            ensure_shafts(tile)
             _trace_tile(tree, link, tile, valid, lane_strata(groups, bundle), chunk, scratch, counters)
             done |= (groups & finished_groups(tile, valid, bundle)) << (slot * bundle.groups)
     return done
@@ -218,16 +220,16 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
 
 
 @inlined
-def forget_blockers(scratch, tree):
-    """Note that no block of a tree is known to block all segments of a lane."""
+def reset_blockers(scratch, tree):
+    """Clear the list of blockers, for a new tree."""
     put(scratch.at, BLOCKERS, tree)
     for k in range(N_BLOCKERS):
         put(scratch.at, BLOCKERS + 1 + k, 0)  # the root: no leaf
 
 
 @inlined
-def _remember_blocker(scratch, link):
-    """Put a block that blocks all segments of a lane in front of those known."""
+def _record_blocker(scratch, link):
+    """Move a block that blocks all segments of a lane to the front of the list."""
     moved = np.int32(link)
     for k in range(N_BLOCKERS):
         old = get(scratch.at, BLOCKERS + 1 + k)
@@ -239,16 +241,16 @@ def _remember_blocker(scratch, link):
 
 @inlined
 def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
-    """`walk_tree` of a bundle. It prefetches a block when it finds it, and tests it when it finds the next one.
+    """`walk_tree` of a bundle. A block is prefetched when it is reached, and tested when the next one is reached.
 
-    First it tests blocks that blocked all segments of a lane in the bundles before.
+    Blocks that blocked all segments of a lane of earlier bundles are tested first.
     """
     link, mask = np.int64(get(scratch.at, WAITING)), np.int64(get(scratch.at, WAITING + 1))
     known = np.int64(N_BLOCKERS)
     if at.place == -1:
         known = np.int64(0)
         if get(scratch.at, BLOCKERS) != get(scratch.at, TREE):
-            forget_blockers(scratch, np.int64(get(scratch.at, TREE)))
+            reset_blockers(scratch, np.int64(get(scratch.at, TREE)))
     while True:
         if known >= N_BLOCKERS:
             at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
@@ -262,11 +264,11 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
                 return at, alive
             done = _leaf(tree, link, mask & alive, job.chunk, job.bundle, scratch, counters)
             if done != 0:
-                _remember_blocker(scratch, link)
+                _record_blocker(scratch, link)
                 alive &= ~done
         if alive == 0 or (known >= N_BLOCKERS and at.mask == 0):
             put(scratch.at, WAITING + 1, 0)
-            return nowhere(), alive
+            return not_started(), alive
         if known < N_BLOCKERS:
             link = np.int64(get(scratch.at, BLOCKERS + 1 + known))
             mask = alive if is_leaf(link) else np.int64(0)
@@ -277,30 +279,29 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
 
 
 @kernel
-def _walk(forest, i, end, alive, chunk, bundle, scratch, counters):
-    """`walk_forest` of a bundle."""
+def _walk(tree_list, i, end, alive, chunk, bundle, scratch, counters):
+    """`walk_tree_list` of a bundle."""
     slabs = slabs_of(shafts_of(scratch.lanes), alive)
-    return walk_tree_list(forest, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
+    return walk_tree_list(tree_list, i, end, slabs, alive, RegionJob(chunk, bundle), scratch, counters)
 
 
 @inlined
-def trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters):
+def trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters):
     """Trace the lanes in `alive`, of receivers near pixel (y, x), through their trees.
 
-    Deferred tests are settled in three cases: when their memory runs low, before a tree with other arrays, and at the
-    end.
+    Deferred tests are settled when their memory runs low, before a tree with separate arrays, and at the end.
     """
-    i, end = list_of(forest, y, x, np.int64(0))
-    save(scratch.at, nowhere())
+    i, end = list_of(tree_list, y, x, np.int64(0))
+    save(scratch.at, not_started())
     put(scratch.at, WAITING + 1, 0)
     put(scratch.at, TREE, 0)
     while True:
         if i < end and alive != 0:
-            i, alive = _walk(forest, i, end, alive, chunk, bundle, scratch, counters)
+            i, alive = _walk(tree_list, i, end, alive, chunk, bundle, scratch, counters)
         if bundle.is_tile_group:
-            give_to_tiles(tile_group_of(scratch, chunk), chunk)
+            copy_to_tiles(tile_group_of(scratch, chunk), chunk)
         if np.int64(get(scratch.deferred, 0)) != 0:
-            corners = tree_in(forest, np.int64(get(scratch.at, TREE))).corners
+            corners = tree_in(tree_list, np.int64(get(scratch.at, TREE))).corners
             resolve_deferred(corners, chunk, scratch.tiles, scratch.places, scratch.deferred, counters)
         if i >= end or alive == 0:
             return

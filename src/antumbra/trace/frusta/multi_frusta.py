@@ -1,22 +1,25 @@
-"""`multifrusta`: trace 16 shafts of shadow rays at once through a shallow BVH [Benthin and Wald 2009].
+"""`multifrusta`: multi-frusta tracing of soft shadows [Benthin and Wald 2009].
 
-Single rays are tested only where shafts do not decide. This is multi-frusta tracing [Benthin and Wald 2009] for area
-lights.
+Shafts of shadow rays traverse a shallow BVH, 16 at a time. Single rays are tested only where shafts are undecided.
+Queries that shafts cannot handle well go to packets (`trace_shadow`).
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import boxes_of
 from ...kernels.jit import inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, lowest_bit, popcount, ptr, put, stack_f32, stack_i32, stack_i64
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import is_list
-from ..counters import N_COUNTERS, TILE_GROUP_TILES, add_counters, cleared, count, new_counters
+from ..counters import N_COUNTERS, TILE_GROUP_TILES, Progress, add_counters, cleared, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import STRATA, light_table
 from ..packets.packet16 import over_pixels, over_samples
 from ..packets.ray_tile import extents_of, is_far, is_huge, is_incoherent
-from ..shafts import forget_inverses, forget_shafts, make_beams
+from ..shafts import invalidate_inverses, invalidate_shafts, make_beams
 from ..tile import (
     bound_receivers,
     finished_strata,
@@ -42,7 +45,7 @@ from .bundle import (
     bundle_of,
     fill_lanes,
     finished_groups,
-    forget_blockers,
+    reset_blockers,
     tile_group_of,
     tiles_to_fill,
     trace_lanes,
@@ -56,28 +59,28 @@ from .tile_clusters import (
     TRIAL_FLOATS,
     choose_group,
     corner_of,
-    expect,
-    forget_trials,
     layout_of,
-    learn,
     list_parts,
     load_cluster,
+    mark_unlisted,
     order_parts,
     parts_at,
+    record_costs,
+    reset_trials,
     runs,
     work_of,
 )
 from .tile_group import TILE_GROUP_FLOATS, finished, make_tile_group
 
 _INTERLEAVED = 4  # least number of tiles in a bundle with separate shafts
-_BUSY = 64  # least number of regions for a thread, if it is to take more than one at once
+_BUSY = 64  # least number of regions per thread for which threads take several regions at once
 
 
 @inlined
 def _start_tile(chunk, g, scratch, fresh, known, counters):
-    """Prepare tile g, whose receivers are loaded. Return whether it has a segment to trace.
+    """Prepare tile g, whose receivers are loaded. Return whether it has segments to trace.
 
-    Unless `fresh`, the bits at `known` give the blocked segments.
+    Unless `fresh`, the bits at `known` mark segments known to be blocked.
     """
     tile, valid = tile_at(scratch.tiles, g, chunk), np.int64(get(scratch.valid, g))
     y0, x0 = first_pixel(scratch.places, g)
@@ -91,14 +94,14 @@ def _start_tile(chunk, g, scratch, fresh, known, counters):
     if finished_strata(tile, valid) == 0xFFFF:
         return False
     make_beams(tile)
-    forget_inverses(tile)
-    forget_shafts(tile)
+    invalidate_inverses(tile)
+    invalidate_shafts(tile)
     return True
 
 
 @inlined
 def _fill_slot(chunk, bundle, slot, g, scratch):
-    """Give tile g a slot of a bundle. Return bits of its lanes that have a segment to trace."""
+    """Put tile g in a slot of a bundle. Return bits of its lanes that have segments to trace."""
     tile = tile_at(scratch.tiles, g, chunk)
     put(scratch.slots, slot, g)
     fill_lanes(slot, tile, bundle, scratch.lanes)
@@ -108,12 +111,12 @@ def _fill_slot(chunk, bundle, slot, g, scratch):
 
 @inlined
 def _bundle_separate(numbers, chunk, scratch):
-    """Make a `Bundle` of the first of some tiles (bits), each with its own shafts.
+    """Make a `Bundle` of the first tiles in `numbers` (bits), each with its own shafts.
 
-    Return the bundle, bits of its live lanes, and bits of the tiles left.
+    Return (bundle, bits of its live lanes, bits of the tiles left).
     """
-    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.count)))
-    bundle, alive = bundle_of(n, chunk.count), np.int64(0)
+    n = min(popcount(numbers), max(_INTERLEAVED, tiles_to_fill(chunk.n_samples)))
+    bundle, alive = bundle_of(n, chunk.n_samples), np.int64(0)
     for slot in range(n):
         alive |= _fill_slot(chunk, bundle, slot, lowest_bit(numbers), scratch)
         numbers &= numbers - 1
@@ -122,21 +125,21 @@ def _bundle_separate(numbers, chunk, scratch):
 
 @inlined
 def _bundle_together(members, chunk, scratch, counters):
-    """Make a `Bundle` of some tiles (bits) as a tile group. Return the bundle and bits of its live lanes."""
+    """Make a `Bundle` of a tile group of `members` (bits). Return (bundle, bits of its live lanes)."""
     count(counters, TILE_GROUP_TILES, popcount(members))
     put(scratch.slots, 0, lowest_bit(members))
     bundle, tile_group = Bundle(np.int64(1), np.int64(STRATA), np.int64(1), True), tile_group_of(scratch, chunk)
     make_tile_group(tile_group, members, chunk)
-    fill_lanes(np.int64(0), tile_group.whole, bundle, scratch.lanes)
+    fill_lanes(np.int64(0), tile_group.union, bundle, scratch.lanes)
     return bundle, ~finished(tile_group) & 0xFFFF
 
 
 @inlined
-def _trace_parts(forest, n, chunk, scratch, known, counters):
-    """Trace n tiles whose receivers are loaded. If some of them form a tile group, it comes first."""
+def _trace_parts(tree_list, n, chunk, scratch, known, counters):
+    """Trace n tiles whose receivers are loaded; a tile group, if they form one, is traced first."""
     (y, x), live = first_pixel(scratch.places, 0), np.int64(0)
     for g in range(n):
-        if _start_tile(chunk, g, scratch, forest.fresh, known, counters):
+        if _start_tile(chunk, g, scratch, tree_list.fresh, known, counters):
             live |= np.int64(1) << g
     grouping, before = choose_group(chunk, scratch.tiles, live, scratch.trials), work_of(counters)
     members, separate = grouping.members, live & ~grouping.members
@@ -145,20 +148,20 @@ def _trace_parts(forest, n, chunk, scratch, known, counters):
             bundle, alive = _bundle_together(members, chunk, scratch, counters)
         else:
             bundle, alive, separate = _bundle_separate(separate, chunk, scratch)
-        trace_lanes(forest, y, x, alive, chunk, bundle, scratch, counters)
+        trace_lanes(tree_list, y, x, alive, chunk, bundle, scratch, counters)
         members = np.int64(0)
-    learn(scratch.trials, grouping, work_of(counters) - before, live)
+    record_costs(scratch.trials, grouping, work_of(counters) - before, live)
 
 
 @kernel
 def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samples, out, counters):
     """Worker: trace the areas of a picture, cluster by cluster.
 
-    layout : Layout
-    regions : in an area
+    layout : RegionLayout
+    regions : number of regions per area
     k : number of the chunk
-    n_samples : samples in the chunk
-    out : the bits of all receivers
+    n_samples : number of samples in the chunk
+    out : bits of all receivers
     """
     # In: query, table, shape, layout, regions, k, n_samples. Out: out, counters.
     scratch = Scratch(
@@ -166,23 +169,23 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
         stack_i32(MAX_TILES), stack_i32(MAX_TILES), stack_i32(PARTS_INTS), stack_i32(PLACES), stack_f32(PLANES),
         stack_i32(AT), stack_i32(DEFERRED_INTS), stack_f32(TRIAL_FLOATS),
     )  # fmt: skip
-    forest, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     chunk, places = query_chunk_of(query, table, shape, k, n_samples), ptr(out)
     parts, n_tiles, room = parts_at(scratch.parts), regions * MAX_TILES, tile_at(scratch.tiles, 0, chunk)
     put(scratch.deferred, 0, 0)
-    forget_trials(scratch.trials)
+    reset_trials(scratch.trials)
     for at in items(ticket):
         y, x = corner_of(layout, at * regions)
-        idle = is_idle(forest, y * shape.height, x * shape.width)
-        expect(parts, n_tiles, 0 if idle else 0xFFFF)
-        forget_blockers(scratch, np.int64(-1))
+        idle = is_idle(tree_list, y * shape.height, x * shape.width)
+        mark_unlisted(parts, n_tiles, 0 if idle else 0xFFFF)
+        reset_blockers(scratch, np.int64(-1))
         n = list_parts(chunk, layout, y, x, n_tiles, room, parts)
         while n > 0:
             order_parts(parts, n)
             for first in range(0, n, MAX_TILES):
                 m = min(n - first, MAX_TILES)
                 load_cluster(chunk, layout, y, x, first, m, scratch)
-                _trace_parts(forest, m, chunk, scratch, places, mine)
+                _trace_parts(tree_list, m, chunk, scratch, places, mine)
                 for g in range(m):
                     y0, x0 = first_pixel(scratch.places, g)
                     write_bits(chunk, y0, x0, np.int64(get(scratch.valid, g)), tile_at(scratch.tiles, g, chunk), places)
@@ -190,11 +193,18 @@ def _trace_areas(ticket, arrays, query, table, shape, layout, regions, k, n_samp
     add_counters(counters, mine)
 
 
-def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    tree: BlockTree,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    Packets trace the queries that shafts cannot trace well (`packets.incoherent`). These are hemispheres, interleaved
-    lists, huge lights, and coordinates too large for shafts.
+    Packets trace the queries for which shafts are unsuitable (`packets.ray_tile`): hemispheres, interleaved lists, huge
+    lights, and coordinates too large for shafts.
 
     tree : BlockTree
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -207,10 +217,18 @@ def trace_shadow(tree, query, bits, threads=None, counters=None, progress=None) 
     trace_tree_list(whole(tree), query, bits, threads, counters, progress)
 
 
-def trace_tree_list(forest: TreeList, query, bits, threads=None, counters=None, progress=None, chunks=None) -> None:
-    """Trace shafts through the trees of a `Forest`; arguments as for `trace_shadow`.
+def trace_tree_list(
+    tree_list: TreeList,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+    chunks: range | None = None,
+) -> None:
+    """Trace shafts through the trees of a `TreeList`; other arguments as for `trace_shadow`.
 
-    bits : zeros; if the forest is not fresh, the blocked segments found so far
+    bits : zeros on entry; for a tree list that is not fresh, the segments blocked so far
     chunks : range of the chunks of 16 samples to trace; None: all
     """
     counters = new_counters() if counters is None else counters
@@ -220,5 +238,5 @@ def trace_tree_list(forest: TreeList, query, bits, threads=None, counters=None, 
     for chunk in range(-(-spp // STRATA)) if chunks is None else chunks:
         count = min(STRATA, spp - chunk * STRATA)
         ticket = new_ticket(runs(layout) * RUN // regions, 1)
-        arrays = forest, query, table, shape, layout, regions, chunk, count, bits, counters
+        arrays = tree_list, query, table, shape, layout, regions, chunk, count, bits, counters
         run(_trace_areas, n_threads, ticket, *arrays, progress=progress)

@@ -1,16 +1,16 @@
-"""Reverse frusta: the rays of a tile group that end in one light point, one receiver from each tile.
+"""Reverse frusta: the rays of a tile group that share an end point on the light, with one receiver from each tile.
 
-Tiles next to each other repeat the same 16 sample sets. So for a light that stays, the rays of a tile group end in 16
-points to a stratum, and up to 16 rays end in each. A fan is a frustum with its origin on the light: the reverse of a
-beam. It is narrow next to the light, where the rays of a tile are wide apart, and it is only as wide as the tile group
-at the receivers. All of its rays see a triangle from one point. So a triangle's edge functions are set up once for the
-fan, and triangles that no ray of the fan can meet are culled for all of it.
+Adjacent tiles repeat the same 16 sample sets. So for a fixed light, the rays of a tile group end in 16 points per
+stratum, up to 16 rays in each. A *fan* is the frustum of these rays with its origin on the light, the reverse of a
+beam. It is narrow near the light, where the rays of a tile are far apart, and at the receivers no wider than the tile
+group. All of its rays share an origin, so the edge functions of a triangle are set up once for the fan, and one test
+culls triangles for all its rays.
 
-At a block, the lanes are the 16 fans of a stratum. If few of them meet the block's box, each of them is tested against
-the 16 triangles side by side, and then its rays. Otherwise the stratum's shaft culls triangles first, and each triangle
-left is tested against the 16 fans side by side.
+At a block, lanes are the 16 fans of a stratum. If few of them meet the block's box, each fan is tested against the 16
+triangles side by side, and then its rays. Otherwise the stratum's shaft culls triangles first, and each remaining
+triangle is tested against the 16 fans side by side.
 
-Rays are tested from the light to the receiver. So their faces are the other way round.
+Rays are tested from the light to the receiver, so front and back faces are swapped.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..light_table import POINTS, STRATA
-from ..shafts import HALF, SPAN, D, N, keep_inverses, segments_in_box, shafts_in_box, widened
+from ..shafts import HALF, SPAN, D, N, segments_in_box, shafts_in_box, store_inverses, widened
 from ..tile import with_blocked
 from ..triangle_tests import Lanes, decide, defer, error_bounds, keep_lanes, kept_lane, numbers_of, slot_of
 from .shaft_culling import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
@@ -51,23 +51,27 @@ _FEW = 10  # up to this many fans that meet a block are tested one by one
 
 
 class ReverseFrusta(NamedTuple):
-    """Pointers to the fans of a tile group. Receiver r is the one in lane r of each tile; the lanes are tiles."""
+    """Pointers to the fans of a tile group. Fan r has the receiver in lane r of each tile; lanes are tiles."""
 
-    receivers: F32Ptr  # float32: rows x, y, z of each receiver r
-    faces: I32Ptr  # int32, a row of each receiver r: their own triangles
-    boxes: F32Ptr  # float32, rows of middles (3) and half extents (3), lanes are r: boxes of the receivers
-    ready: I32Ptr  # int32, one a stratum: bits of the r whose reciprocals are filled
-    reach: F32Ptr  # float32, 16 of each stratum; see `segmentbox`
-    inverses: F32Ptr  # float32, rows x, y, z of each stratum and r: reciprocals, see `segmentbox`
+    receivers: F32Ptr  # float32: rows x, y, z per fan
+    faces: I32Ptr  # int32, one row per fan: the receivers' own triangles
+    boxes: F32Ptr  # float32, rows of centres (3) and half extents (3), lanes are fans: boxes of the receivers
+    ready: I32Ptr  # int32, one per stratum: bits of the fans whose reciprocals are filled
+    reach: F32Ptr  # float32, 16 per stratum: R of the segments, see `shafts`
+    inverses: F32Ptr  # float32, rows x, y, z per stratum and fan: reciprocals of the segments, see `shafts`
 
 
 @inlined
 def reverse_frusta_at(memory):
-    """The `Fans` in FAN_FLOATS float32."""
+    """The `ReverseFrusta` in FAN_FLOATS float32."""
     return ReverseFrusta(
-        memory, as_i32(ptr_at(memory, _FACES)), ptr_at(memory, _BOXES), as_i32(ptr_at(memory, _READY)),
-        ptr_at(memory, _REACH), ptr_at(memory, _INVERSES),
-    )  # fmt: skip
+        memory,
+        as_i32(ptr_at(memory, _FACES)),
+        ptr_at(memory, _BOXES),
+        as_i32(ptr_at(memory, _READY)),
+        ptr_at(memory, _REACH),
+        ptr_at(memory, _INVERSES),
+    )
 
 
 @inlined
@@ -81,7 +85,7 @@ def add_to_reverse_frusta(fans, lane, tile):
 
 @inlined
 def close_reverse_frusta(fans, low, high):
-    """Finish the fans of tiles that have been added; low, high: corners of the boxes of receivers, lanes are r."""
+    """Finish the fans of the added tiles; low, high: corners of the boxes of receivers, lanes are fans."""
     middle, half = middles_and_halves(low, high)
     keep(fans.boxes, 0, 16, middle)
     keep(fans.boxes, 48, 16, half)
@@ -90,7 +94,7 @@ def close_reverse_frusta(fans, low, high):
 
 @inlined
 def _axes(fans, p):
-    """(directions from points p to the middles of the receivers' boxes, half extents of the boxes); lanes are r."""
+    """(directions from points p to the centres of the receivers' boxes, half extents of the boxes); lanes are fans."""
     d, half = minus(rows(fans.boxes, 0, 16), p), rows(fans.boxes, 48, 16)
     return d, widened(d, half)
 
@@ -104,31 +108,31 @@ def reverse_frusta_in_box(fans, points, box):
 
 
 @inlined
-def reverse_frusta_are_narrower(whole, one, s, c):
-    """Are fans narrower than the tiles' shafts to stratum s at a point? Towards the light, fans narrow.
+def reverse_frusta_are_narrower(union, one, s, c):
+    """True if fans are narrower than the tiles' shafts to stratum s at a point. Towards the light, fans narrow.
 
-    whole, one : the tile group as a `Tile`, and one of its tiles
+    union, one : the tile group as a `Tile`, and one of its tiles
     c : pointer to the point
     """
     along, square, light, more = _F(0.0), _F(0.0), _F(0.0), _F(0.0)
     for k in range(3):
-        d = get(whole.shafts, D + k * N + 16 + s)
-        along += (get(c, k) - get(whole.info, k)) * d
+        d = get(union.shafts, D + k * N + 16 + s)
+        along += (get(c, k) - get(union.info, k)) * d
         square += d * d
-        light += get(whole.shafts, HALF + k * N + 16 + s)
-        more += get(whole.info, 3 + k) - get(one.info, 3 + k)
+        light += get(union.shafts, HALF + k * N + 16 + s)
+        more += get(union.info, 3 + k) - get(one.info, 3 + k)
     return along * light > (square - along) * more
 
 
 @inlined
-def rays_left(dead, r):
-    """Bits of the tiles whose ray of fan r is not blocked; dead: pointer to the stratum's row of `tilegroup`."""
+def unblocked_rays(dead, r):
+    """Bits of the tiles whose ray of fan r is not blocked; dead: pointer to the stratum's row of `TileGroup.dead`."""
     return bits((load16(dead, 0) & splat16(np.int32(1 << r))) == np.int32(0))
 
 
 @inlined
 def _block(dead, r, tiles):
-    """Note that the rays of fan r from some tiles (bits) are blocked."""
+    """Mark the rays of fan r from `tiles` (bits) as blocked."""
     store(dead, 0, with_blocked(load16(dead, 0), tiles, splat16(np.int32(1 << r))))
 
 
@@ -144,70 +148,70 @@ def _rays_in_box(fans, points, s, r, box):
     o, fan = rows(fans.receivers, 48 * r, 16), 16 * s + r
     ready = np.int64(get(fans.ready, s))
     if ready >> r & 1 == 0:
-        put(fans.reach, fan, keep_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
+        put(fans.reach, fan, store_inverses(fans.inverses, 48 * fan, o, broadcasts(points, r, 16)))
         put(fans.ready, s, ready | np.int64(1) << r)
     return segments_in_box(o, rows(fans.inverses, 48 * fan, 16), broadcast16(fans.reach, fan), box)
 
 
 @inlined
 def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
-    """Test the rays of fan r against the triangle in lane k of the kept `Lanes`."""
+    """Test the rays of fan r against the triangle in lane k of the stored `Lanes`."""
     d = minus(rows(fans.receivers, 48 * r, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
     others = _others(fans, b, slot, r)
     if unsure != 0:
-        defer(b.deferred, slot, s << 4 | r, 256, unsure & others & rays_left(dead, r))
+        defer(b.deferred, slot, s << 4 | r, 256, unsure & others & unblocked_rays(dead, r))
     _block(dead, r, hit & others)
 
 
 @inlined
 def _test_ray(fans, b, points, s, r, g, lanes, counters):
-    """Test the ray of fan r from tile g against the triangles of a block, seen from the fan's point. Is it blocked?"""
+    """True if a triangle of a block surely blocks the ray of fan r to tile g; lanes: triangles from the fan's point."""
     d = minus(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, lanes, -b.facing)
-    hit, unsure, own = hit & b.present, unsure & b.present, get(fans.faces, 16 * r + g)
+    hit, unsure, face = hit & b.present, unsure & b.present, get(fans.faces, 16 * r + g)
     while hit != 0:
-        if get(b.tree.prim_ids, slot_of(b, lowest_bit(hit))) != own:
+        if get(b.tree.prim_ids, slot_of(b, lowest_bit(hit))) != face:
             return True
         hit &= hit - 1
     while unsure != 0:
         slot = slot_of(b, lowest_bit(unsure))
         unsure &= unsure - 1
-        if get(b.tree.prim_ids, slot) != own:
+        if get(b.tree.prim_ids, slot) != face:
             defer(b.deferred, slot, g << 8 | s << 4 | r, 0, np.int64(1))
     return False
 
 
 @kernel
-def _trace_fan(fans, whole, b, points, s, r, dead, box, counters):
+def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
     """Test the rays of fan r against the triangles of a block."""
-    rays = rays_left(dead, r) & _rays_in_box(fans, points, s, r, box)
+    rays = unblocked_rays(dead, r) & _rays_in_box(fans, points, s, r, box)
     if rays == 0:
         return
     point = broadcasts(points, r, 16)
-    lanes = block_lanes(point, numbers_of(b), broadcast16(whole.shafts, SPAN + 1))
+    lanes = block_lanes(point, numbers_of(b), broadcast16(union.shafts, SPAN + 1))
     d = minus(broadcasts(fans.boxes, r, 16), point)
     v = cull_beams(d, widened(d, broadcasts(fans.boxes, 48 + r, 16)), lanes, -b.facing)
-    left = b.present & ~v.miss
-    count(counters, CANDIDATES, popcount(left))
-    cover = v.cover & left
+    triangles = b.present & ~v.miss
+    count(counters, CANDIDATES, popcount(triangles))
+    cover = v.cover & triangles
     while cover != 0:
         slot = slot_of(b, lowest_bit(cover))
         cover &= cover - 1
         count(counters, COVERED, 1)
         _block(dead, r, _others(fans, b, slot, r))
-        rays &= rays_left(dead, r)
-    if popcount(left) <= popcount(rays):
+        rays &= unblocked_rays(dead, r)
+    if popcount(triangles) <= popcount(rays):
         keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
-        while left != 0:
-            i = lowest_bit(left)
-            left &= left - 1
+        while triangles != 0:
+            i = lowest_bit(triangles)
+            triangles &= triangles - 1
             _test_triangle(fans, b, points, s, r, dead, i, slot_of(b, i), counters)
         return
     blocked = np.int64(0)
-    while rays != 0 and left != 0:
+    while rays != 0 and triangles != 0:
         g = lowest_bit(rays)
         rays &= rays - 1
         if _test_ray(fans, b, points, s, r, g, lanes, counters):
@@ -216,11 +220,11 @@ def _trace_fan(fans, whole, b, points, s, r, dead, box, counters):
 
 
 @inlined
-def _by_fans(fans, whole, b, points, s, live, dead, i, counters):
-    """Test triangle i, which `cull_block` has kept, against the fans in `live` (bits)."""
+def _by_fans(fans, union, b, points, s, live, dead, i, counters):
+    """Test triangle i, which `cull_block` has not culled, against the fans in `live` (bits)."""
     point, numbers, slot = rows(points, 0, 16), numbers_of(b), slot_of(b, i)
     a, p, q = minus(broadcasts(numbers, i, 16), point), broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
-    e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(whole.shafts, SPAN + 1))
+    e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(union.shafts, SPAN + 1))
     n = cross(p, q)
     lanes = Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
     d, half = _axes(fans, point)
@@ -240,12 +244,12 @@ def _by_fans(fans, whole, b, points, s, live, dead, i, counters):
 
 
 @kernel
-def trace_reverse_frusta(fans, whole, b, points, s, live, dead, box, counters):
-    """Test the rays of some fans (bits) of stratum s against a block. Blocked ones are noted in `dead`.
+def trace_reverse_frusta(fans, union, b, points, s, live, dead, box, counters):
+    """Test the rays of fans in `live` (bits) of stratum s against a block, and mark blocked rays in `dead`.
 
-    whole : `Tile` of the tile group
+    union : the tile group as a `Tile`
     points : pointer to the stratum's points
-    dead : pointer to the stratum's row of `tilegroup`
+    dead : pointer to the stratum's row of `TileGroup.dead`
     box : `Box` of the block
     """
     count(counters, FAN_STRATA, 1)
@@ -253,12 +257,12 @@ def trace_reverse_frusta(fans, whole, b, points, s, live, dead, box, counters):
         while live != 0:
             r = lowest_bit(live)
             live &= live - 1
-            _trace_fan(fans, whole, b, points, s, r, dead, box, counters)
+            _trace_fan(fans, union, b, points, s, r, dead, box, counters)
         return
-    left = cull_block(whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    while left != 0 and live != 0:
-        i = lowest_bit(left)
-        left &= left - 1
-        _by_fans(fans, whole, b, points, s, live, dead, i, counters)
+    triangles = cull_block(union, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(triangles))
+    while triangles != 0 and live != 0:
+        i = lowest_bit(triangles)
+        triangles &= triangles - 1
+        _by_fans(fans, union, b, points, s, live, dead, i, counters)
         live &= ~np.int64(reduce_and(load16(dead, 0)))

@@ -1,13 +1,13 @@
-"""Cull and cover: triangles that shafts or beams surely miss, and triangles that surely block all segments.
+"""Culling and covering: triangles that shafts or beams surely miss, and triangles that surely block all segments.
 
-A block of triangles is tested against a tile first by shafts or beams. Rays are tested only where neither decides.
+A block of triangles is tested against a tile by shafts or beams first; rays are tested only where neither decides.
 
 Triangles. Let c be the centre of the receivers' box, C the centre of a box of light samples, and D = C - c. Let p and q
 be the edges at v0, and a = v0 - c. Along the axis of the shaft, the edge functions of `predicate.filters` are
 
     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
 
-Let N be the vector that D is multiplied by, and g the edge. For a receiver c + x and a sample C + y, an edge function
+Let N be the vector by which D is multiplied, and g the edge. For a receiver c + x and a sample C + y, an edge function
 changes by
 
     y . N  -  x . (N + g x D)  -  y . (x x g)
@@ -16,27 +16,27 @@ This is at most ry . |N| + rx . |N + g x D| + w |g|, the *slack*. Here rx and ry
 and w is the sum of ry_i (rx_j + rx_k). The distances from the triangle's plane are T = a . n for the receivers and F =
 T - D . n for the samples. They change by at most rx . |n| and ry . |n|.
 
-So signs that are sure along the axis hold for all segments of the shaft:
+So signs that exceed the slack along the axis hold for all segments of the shaft:
 
 - The shaft misses the triangle if two edge functions have opposite signs, or if T and F have the same sign.
 - The triangle blocks all segments if all edge functions have one sign, and T and F have opposite signs.
 
-This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam x is
+This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam, x is
 zero, and the slack is exactly ry . |N|. The shafts belong to a tile's groups or strata, or to 16 tiles.
 
-Rounding: let E = 64 u s (span wide + |rx| |D|). E bounds the errors of e0, e1 and e2, along the axis and along any ray
-of the shaft. It also bounds the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e in
-`predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way 64 u s^2 (|a| + span) bounds the
+Rounding. E = 64 u s (span wide + |rx| |D|) bounds the errors of e0, e1 and e2, along the axis and along any ray of the
+shaft, including the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e in
+`predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way, 64 u s^2 (|a| + span) bounds the
 errors of T and F, and of their slack.
 
-Blocks. Beams are narrower next to the receivers, and shafts of strata are narrower next to the light. `is_near` chooses
-between them for each block. The chosen 16 are first tested against the block's box.
+Blocks. Beams are narrower near the receivers, and shafts of strata are narrower near the light; `is_near` chooses
+between them per block. The chosen 16 are first tested against the block's box.
 
 - If few of them meet the box, each is tested against the 16 triangles side by side.
-- Otherwise the triangles are culled side by side against one shaft. It leads to the smallest group that holds all live
-  strata. Each triangle left is then tested against the 16 beams or strata side by side.
+- Otherwise the triangles are culled side by side against one shaft, to the smallest group that contains all live
+  strata. Each remaining triangle is then tested against the 16 beams or strata side by side.
 
-A pair that neither misses nor covers is tested ray by ray. One vector holds 16 samples of a receiver, or 16 receivers
+A pair that neither misses nor covers is tested ray by ray. A vector holds 16 samples of one receiver, or 16 receivers
 and one stratum. If few rays of a stratum meet the block's box, each of them is tested against the 16 triangles.
 """
 
@@ -98,38 +98,7 @@ from ..triangle_tests import (
     splats,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Cull and cover: find triangles that shafts or beams surely miss, and triangles that surely block all segments.
-#
-# Let c be the centre of the receivers' box, C the centre of a box of light samples, and D = C - c. Let p and q be the
-# edges at v0, and a = v0 - c. Along the axis of the shaft, the edge functions of `predicate.filters` are
-#
-#     e2 = D . (a x p)     e1 = -D . (a x q)     e0 = D . n - e1 - e2       n = p x q
-#
-# Let N be the vector that D is multiplied by, and g the edge. For a receiver c + x and a sample C + y, an edge
-# function changes by
-#
-#     y . N  -  x . (N + g x D)  -  y . (x x g)
-#
-# This is at most ry . |N| + rx . |N + g x D| + w |g|, the *slack*. Here rx and ry are the half extents of the two
-# boxes, and w is the sum of ry_i (rx_j + rx_k). The distances from the triangle's plane are T = a . n for the
-# receivers and F = T - D . n for the samples. They change by at most rx . |n| and ry . |n|.
-#
-# So signs that are sure along the axis hold for all segments of the shaft:
-#
-# - The shaft misses the triangle if two edge functions have opposite signs, or if T and F have the same sign.
-# - The triangle blocks all segments if all edge functions have one sign, and T and F have opposite signs.
-#
-# This is corner-ray culling [Benthin and Wald 2009, Sec. 4.2] for shafts whose segments share no origin. For a beam x
-# is zero, and the slack is exactly ry . |N|. The shafts belong to a tile's groups or strata, or to 16 tiles.
-#
-# Rounding: let E = 64 u s (span wide + |rx| |D|). E bounds the errors of e0, e1 and e2, along the axis and along any
-# ray
-# of the shaft. It also bounds the errors of their slack. It follows from the bound 60 u |d| s max(|a|, s) for each e
-# in
-# `predicate.filters`, because span >= |d| and wide >= |a| for all rays. In the same way 64 u s^2 (|a| + span) bounds
-# the
-# errors of T and F, and of their slack.
+# --- Culling and covering ---------------------------------------------------------------------------------------------
 
 
 _F = np.float32
@@ -143,7 +112,7 @@ CULL_WORK = 19 * 16  # float32 of scratch memory
 
 @inlined
 def _beyond(shafts, at, group, a, p, q, wide):
-    """mask16 of the triangles that lie wholly beyond a plane of the shaft."""
+    """mask16 of the triangles that lie entirely beyond a plane of the shaft."""
     w = broadcasts(shafts, at + group, N)
     nearest = dot(a, w) + minimum(minimum(dot(p, w), dot(q, w)), splat16(_ZERO))
     return nearest > fma(wide, broadcast16(shafts, at + 4 * N + group), broadcast16(shafts, at + 3 * N + group))
@@ -151,7 +120,7 @@ def _beyond(shafts, at, group, a, p, q, wide):
 
 @inlined
 def _outside(shafts, group, a, p, q, wide):
-    """mask16 of the triangles that lie wholly beyond one of the four planes of the shaft."""
+    """mask16 of the triangles that lie entirely beyond one of the four planes of the shaft."""
     return (
         _beyond(shafts, PLANES, group, a, p, q, wide)
         | _beyond(shafts, PLANES + PLANE, group, a, p, q, wide)
@@ -162,7 +131,7 @@ def _outside(shafts, group, a, p, q, wide):
 
 @inlined
 def _slack(n, g_cross_d, receivers, lights, twist, e):
-    """Slack of one edge function: (without the part of the lights, with it)."""
+    """Slack of one edge function: (without the contribution of the lights, with it)."""
     # Eq. (6) of docs/design/multifrusta.md
     common = fma(abs_dot(plus(n, g_cross_d), receivers), splat16(_MORE), twist + e)
     return common, fma(abs_dot(n, lights), splat16(_MORE), common)
@@ -170,7 +139,7 @@ def _slack(n, g_cross_d, receivers, lights, twist, e):
 
 @inlined
 def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
-    """Edge functions along d (3), their slack without the part of the lights (3), and with it (3)."""
+    """Edge functions along d (3), their slack without the contribution of the lights (3), and with it (3)."""
     # Eq. (5) of docs/design/multifrusta.md
     e2, e1 = dot(cp, d), -dot(cq, d)
     p_d, q_d = cross(p, d), cross(q, d)
@@ -182,7 +151,7 @@ def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
 
 @kernel
 def cull_block(tile, numbers, group, facing, work):
-    """Bits of a block's triangles that some segment of the shaft to a group may meet. Write their numbers to `work`."""
+    """Bits of a block's triangles that segments of the shaft to a group may meet. Write their numbers to `work`."""
     info, shafts = tile.info, tile.shafts
     c = broadcasts(info, 0, 1)
     a, p, q = minus(rows(numbers, 0, 16), c), rows(numbers, 48, 16), rows(numbers, 96, 16)
@@ -200,17 +169,17 @@ def cull_block(tile, numbers, group, facing, work):
     same_side = (minimum(t - kt, f - gf) > _ZERO) | (maximum(t + kt, f + gf) < _ZERO)
     away = dn * _F(facing) > kt + gf
     culled = same_side | away | _outside(shafts, group, a, p, q, wide)
-    left = bits(culled) ^ 0xFFFF
-    if left == 0:
-        return left
+    remaining = bits(culled) ^ 0xFFFF
+    if remaining == 0:
+        return remaining
     cp, cq = cross(a, p), cross(a, q)
     e = fma(size * _U, fma(wide, splat16(span), splat16(axis.lever)), floor)
     twist = size * (_F(2.0) * axis.twist)
     on, k, g = _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e)
     some_up = maximum(maximum(on.x - g.x, on.y - g.y), on.z - g.z) > _ZERO
     some_down = minimum(minimum(on.x + g.x, on.y + g.y), on.z + g.z) < _ZERO
-    left &= bits(some_up & some_down) ^ 0xFFFF
-    if left != 0:
+    remaining &= bits(some_up & some_down) ^ 0xFFFF
+    if remaining != 0:
         keep(work, _CP, 16, cp)
         keep(work, _CQ, 16, cq)
         keep(work, _N, 16, n)
@@ -222,12 +191,12 @@ def cull_block(tile, numbers, group, facing, work):
         store(work, _TE, te)
         store(work, _WIDE, wide)
         store(work, _SIZE, size)
-    return left
+    return remaining
 
 
 @inlined
 def _strata_beyond(shafts, at, a, p, q, wide):
-    """mask16 of the strata whose shaft has a triangle, given in all lanes, wholly beyond one plane."""
+    """mask16 of the strata whose shaft has a triangle, the same in all lanes, entirely beyond one plane."""
     w = rows(shafts, at + 16, N)
     nearest = dot(w, a) + minimum(minimum(dot(w, p), dot(w, q)), splat16(_ZERO))
     return nearest > fma(load16(shafts, at + 4 * N + 16), wide, load16(shafts, at + 3 * N + 16))
@@ -235,7 +204,7 @@ def _strata_beyond(shafts, at, a, p, q, wide):
 
 @inlined
 def _strata_outside(tile, numbers, work, i):
-    """mask16 of the strata whose shaft has triangle i wholly beyond one of its four sides."""
+    """mask16 of the strata whose shaft has triangle i entirely beyond one of its four planes."""
     shafts, wide = tile.shafts, broadcast16(work, _WIDE + i)
     a = minus(broadcasts(numbers, i, 16), broadcasts(tile.info, 0, 1))
     p, q = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
@@ -248,7 +217,7 @@ def _strata_outside(tile, numbers, work, i):
 
 
 class Verdict(NamedTuple):
-    """The certain results for 16 shafts and a triangle: bits of the lanes."""
+    """What is certain for 16 shafts and a triangle: bits of the lanes."""
 
     miss: int  # no segment meets the triangle
     cover: int  # all segments are blocked
@@ -309,9 +278,9 @@ def cull_beams(d, half, lanes, facing):
 
 @inlined
 def cull_tiles(boxes, targets, numbers, work, i, facing):
-    """`Verdict` on the shafts of 16 tiles and triangle i of a block, which `cull_block` has kept for all tiles.
+    """`Verdict` on the shafts of 16 tiles and triangle i of a block, which `cull_block` has not culled for all tiles.
 
-    boxes, targets : rows of middles (3) and half extents (3): boxes of receivers, and boxes of samples
+    boxes, targets : rows of centres (3) and half extents (3): boxes of receivers, and boxes of samples
     """
     o, receivers, half = rows(boxes, 0, 16), rows(boxes, 48, 16), rows(targets, 48, 16)
     d, a = minus(rows(targets, 0, 16), o), minus(broadcasts(numbers, i, 16), o)
@@ -327,7 +296,7 @@ def cull_tiles(boxes, targets, numbers, work, i, facing):
 
 @inlined
 def plane_of(work, i):
-    """(distance of the receivers' middle from the plane of triangle i of the block, slack for all receivers)."""
+    """(distance of the receivers' centre from the plane of triangle i of the block, slack for all receivers)."""
     return get(work, _T + i), get(work, _KT + i)
 
 
@@ -339,7 +308,7 @@ def triangle_size(work, i):
 
 @inlined
 def triangle_lanes(origins, numbers, work, i):
-    """`Lanes` of triangle i of a block, which `cull_block` has kept, for rays from 16 origins."""
+    """`Lanes` of triangle i of a block, which `cull_block` has not culled, for rays from 16 origins."""
     a = minus(broadcasts(numbers, i, 16), origins)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
     return Lanes(cross(a, p), cross(q, a), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
@@ -353,9 +322,9 @@ def receiver_lanes(tile, numbers, r):
 
 @inlined
 def block_lanes(origin, numbers, span):
-    """`Lanes` of the 16 triangles of a block for rays from an origin, given in all lanes.
+    """`Lanes` of the 16 triangles of a block for rays from one origin, the same in all lanes.
 
-    span : f32x16, at least the sum of the magnitudes of a ray's components
+    span : f32x16, at least the sum of the magnitudes of a direction's components
     """
     a, p, q = minus(rows(numbers, 0, 16), origin), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n = cross(p, q)
@@ -363,19 +332,7 @@ def block_lanes(origin, numbers, span):
     return Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
 
 
-# --- A block of triangles against a tile: cull and cover by shafts or beams, test rays only where neither decides -----
-#
-# Beams are narrower next to the receivers, and shafts of strata are narrower next to the light. `beams.is_near`
-# chooses between them for each block. The chosen 16 are first tested against the block's box.
-#
-# - If few of them meet the box, each is tested against the 16 triangles side by side.
-# - Otherwise the triangles are culled side by side against one shaft. It leads to the smallest group that holds all
-#   live
-#   strata. Each triangle left is then tested against the 16 beams or strata side by side.
-#
-# A pair that neither misses nor covers is tested ray by ray. One vector holds 16 samples of a receiver, or 16
-# receivers and one stratum. If few rays of a stratum meet the block's box, each of them is tested against the 16
-# triangles.
+# --- A block against a tile -------------------------------------------------------------------------------------------
 
 
 WORK = CULL_WORK + LANES  # float32 of scratch memory
@@ -386,15 +343,15 @@ _FEW_RAYS = 4  # the same for rays of a stratum
 
 @inlined
 def _block_receivers(tile, receivers):
-    """Note that all segments from some receivers (bits) are blocked."""
+    """Mark all segments from `receivers` (bits) as blocked."""
     store(tile.dead, 0, load16(tile.dead, 0) | splat16(np.int32(receivers)))
 
 
 @kernel
-def on_the_lights_side(tile, tree, slot, above, below, lanes):
+def on_light_side(tile, tree, slot, above, below, lanes):
     """Bits of the receivers in `lanes` that are surely on the light's side of a triangle's plane, in float64.
 
-    Float32 cannot decide this for the surface that the tile lies on, or for triangles that continue this surface.
+    Float32 cannot decide this for the surface on which the tile lies, or for triangles that continue this surface.
 
     above, below : bits of the receivers whose light is surely above, or surely below, the plane
     """
@@ -419,7 +376,7 @@ def on_the_lights_side(tile, tree, slot, above, below, lanes):
 
 @inlined
 def _test_samples(tile, b, slot, r, k, strata, counters):
-    """Test the rays of receiver r against the triangle in lane k of the kept `Lanes`."""
+    """Test the rays of receiver r against the triangle in lane k of the stored `Lanes`."""
     d = minus(rows(tile.by_lane, r * 48, 16), broadcasts(tile.origins, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), b.facing)
@@ -432,7 +389,7 @@ def _test_samples(tile, b, slot, r, k, strata, counters):
 
 @kernel
 def _test_strata(tile, b, slot, i, receivers, strata, counters):
-    """Test the rays from some receivers to some strata (bits) against triangle i, which `cull_block` has kept."""
+    """Test rays between `receivers` and `strata` (bits) against triangle i, which `cull_block` has not culled."""
     lanes, dead = triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), load16(tile.dead, 0)
     while strata != 0:
         s = lowest_bit(strata)
@@ -455,14 +412,14 @@ def _others(tile, b, slot):
 
 @inlined
 def _by_beams(tile, b, i, live, strata, counters):
-    """Test triangle i, which `cull_block` has kept, against the beams in `live`. Return bits of those not covered."""
+    """Test triangle i, not culled by `cull_block`, against the beams in `live`. Return bits of those not covered."""
     d, half = beams_of(tile)
     slot, lanes = slot_of(b, i), triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i)
     v = cull_beams(d, half, lanes, b.facing)
     receivers = live & ~v.miss & _others(tile, b, slot)
     on_plane = receivers & bits(absolute(lanes.t) <= lanes.te)
     if on_plane != 0:
-        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, on_plane)
+        receivers &= ~on_light_side(tile, b.tree, slot, v.above, v.below, on_plane)
     covered = v.cover & receivers
     count(counters, COVERED, popcount(covered))
     _block_receivers(tile, covered)
@@ -478,7 +435,7 @@ def _by_beams(tile, b, i, live, strata, counters):
 
 @inlined
 def _by_strata(tile, b, i, strata, counters):
-    """Test triangle i, which `cull_block` has kept, against the shafts of some strata. Return those with rays left."""
+    """Test triangle i, not culled by `cull_block`, against the shafts of `strata`. Return those with unblocked rays."""
     slot, v = slot_of(b, i), cull_strata(tile, numbers_of(b), b.work, i, b.facing)
     covered = v.cover & strata
     count(counters, COVERED, popcount(covered))
@@ -488,7 +445,7 @@ def _by_strata(tile, b, i, strata, counters):
     tests, receivers = strata & ~v.miss, _others(tile, b, slot)
     t, slack = plane_of(b.work, i)
     if tests != 0 and abs(t) <= slack and (v.above == 0xFFFF or v.below == 0xFFFF):
-        receivers &= ~on_the_lights_side(tile, b.tree, slot, v.above, v.below, receivers)
+        receivers &= ~on_light_side(tile, b.tree, slot, v.above, v.below, receivers)
     if tests != 0 and receivers != 0:
         _test_strata(tile, b, slot, i, receivers, tests, counters)
         strata &= ~finished_strata(tile, b.valid)
@@ -497,29 +454,29 @@ def _by_strata(tile, b, i, strata, counters):
 
 @kernel
 def _trace_receiver(tile, b, r, strata, counters):
-    """Test the beam of receiver r against the triangles of a block. Where the beam does not decide, test its rays."""
-    own, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
+    """Test the beam of receiver r against the triangles of a block, and its rays where the beam does not decide."""
+    face, lanes, one = get(tile.faces, r), receiver_lanes(tile, numbers_of(b), r), np.int64(1) << r
     d, half = beam_of(tile, r)
     v = cull_beams(d, half, lanes, b.facing)
-    left = b.present & ~v.miss
-    count(counters, CANDIDATES, popcount(left))
-    if left == 0:
+    triangles = b.present & ~v.miss
+    count(counters, CANDIDATES, popcount(triangles))
+    if triangles == 0:
         return
-    cover, on_plane = v.cover & left, bits(absolute(lanes.t) <= lanes.te)
+    cover, on_plane = v.cover & triangles, bits(absolute(lanes.t) <= lanes.te)
     while cover != 0:
-        if get(b.tree.prim_ids, slot_of(b, lowest_bit(cover))) != own:
+        if get(b.tree.prim_ids, slot_of(b, lowest_bit(cover))) != face:
             count(counters, COVERED, 1)
             _block_receivers(tile, one)
             return
         cover &= cover - 1
     keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
-    while left != 0:
-        i = lowest_bit(left)
+    while triangles != 0:
+        i = lowest_bit(triangles)
         slot = slot_of(b, i)
-        left &= left - 1
-        if get(b.tree.prim_ids, slot) != own:
+        triangles &= triangles - 1
+        if get(b.tree.prim_ids, slot) != face:
             above, below = (v.above >> i & 1) << r, (v.below >> i & 1) << r
-            if on_plane >> i & 1 == 0 or on_the_lights_side(tile, b.tree, slot, above, below, one) == 0:
+            if on_plane >> i & 1 == 0 or on_light_side(tile, b.tree, slot, above, below, one) == 0:
                 _test_samples(tile, b, slot, r, i, strata, counters)
 
 
@@ -539,33 +496,33 @@ def _trace_rays(tile, b, s, rays, counters):
 
 @inlined
 def _trace_row(tile, b, s, rays, triangles, counters):
-    """Test rays of stratum s (bits) against triangles (bits) that `cull_block` has kept. Return the blocked rays."""
+    """Test rays of stratum s (bits) against triangles (bits), not culled by `cull_block`. Return the blocked rays."""
     d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
-    left = rays
-    while triangles != 0 and left != 0:
+    open_rays = rays
+    while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
         slot = slot_of(b, i)
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, triangle_lanes(rows(tile.origins, 0, 16), numbers_of(b), b.work, i), b.facing)
-        others = left & _others(tile, b, slot)
+        others = open_rays & _others(tile, b, slot)
         if unsure & others != 0:
             defer(b.deferred, slot, tile.number << 8 | s << 4, 1, unsure & others)
-        left &= ~(hit & others)
-    return rays & ~left
+        open_rays &= ~(hit & others)
+    return rays & ~open_rays
 
 
 @kernel
 def _trace_stratum(tile, b, s, box, counters):
     """Test the rays of stratum s against a block with its `Box`.
 
-    Few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
+    A few rays are tested one by one. Otherwise the stratum's shaft culls triangles first.
     """
     rays = rays_in_box(tile, s, box) & b.valid & ~np.int64(get(tile.dead, s))
     if popcount(rays) > _FEW_RAYS:
-        left = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-        count(counters, CANDIDATES, popcount(left))
-        rays = _trace_row(tile, b, s, rays, left, counters)
+        triangles = cull_block(tile, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+        count(counters, CANDIDATES, popcount(triangles))
+        rays = _trace_row(tile, b, s, rays, triangles, counters)
     else:
         rays = _trace_rays(tile, b, s, rays, counters)
     if rays != 0:
@@ -574,18 +531,18 @@ def _trace_stratum(tile, b, s, box, counters):
 
 @kernel
 def trace_block(tile, tree, number, triangles, strata, valid, facing, work, deferred, counters):
-    """Test the segments from a tile to some strata against a block. Blocked ones are noted in `tile.dead`.
+    """Test the segments from a tile to some strata against a block, and mark blocked segments in `tile.dead`.
 
-    number, triangles : of the block, and how many triangles it has
+    number, triangles : number of the block, and how many triangles it has
     strata, valid : bits of the strata, and of the tile's receivers
     """
     # In: tile, tree, number, triangles, strata, valid, facing. Out: work, deferred, counters, `tile.dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, valid, facing, work, deferred)
     count(counters, TRIANGLES, triangles)
     bounds = ptr_at(tree.bounds, bounds_at(b.number))
-    box, near = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
+    box, use_beams = box_at(bounds), is_near(tile.shafts, tile.info, bounds)
     c, e = box.middle, box.half
-    if near:
+    if use_beams:
         live, few = valid & ~np.int64(reduce_and(load16(tile.dead, 0))) & beams_in_box(tile, c, e), _FEW_BEAMS
     else:
         live, few = strata & strata_in_box(tile, c, e), _FEW_STRATA
@@ -593,17 +550,17 @@ def trace_block(tile, tree, number, triangles, strata, valid, facing, work, defe
         while live != 0:
             k = lowest_bit(live)
             live &= live - 1
-            if near:
+            if use_beams:
                 _trace_receiver(tile, b, k, strata, counters)
             else:
                 _trace_stratum(tile, b, k, box, counters)
         return
-    left = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
-    count(counters, CANDIDATES, popcount(left))
-    while left != 0 and live != 0:
-        i = lowest_bit(left)
-        left &= left - 1
-        if near:
+    remaining = cull_block(tile, numbers_of(b), group_of(strata), facing, work) & b.present
+    count(counters, CANDIDATES, popcount(remaining))
+    while remaining != 0 and live != 0:
+        i = lowest_bit(remaining)
+        remaining &= remaining - 1
+        if use_beams:
             live = _by_beams(tile, b, i, live, strata, counters)
         else:
             live = _by_strata(tile, b, i, live, counters)

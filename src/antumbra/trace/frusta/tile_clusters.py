@@ -1,14 +1,15 @@
 """Tile clusters: which tiles are traced together.
 
-Clusters. Neighbours in a picture may lie far apart: at silhouettes, and on surfaces seen at a small angle. Sixteen
-parts that follow one another in the order are a *cluster*. A cluster is traced together.
+Clusters. Neighbouring pixels may have distant surfaces, at silhouettes and at grazing angles. So the tiles of an area
+are cut into coherent parts, and the parts are sorted by position. Sixteen consecutive parts are a *cluster*, which is
+traced together.
 
-Tile groups. Tiles are near each other if the light is large beside the box around their receivers. How large it must be
-depends on the scene: a wide box meets more triangles, most of all next to receivers in foliage. So each thread learns
-it. Groups come in classes by the size of the light in sizes of their box: 4 to 8, 8 to 16, 16 to 32, or more. For each
-class two averages are kept: the cost of a tile in clusters with such a group, and in clusters that could have had one.
-The cheaper way is taken, and once in a while the other one. The cost is counted in tests, so that nothing depends on
-time.
+Tile groups. Tiles are close together if the light is large compared with the bounding box of their receivers. How large
+it must be depends on the scene: a wide box meets more triangles, above all near receivers in foliage. So each thread
+measures it. Groups are classified by the ratio of the light's size to the box's: 4 to 8, 8 to 16, 16 to 32, or more.
+Two moving averages per class hold the cost of a tile in clusters with such a group, and in clusters without one that
+could have had it. The cheaper choice is made, and the other one is tried occasionally. Costs are operation counts, so
+that nothing depends on time.
 """
 
 from typing import NamedTuple
@@ -42,24 +43,24 @@ from ..counters import COVERED, GROUP_STRATA, NODES, TILE_GROUP_TILES, TRIANGLE_
 from ..light_table import ALL_GROUPS
 from ..tile import Tile, TileShape, coherent_part, fetch_receivers, load_receivers, tile_at
 
-# --- A picture cut into regions of 16 tiles ---------------------------------------------------------------------------
+# --- Regions of 16 tiles ----------------------------------------------------------------------------------------------
 
 
-MAX_TILES = 16  # in a region
-RUN = 64  # regions in a run: a square of 8 x 8, or a part of a row
+MAX_TILES = 16  # tiles per region
+RUN = 64  # regions per run: a square of 8 x 8, or a part of a row
 
 
 class RegionLayout(NamedTuple):
     """How tiles are cut into regions: 4 x 4 tiles, or 16 tiles of a row."""
 
-    across: int  # tiles in a row of a region
-    down: int  # rows of tiles in a region
-    columns: int  # regions in a row
+    across: int  # tiles per row of a region
+    down: int  # rows of tiles per region
+    columns: int  # regions per row
     rows: int  # rows of regions
 
 
 def layout_of(shape: TileShape) -> RegionLayout:
-    """The `Layout` of a query."""
+    """The `RegionLayout` of a query."""
     across = MAX_TILES if shape.height == 1 else 4
     down = MAX_TILES // across
     return RegionLayout(across, down, -(-shape.columns // across), -(-shape.rows // down))
@@ -72,13 +73,13 @@ def runs(layout: RegionLayout) -> int:
 
 @inlined
 def _even_bits(code):
-    """Bits 0, 2 and 4 of a number, side by side."""
+    """Bits 0, 2 and 4 of a number, compacted."""
     return code & 1 | code >> 1 & 2 | code >> 2 & 4
 
 
 @inlined
 def corner_of(layout, at):
-    """(row, column) of the first tile of region `at`. For the caches, the regions of each square come in Z order."""
+    """(row, column) of the first tile of region `at`. Regions of a square are in Z order, for cache locality."""
     if layout.rows == 1:
         return np.int64(0), at * layout.across
     square, code, across = at >> 6, at & 63, (layout.columns + 7) >> 3
@@ -88,27 +89,24 @@ def corner_of(layout, at):
 
 @inlined
 def tile_in(layout, g):
-    """(row, column) of tile g in its region, or in four regions that follow one another. Tiles come in Z order, too."""
+    """(row, column) of tile g in its region, or in four consecutive regions. Tiles are in Z order, too."""
     if layout.down == 1:
         return np.int64(0), np.int64(g)
-    if layout.rows == 1:  # regions follow one another in a row
+    if layout.rows == 1:  # consecutive regions form a row
         return _even_bits((g & 15) >> 1), _even_bits(g & 15) + (g >> 4) * layout.across
     return _even_bits(g >> 1), _even_bits(g)
 
 
-# --- An area's tiles, cut into coherent parts, in an order in which neighbours lie near each other --------------------
-#
-# Neighbours in a picture may lie far apart: at silhouettes, and on surfaces seen at a small angle. Sixteen parts that
-# follow one another in the order are a *cluster*. A cluster is traced together.
+# --- Coherent parts of an area's tiles --------------------------------------------------------------------------------
 
 
 _F = np.float32
-REGIONS = 4  # in an area, at most
-_MOST = 2 * REGIONS * MAX_TILES  # parts in the list; if an area has more, they come in later lists
-_ROW = _MOST + 16  # room for a vector that reaches beyond the last part
-_AHEAD = 8  # tiles by which receivers are prefetched
-_FEW = 4  # parts whose order does not matter
-_LEFT, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
+REGIONS = 4  # most regions per area
+_MOST = 2 * REGIONS * MAX_TILES  # most parts in a list; the remaining parts of an area go to later lists
+_ROW = _MOST + 16  # length of a row: a vector may extend beyond the last part
+_AHEAD = 8  # prefetch distance of receivers, in tiles
+_FEW = 4  # so few parts are not sorted
+_UNLISTED, _TILES, _LANES, _ORDER, _SORTED, _KEYS, _RANKS, _PLACES, _RECEIVERS = (i * _ROW for i in (*range(8), 10))
 PARTS_INTS = _RECEIVERS + 64 * REGIONS * MAX_TILES
 _PLACE_BITS = 255  # at least _MOST - 1
 
@@ -116,32 +114,38 @@ _PLACE_BITS = 255  # at least _MOST - 1
 class TileParts(NamedTuple):
     """Pointers to an area's parts in PARTS_INTS int32."""
 
-    left: I32Ptr  # int32, one a tile: bits of the receivers that are in no list yet
-    tiles: I32Ptr  # int32, one a part: its tile
-    lanes: I32Ptr  # int32, one a part: bits of its receivers
-    order: I32Ptr  # int32: the parts in the order to trace them
-    sorted: I32Ptr  # int32: a piece of `order`, while it is sorted
+    unlisted: I32Ptr  # int32, one per tile: bits of the receivers that are not in a list yet
+    tiles: I32Ptr  # int32, one per part: its tile
+    lanes: I32Ptr  # int32, one per part: bits of its receivers
+    order: I32Ptr  # int32: the parts in tracing order
+    sorted: I32Ptr  # int32: a segment of `order` during sorting
     keys: I32Ptr  # int32: its keys
     ranks: I32Ptr  # int32: its ranks
     places: F32Ptr  # float32, rows x, y, z: one receiver of each part
-    receivers: F32Ptr  # float32, a piece of each tile: x, y, z, and own triangles of its 16 receivers
+    receivers: F32Ptr  # float32, 64 per tile: x, y, z, and own triangles of its 16 receivers
 
 
 @inlined
 def parts_at(memory):
-    """The `Parts` in PARTS_INTS int32."""
+    """The `TileParts` in PARTS_INTS int32."""
     return TileParts(
-        ptr_at(memory, _LEFT), ptr_at(memory, _TILES), ptr_at(memory, _LANES), ptr_at(memory, _ORDER),
-        ptr_at(memory, _SORTED), ptr_at(memory, _KEYS), ptr_at(memory, _RANKS), as_f32(ptr_at(memory, _PLACES)),
+        ptr_at(memory, _UNLISTED),
+        ptr_at(memory, _TILES),
+        ptr_at(memory, _LANES),
+        ptr_at(memory, _ORDER),
+        ptr_at(memory, _SORTED),
+        ptr_at(memory, _KEYS),
+        ptr_at(memory, _RANKS),
+        as_f32(ptr_at(memory, _PLACES)),
         as_f32(ptr_at(memory, _RECEIVERS)),
-    )  # fmt: skip
+    )
 
 
 @inlined
-def expect(parts, n_tiles, receivers):
-    """Note that some receivers (bits) of each tile are to be listed."""
+def mark_unlisted(parts, n_tiles, receivers):
+    """Mark `receivers` (bits) of each tile as not listed yet."""
     for g in range(n_tiles):
-        put(parts.left, g, np.int32(receivers))
+        put(parts.unlisted, g, np.int32(receivers))
 
 
 @inlined
@@ -154,70 +158,70 @@ def _place_in(chunk, layout, y, x, g):
 @inlined
 def _tile_of(parts, g, t):
     """`Tile` t with the receivers of tile g of the area."""
-    own = ptr_at(parts.receivers, 64 * g)
+    memory = ptr_at(parts.receivers, 64 * g)
     return Tile(
-        t.number, own, t.info, as_i32(ptr_at(own, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
+        t.number, memory, t.info, as_i32(ptr_at(memory, 48)), t.dead, t.shafts, t.beams, t.points, t.groups, t.targets,
         t.by_lane, t.inverses,
     )  # fmt: skip
 
 
 @kernel
 def list_parts(chunk, layout, y, x, n_tiles, tile, parts):
-    """List parts of an area's tiles: receivers near each other. Return their number, 0 once all have been listed.
+    """List coherent parts of an area's tiles, as many as fit. Return their number, 0 once all have been listed.
 
     tile : any `Tile`
     """
     n = np.int64(0)
     for g in range(n_tiles):
         fetch_receivers(chunk, *_place_in(chunk, layout, y, x, g + _AHEAD))
-        rest = np.int64(get(parts.left, g))
-        if rest != 0 and n < _MOST:
+        remaining = np.int64(get(parts.unlisted, g))
+        if remaining != 0 and n < _MOST:
             y0, x0 = _place_in(chunk, layout, y, x, g)
             receivers = _tile_of(parts, g, tile)
-            rest &= load_receivers(chunk, y0, x0, receivers)
-            while rest != 0 and n < _MOST:
-                part = coherent_part(receivers, rest, chunk.light)
+            remaining &= load_receivers(chunk, y0, x0, receivers)
+            while remaining != 0 and n < _MOST:
+                part = coherent_part(receivers, remaining, chunk.light)
                 put(parts.tiles, n, g)
                 put(parts.lanes, n, part)
                 for k in range(3):
                     put(parts.places, k * _ROW + n, get(receivers.origins, 16 * k + lowest_bit(part)))
-                rest &= ~part
+                remaining &= ~part
                 n += 1
-            put(parts.left, g, rest)
+            put(parts.unlisted, g, remaining)
     return n
 
 
 @inlined
 def _extent(parts, k, first, count):
-    """(the least coordinate k of a piece of `order`, its extent)."""
+    """(least coordinate k of a segment of `order`, extent along axis k)."""
     low = high = gather(parts.places, splat16(np.int32(k * _ROW)) + broadcast16(parts.order, first))
     for at in range(0, count, 16):
-        x = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(k * _ROW)))
+        x = gather(parts.places, _load_parts(parts, first, at, count) + splat16(np.int32(k * _ROW)))
         low, high = minimum(low, x), maximum(high, x)
     low = reduce_min(low)
     return low, reduce_max(high) - low
 
 
 @inlined
-def _chosen(parts, first, at, count):
-    """16 parts of a piece of `order`, from place `at` on. Lanes beyond its end repeat the first part."""
+def _load_parts(parts, first, at, count):
+    """16 parts of a segment of `order`, from index `at` on. Lanes beyond its end repeat the first part."""
     there = iota16() + splat16(np.int32(at)) < splat16(np.int32(count))
     return select(there, load16(parts.order, first + at), broadcast16(parts.order, first))
 
 
 @kernel
 def _sort_piece(parts, first, count):
-    """Sort a piece of `order` along the axis along which its parts are farthest apart.
+    """Sort a segment of `order` along its longest axis.
 
-    Keys are the bits of distances from the lowest part. They sort like the distances, and end in their place: so no two
-    are equal.
+    Keys are the bits of distances from the lowest part, which sort like the distances. Their last bits are replaced by
+    the index, so that no two keys are equal.
     """
     x, dx = _extent(parts, 0, first, count)
     y, dy = _extent(parts, 1, first, count)
     z, dz = _extent(parts, 2, first, count)
     low, row = (x, 0) if dx >= dy and dx >= dz else ((y, _ROW) if dy >= dz else (z, 2 * _ROW))
     for at in range(0, count, 16):
-        place = gather(parts.places, _chosen(parts, first, at, count) + splat16(np.int32(row)))
+        place = gather(parts.places, _load_parts(parts, first, at, count) + splat16(np.int32(row)))
         store(as_f32(parts.keys), at, place - splat16(low))
         key = load16(parts.keys, at) & splat16(np.int32(~_PLACE_BITS))
         store(parts.keys, at, key | (iota16() + splat16(np.int32(at))))
@@ -234,14 +238,14 @@ def _sort_piece(parts, first, count):
 
 @inlined
 def _half(count):
-    """About half of a number of parts: full clusters if there are more than one, else full bundles."""
+    """About half of `count` parts: a multiple of full clusters if there is more than one, otherwise of full bundles."""
     unit = MAX_TILES if count > MAX_TILES else (8 if count > 8 else _FEW)
     return (count + unit) // (2 * unit) * unit
 
 
 @kernel
 def order_parts(parts, n):
-    """Put n listed parts in order, by halving them along the longest axis again and again."""
+    """Sort n listed parts by repeated halving along the longest axis."""
     waiting, height, first, count = stack_i32(2 * 16), np.int64(0), np.int64(0), np.int64(n)
     for i in range(n):
         put(parts.order, i, np.int32(i))
@@ -261,40 +265,33 @@ def order_parts(parts, n):
 
 @kernel
 def load_cluster(chunk, layout, y, x, first, n, scratch):
-    """Load n parts, the first one at `first` in the order, as tiles 0 to n - 1 of a bundle."""
+    """Load n parts, from index `first` of the order on, as tiles 0 to n - 1 of a bundle."""
     parts = parts_at(scratch.parts)
     for g in range(n):
         k = np.int64(get(parts.order, first + g))
         number, tile = np.int64(get(parts.tiles, k)), tile_at(scratch.tiles, g, chunk)
-        own, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
-        keep(tile.origins, 0, 16, rows(own, 0, 16))
-        store(tile.faces, 0, load16(as_i32(own), 48))
+        memory, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
+        keep(tile.origins, 0, 16, rows(memory, 0, 16))
+        store(tile.faces, 0, load16(as_i32(memory), 48))
         put(scratch.valid, g, get(parts.lanes, k))
         put(scratch.places, 2 * g, y0)
         put(scratch.places, 2 * g + 1, x0)
 
 
-# --- Which tiles of a cluster form a tile group: those near each other, if such groups have paid so far ---------------
-#
-# Tiles are near each other if the light is large beside the box around their receivers. How large it must be depends
-# on the scene: a wide box meets more triangles, most of all next to receivers in foliage. So each thread learns it.
-# Groups come in classes by the size of the light in sizes of their box: 4 to 8, 8 to 16, 16 to 32, or more. For each
-# class two averages are kept: the cost of a tile in clusters with such a group, and in clusters that could have had
-# one. The cheaper way is taken, and once in a while the other one. The cost is counted in tests, so that nothing
-# depends on time.
+# --- Choice of tile groups --------------------------------------------------------------------------------------------
 
 
 _CLASSES = 4
-_SMALLEST = _F(4.0)  # sizes of the box that the light has at least, in class 0; twice as many in the next class
+_SMALLEST = _F(4.0)  # least ratio of the light's size to the box's in class 0; it doubles from class to class
 _FEW_TILES = 8  # least number of tiles in a tile group; fewer do not pay for its wider shafts
 _FEW_SAMPLES = 8  # least number of samples in a chunk for a tile group
-_USUAL = 2  # first class whose groups pay as a rule
-_WAIT = 32  # clusters of a class before the first trial, which does not pay for short queries
-_FIRST = 8  # clusters of a class that are all trials
-_OFTEN, _SELDOM = 16, 64  # then two in so many are trials; seldom if one way costs _CLEAR times the other
+_USUAL = 2  # first class whose groups usually pay
+_WAIT = 32  # clusters of a class before the first trial: trials do not pay for short queries
+_FIRST = 8  # clusters of a class after these that are all trials
+_OFTEN, _SELDOM = 16, 64  # afterwards, trials are 2 of 16 clusters, or 2 of 64 if costs differ by a factor of _CLEAR
 _CLEAR = _F(1.5)
-_NEW = _F(0.0625)  # share of a trial in the average
-_TOGETHER, _APART, _SEEN = 0, _CLASSES, 2 * _CLASSES  # average costs of a tile, and the number of clusters
+_NEW = _F(0.0625)  # weight of a trial in the moving average
+_TOGETHER, _APART, _CLUSTERS = 0, _CLASSES, 2 * _CLASSES  # average costs of a tile, and the number of clusters
 TRIAL_FLOATS = 3 * _CLASSES
 
 
@@ -302,8 +299,8 @@ class Grouping(NamedTuple):
     """How a cluster is traced."""
 
     members: int  # bits of the tiles in its tile group; 0: there is none
-    taken: int  # the group's class if it is a trial, else -1
-    declined: int  # bits of the classes of groups that it could have had, and has not, as a trial
+    trial_class: int  # the group's class if it is a trial, else -1
+    declined: int  # bits of the classes of possible groups that are omitted as a trial
 
 
 @inlined
@@ -317,7 +314,7 @@ def _light_size(tile):
 
 @inlined
 def _union(low, high, info):
-    """(lower, upper corner) of a box widened by the box of a tile's receivers."""
+    """(lower, upper corner) of the union of a box and the box of a tile's receivers."""
     return (
         (min(low[0], get(info, 6)), min(low[1], get(info, 7)), min(low[2], get(info, 8))),
         (max(high[0], get(info, 9)), max(high[1], get(info, 10)), max(high[2], get(info, 11))),
@@ -326,7 +323,7 @@ def _union(low, high, info):
 
 @kernel
 def _near_each_other(chunk, tiles, numbers, most):
-    """(bits of the tiles in `numbers` near the first one, the sum of the extents of their box, at most `most`)."""
+    """(bits of the tiles in `numbers` near the first one, sum of the extents of their box, at most `most`)."""
     i = tile_at(tiles, lowest_bit(numbers), chunk).info
     low, high = (get(i, 6), get(i, 7), get(i, 8)), (get(i, 9), get(i, 10), get(i, 11))
     members, size = numbers & -numbers, _F(0.0)
@@ -344,7 +341,7 @@ def _near_each_other(chunk, tiles, numbers, most):
 
 @inlined
 def _enough_near(chunk, tiles, numbers, most):
-    """As `_near_each_other`, for the first tile in `numbers` with enough tiles near it; (0, 0) if there is none."""
+    """`_near_each_other` for the first tile in `numbers` that has enough tiles near it; (0, 0) if there is none."""
     while popcount(numbers) >= _FEW_TILES:
         members, size = _near_each_other(chunk, tiles, numbers, most)
         if popcount(members) >= _FEW_TILES:
@@ -355,30 +352,30 @@ def _enough_near(chunk, tiles, numbers, most):
 
 @inlined
 def _pays(trials, c):
-    """(whether to form a group of class c, whether that is a trial)"""
-    seen = np.int64(get(trials, _SEEN + c))
-    put(trials, _SEEN + c, _F(seen + 1))
+    """(whether to form a group of class c, whether this is a trial)."""
+    clusters = np.int64(get(trials, _CLUSTERS + c))
+    put(trials, _CLUSTERS + c, _F(clusters + 1))
     together, apart = get(trials, _TOGETHER + c), get(trials, _APART + c)
     clear = together > _CLEAR * apart or apart > _CLEAR * together
-    if seen < _WAIT:
+    if clusters < _WAIT:
         return c >= _USUAL, False
-    if seen < _WAIT + _FIRST or seen % (_SELDOM if clear else _OFTEN) < 2:
-        return seen % 2 == 0, True
+    if clusters < _WAIT + _FIRST or clusters % (_SELDOM if clear else _OFTEN) < 2:
+        return clusters % 2 == 0, True
     return together < apart, False
 
 
 @inlined
-def forget_trials(trials):
-    """Begin without experience."""
+def reset_trials(trials):
+    """Reset the averages."""
     for i in range(TRIAL_FLOATS):
         put(trials, i, _F(0.0))
 
 
 @kernel
 def choose_group(chunk, tiles, live, trials):
-    """The `Grouping` of a cluster whose tiles in `live` (bits) have a segment to trace. It has at most one group."""
+    """The `Grouping` of a cluster whose tiles in `live` (bits) have segments to trace, with at most one group."""
     declined, c = np.int64(0), np.int64(0)
-    if live == 0 or chunk.count < _FEW_SAMPLES:
+    if live == 0 or chunk.n_samples < _FEW_SAMPLES:
         return Grouping(np.int64(0), np.int64(-1), declined)
     light = _light_size(tile_at(tiles, lowest_bit(live), chunk))
     while c < _CLASSES:
@@ -398,7 +395,7 @@ def choose_group(chunk, tiles, live, trials):
 
 @inlined
 def work_of(counters):
-    """What has been counted so far, roughly in nanoseconds."""
+    """The counted work so far, roughly in nanoseconds."""
     return (
         57 * np.int64(get(counters, NODES))
         + 3 * np.int64(get(counters, TRIANGLES))
@@ -411,17 +408,17 @@ def work_of(counters):
 
 @inlined
 def _average(trials, at, cost):
-    """Add a trial's cost to an average."""
+    """Add a trial's cost to a moving average."""
     old = get(trials, at)
     put(trials, at, cost if old == _F(0.0) else old + (cost - old) * _NEW)
 
 
 @kernel
-def learn(trials, grouping, work, live):
-    """Note the work that a cluster took, whose tiles in `live` (bits) had a segment to trace."""
+def record_costs(trials, grouping, work, live):
+    """Record the work of a cluster whose tiles in `live` (bits) had segments to trace."""
     cost = _F(work + 1) / _F(max(popcount(live), 1))
-    if grouping.taken >= 0:
-        _average(trials, _TOGETHER + grouping.taken, cost)
+    if grouping.trial_class >= 0:
+        _average(trials, _TOGETHER + grouping.trial_class, cost)
     declined = grouping.declined
     while declined != 0:
         _average(trials, _APART + lowest_bit(declined), cost)

@@ -1,13 +1,13 @@
-"""A tile group: neighbouring tiles, traced as one towards a light that is large compared with them.
+"""A tile group: neighbouring tiles traced as one towards a light that is large compared with their extent.
 
-In the walk, the lanes are the light's strata, as seen from the box around the receivers of all tiles. This box adds
-little to the width of a stratum's shaft, and up to 16 tiles share the walk.
+During traversal, lanes are the light's strata, as seen from the bounding box of all tiles' receivers. This box adds
+little to the width of a stratum's shaft, and up to 16 tiles share the traversal.
 
-A block is tested in one of three ways, whichever has the narrowest frusta at the block's place:
+A block is tested by the method with the narrowest frusta at its position:
 
-- next to the receivers tile by tile, with beams (`shaft_culling`),
-- then stratum by stratum, with the tiles as lanes (`tile_lanes`),
-- towards a light that stays, stratum by stratum, with its points as lanes (`reverse_frusta`).
+- near the receivers, tile by tile with beams (`shaft_culling`),
+- farther away, stratum by stratum with tiles as lanes (`tile_lanes`),
+- near a fixed light, stratum by stratum with light points as lanes (`reverse_frusta`).
 """
 
 from typing import NamedTuple
@@ -53,7 +53,7 @@ from .reverse_frusta import (
 from .tile_lanes import BOXES, COMPACTED_FLOATS, Compacted, compacted_at, tiles_in_box, tiles_near_box, trace_tiles
 
 _F = np.float32
-_MEMBERS, _FILLED, _STALE = 0, 1, 2  # words of the state
+_MEMBERS, _FILLED, _STALE = 0, 1, 2  # words of `state`
 _OPEN = (1 + STRATA) * BOXES
 _DEAD = _OPEN + 16
 _STATE = _DEAD + 16 * STRATA
@@ -64,30 +64,30 @@ TILE_GROUP_FLOATS = _COMPACTED + COMPACTED_FLOATS
 
 
 class TileGroup(NamedTuple):
-    """Pointers to a tile group's numbers in scratch memory. Its tiles are lanes."""
+    """Pointers to a tile group's data in scratch memory; lanes are tiles."""
 
     tiles: F32Ptr  # float32, as `tile.tile_at` reads them
     valid: I32Ptr  # int32: bits of each tile's receivers
-    whole: Tile  # all tiles as one: the box of their receivers, and its shafts
+    union: Tile  # all tiles as one: the bounding box of their receivers, and its shafts
     boxes: F32Ptr  # float32: boxes of the tiles' receivers
-    targets: F32Ptr  # float32: of each stratum, boxes of its samples for the tiles
-    open: I32Ptr  # int32, one a stratum: bits of the tiles that have segments to it left
-    dead: I32Ptr  # int32, 16 of each stratum, one a tile: bits of the receivers without a segment left
+    targets: F32Ptr  # float32: per stratum, boxes of its samples for the tiles
+    open: I32Ptr  # int32, one per stratum: bits of the tiles with unblocked segments to it
+    dead: I32Ptr  # int32, 16 per stratum, one per tile: bits of the receivers whose segment is blocked
     state: I32Ptr  # int32: bits of its tiles, whether `dead`, `targets` and `fans` are filled, bits of stale tiles
-    met: I32Ptr  # int32, one a tile: bits of its rays that meet a block, as `tilelanes` finds them
-    fans: ReverseFrusta  # of a light that stays
+    met: I32Ptr  # int32, one per tile: bits of its rays that meet a block, see `tile_lanes`
+    fans: ReverseFrusta  # for a fixed light
     rays: Compacted
     first: int  # number of one of its tiles
 
 
 @inlined
-def tile_group_at(memory, tiles, valid, whole, first):
+def tile_group_at(memory, tiles, valid, union, first):
     """The `TileGroup` in TILE_GROUP_FLOATS float32."""
     still_open, dead = as_i32(ptr_at(memory, _OPEN)), as_i32(ptr_at(memory, _DEAD))
     state, met = as_i32(ptr_at(memory, _STATE)), as_i32(ptr_at(memory, _MET))
     fans, rays = reverse_frusta_at(ptr_at(memory, _FANS)), compacted_at(ptr_at(memory, _COMPACTED))
     return TileGroup(
-        tiles, valid, whole, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
+        tiles, valid, union, memory, ptr_at(memory, BOXES), still_open, dead, state, met, fans, rays, first
     )
 
 
@@ -96,7 +96,7 @@ def tile_in(tile_group, g, chunk):
     """Tile g with the tile group's shafts, which contain the tile's own shafts."""
     t = tile_at(tile_group.tiles, g, chunk)
     return Tile(
-        t.number, t.origins, tile_group.whole.info, t.faces, t.dead, tile_group.whole.shafts, t.beams, t.points,
+        t.number, t.origins, tile_group.union.info, t.faces, t.dead, tile_group.union.shafts, t.beams, t.points,
         t.groups, t.targets, t.by_lane, t.inverses,
     )  # fmt: skip
 
@@ -111,15 +111,15 @@ def _put_box(boxes, lane, k, low, high):
 
 @inlined
 def _widen(memory, low, high, by, by_low, by_high):
-    """Widen the interval at words `low` and `high` of `memory` by the one at `by_low` and `by_high` of `by`."""
+    """Extend the interval at words `low` and `high` of `memory` by the one at `by_low` and `by_high` of `by`."""
     put(memory, low, min(get(memory, low), get(by, by_low)))
     put(memory, high, max(get(memory, high), get(by, by_high)))
 
 
 @inlined
 def _add_tile(tile_group, tile, chunk):
-    """Widen the tile group by the box of a tile's receivers. If the light moves with them, add its samples."""
-    info, groups = tile_group.whole.info, tile_group.whole.groups
+    """Extend the tile group by the box of a tile's receivers and, if the light moves with them, by its samples."""
+    info, groups = tile_group.union.info, tile_group.union.groups
     for k in range(3):
         _widen(info, 6 + k, 9 + k, tile.info, 6 + k, 9 + k)
         _put_box(tile_group.boxes, tile.number, k, get(tile.info, 6 + k), get(tile.info, 9 + k))
@@ -134,7 +134,7 @@ def _add_tile(tile_group, tile, chunk):
 
 
 @inlined
-def _aim_at_fixed(tile_group, chunk):
+def _set_fixed_targets(tile_group, chunk):
     """Fill the targets for a light that is the same for all tiles."""
     for s in range(STRATA):
         for k in range(3):
@@ -146,28 +146,28 @@ def _aim_at_fixed(tile_group, chunk):
 
 @inlined
 def _dead_row(tile_group, s):
-    """Pointer to the numbers of stratum s in `dead`."""
+    """Pointer to the row of stratum s in `dead`."""
     return ptr_at(tile_group.dead, 16 * s)
 
 
 @inlined
-def _note_open(tile_group, s):
-    """Find out which tiles have segments to stratum s left."""
+def _update_open(tile_group, s):
+    """Update the bits of the tiles with unblocked segments to stratum s."""
     put(tile_group.open, s, bits(load16(_dead_row(tile_group, s), 0) != np.int32(-1)))
 
 
 @inlined
-def _note_blocked(tile_group, s, before):
-    """If the row of stratum s is not as `before`: note what follows from it."""
+def _record_blocked(tile_group, s, before):
+    """Update `open` and the stale tiles if the row of stratum s has changed since `before`."""
     tiles = bits(load16(_dead_row(tile_group, s), 0) != before)
     if tiles != 0:
         put(tile_group.state, _STALE, np.int64(get(tile_group.state, _STALE)) | tiles)
-        _note_open(tile_group, s)
+        _update_open(tile_group, s)
 
 
 @inlined
-def give_to_tile(tile_group, g, dead):
-    """Note in tile g what the group knows of its segments; dead: the tile's own."""
+def copy_to_tile(tile_group, g, dead):
+    """Copy the blocked segments of tile g from the group to the tile's `dead`, unless it is up to date."""
     stale = np.int64(get(tile_group.state, _STALE))
     if stale >> g & 1 == 0:
         return
@@ -177,13 +177,13 @@ def give_to_tile(tile_group, g, dead):
 
 
 @kernel
-def give_to_tiles(tile_group, chunk):
-    """Note in the tiles what the group knows of their segments."""
+def copy_to_tiles(tile_group, chunk):
+    """Copy the blocked segments of all stale tiles from the group to the tiles."""
     stale = np.int64(get(tile_group.state, _STALE))
     while stale != 0:
         g = lowest_bit(stale)
         stale &= stale - 1
-        give_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
+        copy_to_tile(tile_group, g, tile_at(tile_group.tiles, g, chunk).dead)
 
 
 @inlined
@@ -201,15 +201,15 @@ def _fill_fans(tile_group, members, chunk):
 
 
 @inlined
-def _close(tile_group, g, strata):
-    """Note that tile g has no segment left to some strata (bits)."""
+def _close_strata(tile_group, g, strata):
+    """Mark `strata` (bits) as completely blocked for tile g."""
     closed = select(mask_from_bits16(strata), splat16(np.int32(1 << g)), splat16(np.int32(0)))
     store(tile_group.open, 0, load16(tile_group.open, 0) & ~closed)
 
 
 @kernel
-def take_from_tiles(tile_group, tiles, chunk):
-    """Note in the group what some tiles (bits) know of their segments."""
+def copy_from_tiles(tile_group, tiles, chunk):
+    """Copy the blocked segments of `tiles` (bits) to the group."""
     while tiles != 0:
         g = lowest_bit(tiles)
         tiles &= tiles - 1
@@ -217,13 +217,13 @@ def take_from_tiles(tile_group, tiles, chunk):
         for s in range(STRATA):
             put(tile_group.dead, 16 * s + g, np.int64(get(dead, s)) | absent)
     for s in range(STRATA):
-        _note_open(tile_group, s)
+        _update_open(tile_group, s)
 
 
 @kernel
 def make_tile_group(tile_group, members, chunk):
-    """Make a tile group of the tiles in `members` (bits), which are ready to be traced."""
-    info, groups = tile_group.whole.info, tile_group.whole.groups
+    """Make a tile group of the tiles in `members` (bits), which are prepared for tracing."""
+    info, groups = tile_group.union.info, tile_group.union.groups
     put(tile_group.state, _MEMBERS, np.int32(members))
     put(tile_group.state, _FILLED, np.int32(0))
     put(tile_group.state, _STALE, np.int32(0))
@@ -240,43 +240,43 @@ def make_tile_group(tile_group, members, chunk):
         members &= members - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         _add_tile(tile_group, tile, chunk)
-        _close(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
+        _close_strata(tile_group, g, finished_strata(tile, np.int64(get(tile_group.valid, g))))
     for k in range(3):
         middle, half = middle_and_half(get(info, 6 + k), get(info, 9 + k))
         put(info, k, middle)
         put(info, 3 + k, half)
-    make_shafts(info, groups, tile_group.whole.shafts)
+    make_shafts(info, groups, tile_group.union.shafts)
 
 
 @kernel
 def _fill(tile_group, chunk):
-    """Fill what tests of blocks need. Many groups meet no block."""
+    """Fill the data for block tests. Deferred to the first block, because many groups meet none."""
     members = np.int64(get(tile_group.state, _MEMBERS))
     put(tile_group.state, _FILLED, np.int32(1))
     if chunk.fixed:
-        _aim_at_fixed(tile_group, chunk)
+        _set_fixed_targets(tile_group, chunk)
         _fill_fans(tile_group, members, chunk)
     for s in range(STRATA):
         store(_dead_row(tile_group, s), 0, splat16(np.int32(-1)))
-    take_from_tiles(tile_group, members, chunk)
+    copy_from_tiles(tile_group, members, chunk)
 
 
 @inlined
-def be_filled(tile_group, chunk):
-    """Before a block is tested: fill the group if it has not met a block yet."""
+def ensure_filled(tile_group, chunk):
+    """Fill the data for block tests if this is the group's first block."""
     if get(tile_group.state, _FILLED) == 0:
         _fill(tile_group, chunk)
 
 
 @inlined
 def finished(tile_group):
-    """Bits of the strata to which no segment is left."""
+    """Bits of the strata to which all segments are blocked."""
     return bits(load16(tile_group.open, 0) == splat16(np.int32(0)))
 
 
 @inlined
 def _open_tiles(tile_group, strata):
-    """Bits of the tiles that have a segment to any of some strata (bits) left."""
+    """Bits of the tiles with an unblocked segment to any of `strata` (bits)."""
     tiles = np.int64(0)
     while strata != 0:
         tiles |= np.int64(get(tile_group.open, lowest_bit(strata)))
@@ -286,19 +286,19 @@ def _open_tiles(tile_group, strata):
 
 @inlined
 def tiles_by_beams(tile_group, bounds, strata, chunk):
-    """If a block is near the receivers, bits of the tiles to test it against one by one, else -1.
+    """Bits of the tiles to test one by one against a block near the receivers; -1 if it is not near.
 
     bounds : pointer to the block's box
     """
-    if not is_near(tile_group.whole.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
+    if not is_near(tile_group.union.shafts, tile_at(tile_group.tiles, tile_group.first, chunk).info, bounds):
         return np.int64(-1)
-    near = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
-    return near & _open_tiles(tile_group, strata)
+    tiles = tiles_near_box(tile_group, broadcasts(bounds, 0, 1), broadcasts(bounds, 4, 1))
+    return tiles & _open_tiles(tile_group, strata)
 
 
 @inlined
 def _lanes_in_box(tile_group, s, by_fans, chunk, box):
-    """Bits of the fans, or of the tiles, with segments to stratum s left that may meet a `Box`."""
+    """Bits of the fans, or of the tiles, with unblocked segments to stratum s that may meet a `Box`."""
     if by_fans:
         alive = ~np.int64(reduce_and(load16(_dead_row(tile_group, s), 0)))
         return alive & reverse_frusta_in_box(tile_group.fans, ptr_at(chunk.points, 48 * s), box)
@@ -307,9 +307,9 @@ def _lanes_in_box(tile_group, s, by_fans, chunk, box):
 
 @kernel
 def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, deferred, counters):
-    """Test the segments of a tile group to some strata (bits) against a block. Blocked ones are noted in `dead`.
+    """Test the segments of a tile group to `strata` (bits) against a block, and mark blocked segments in `dead`.
 
-    number, triangles : of the block, and how many triangles it has
+    number, triangles : number of the block, and how many triangles it has
     """
     # In: tile_group, tree, number, triangles, strata, chunk. Out: work, deferred, counters, and the tiles' `dead`.
     b = Block(tree, np.int64(number), (np.int64(1) << triangles) - 1, np.int64(0), chunk.query.facing, work, deferred)
@@ -317,23 +317,23 @@ def trace_tile_group(tile_group, tree, number, triangles, strata, chunk, work, d
     box = box_at(bounds)
     count(counters, TRIANGLES, triangles)
     one = tile_at(tile_group.tiles, tile_group.first, chunk)
-    by_fans = chunk.fixed and reverse_frusta_are_narrower(tile_group.whole, one, lowest_bit(strata), bounds)
-    lanes, found = stack_i32(STRATA), np.int64(0)
+    by_fans = chunk.fixed and reverse_frusta_are_narrower(tile_group.union, one, lowest_bit(strata), bounds)
+    lanes, remaining = stack_i32(STRATA), np.int64(0)
     count(counters, GROUP_STRATA, popcount(strata))
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
         live = _lanes_in_box(tile_group, s, by_fans, chunk, box)
         put(lanes, s, live)
-        found |= np.int64(live != 0) << s
-    while found != 0:
-        s = lowest_bit(found)
-        found &= found - 1
+        remaining |= np.int64(live != 0) << s
+    while remaining != 0:
+        s = lowest_bit(remaining)
+        remaining &= remaining - 1
         live, dead = np.int64(get(lanes, s)), _dead_row(tile_group, s)
         before = load16(dead, 0)
         if by_fans:
             points = ptr_at(chunk.points, 48 * s)
-            trace_reverse_frusta(tile_group.fans, tile_group.whole, b, points, s, live, dead, box, counters)
+            trace_reverse_frusta(tile_group.fans, tile_group.union, b, points, s, live, dead, box, counters)
         else:
             trace_tiles(tile_group, b, s, live, dead, chunk, box, counters)
-        _note_blocked(tile_group, s, before)
+        _record_blocked(tile_group, s, before)

@@ -1,11 +1,11 @@
-"""A block against one stratum of a tile group, with tiles as lanes; surviving rays are compacted into full vectors.
+"""Tests of a block against one stratum of a tile group, with tiles as lanes and rays compacted into full vectors.
 
-Compaction. Only rays that meet the box of a block are gathered. If the light is large, a single tile has few such rays.
-A vector of its 16 receivers would be mostly empty.
+Compaction. The rays that meet the block's box are gathered from all tiles into full vectors. If the light is large, a
+single tile has few such rays, and a vector of its 16 receivers would be mostly empty.
 
-Lanes. The rays that meet the block's box are gathered from the tiles into full vectors. Few rays are each tested
-against all triangles of the block. More rays are tested against the triangles that the tile group's shaft may meet. If
-there are many rays, the tiles that one triangle covers whole are removed first.
+Tests. A few rays are each tested against all triangles of the block. More rays are tested against the triangles that
+the tile group's shaft may meet. If there are many rays, tiles that a single triangle covers completely are removed
+first.
 """
 
 from typing import NamedTuple
@@ -35,13 +35,10 @@ from ..tile import tile_at, with_blocked
 from ..triangle_tests import blocks_ray, decide, defer, numbers_of, slot_of
 from .shaft_culling import cull_block, cull_tiles, triangle_lanes
 
-# --- Compaction: rays of a tile group to one stratum, gathered into full vectors --------------------------------------
-#
-# Only rays that meet the box of a block are gathered. If the light is large, a single tile has few such rays. A vector
-# of its 16 receivers would be mostly empty.
+# --- Compaction of rays -----------------------------------------------------------------------------------------------
 
 
-_ROW = 17 * 16  # room for the rays of 16 tiles, and for one vector beyond them
+_ROW = 17 * 16  # the rays of 16 tiles, and one vector beyond them
 COMPACTED_FLOATS = 8 * _ROW
 
 
@@ -50,7 +47,7 @@ class Compacted(NamedTuple):
 
     origins: F32Ptr  # float32, three rows
     points: F32Ptr  # float32, three rows: where the rays end
-    places: I32Ptr  # int32, as in `deferred`
+    places: I32Ptr  # int32, as for `triangle_tests.defer`
     faces: I32Ptr  # int32: their receivers' own triangles
 
 
@@ -64,7 +61,7 @@ def compacted_at(memory):
 
 @inlined
 def gather(rays, n, tile, s, receivers):
-    """Append the rays from some receivers (bits) of a tile to stratum s to n gathered rays. Return the new count."""
+    """Append the rays from a tile's `receivers` (bits) to stratum s to n gathered rays. Return the new count."""
     mask = mask_from_bits16(receivers)
     for k in range(3):
         store_compressed(rays.origins, k * _ROW + n, mask, load16(tile.origins, 16 * k))
@@ -88,39 +85,35 @@ def test_one_by_one(rays, n, b, counters):
 
 @inlined
 def test_together(rays, first, n, b, triangles, counters):
-    """Test at most 16 rays against triangles (bits) that `cull_block` has kept. Return bits of the blocked rays.
+    """Test at most 16 rays against triangles (bits) that `cull_block` has not culled. Return bits of the blocked rays.
 
     first, n : the first ray, and the number of rays
     """
-    left = (np.int64(1) << n) - 1
-    o, everyone = rows(rays.origins, first, _ROW), left
+    open_rays = (np.int64(1) << n) - 1
+    o, everyone = rows(rays.origins, first, _ROW), open_rays
     d, faces = minus(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
-    while triangles != 0 and left != 0:
+    while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
         slot = slot_of(b, i)
         lanes = triangle_lanes(o, numbers_of(b), b.work, i)
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, lanes, b.facing)
-        others = left & ~bits(faces == get(b.tree.prim_ids, slot))
+        others = open_rays & ~bits(faces == get(b.tree.prim_ids, slot))
         unsure &= others
         while unsure != 0:
             defer(b.deferred, slot, np.int64(get(rays.places, first + lowest_bit(unsure))), 0, np.int64(1))
             unsure &= unsure - 1
-        left &= ~(hit & others)
-    return everyone & ~left
+        open_rays &= ~(hit & others)
+    return everyone & ~open_rays
 
 
-# --- A block against one stratum of a tile group, with the tiles as lanes ---------------------------------------------
-#
-# The rays that meet the block's box are gathered from the tiles into full vectors. Few rays are each tested against
-# all triangles of the block. More rays are tested against the triangles that the tile group's shaft may meet. If there
-# are many rays, the tiles that one triangle covers whole are removed first.
+# --- A block against a stratum of a tile group ------------------------------------------------------------------------
 
 
-BOXES = 6 * 16  # float32 of 16 boxes: rows of their middles (3) and half extents (3)
+BOXES = 6 * 16  # float32 of 16 boxes: rows of their centres (3) and half extents (3)
 _FEW_RAYS = 6  # up to this many rays of all tiles are tested one by one
-_MANY_RAYS = 48  # from this many rays on, triangles that cover whole tiles are looked for first
+_MANY_RAYS = 48  # from this many rays on, triangles are first tested for covering entire tiles
 
 
 @inlined
@@ -133,15 +126,15 @@ def tiles_in_box(tile_group, s, c, e):
 @inlined
 def tiles_near_box(tile_group, c, e):
     """Bits of the tiles whose shafts to the whole light may meet a box."""
-    o, shafts = rows(tile_group.boxes, 0, 16), tile_group.whole.shafts
-    d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.whole.info, 0, 1)
+    o, shafts = rows(tile_group.boxes, 0, 16), tile_group.union.shafts
+    d, m = broadcasts(shafts, D + 1, N), broadcasts(tile_group.union.info, 0, 1)
     v = Vec3(d.x + (m.x - o.x), d.y + (m.y - o.y), d.z + (m.z - o.z))
     return shafts_in_box(o, v, rows(tile_group.boxes, 48, 16), broadcasts(shafts, HALF + 1, N), c, e)
 
 
 @inlined
 def _blocked_rays(tile_group, dead, first, rays):
-    """`dead` with some gathered rays (bits, counted from the first on)."""
+    """`dead` with gathered rays marked as blocked; rays: bits, counted from `first` on."""
     while rays != 0:
         place = np.int64(get(tile_group.rays.places, first + lowest_bit(rays)))
         rays &= rays - 1
@@ -151,24 +144,24 @@ def _blocked_rays(tile_group, dead, first, rays):
 
 @inlined
 def _tiles_with_rays(tile_group, s, live, chunk, box):
-    """Bits of the tiles in `live` (bits) with rays to stratum s that meet a box and are not blocked; see `met`.
+    """Bits of the tiles in `live` (bits) with unblocked rays to stratum s that meet a box; write the rays to `met`.
 
-    No branch waits for a test, so that the tests overlap.
+    No branch depends on a test, so that the tests overlap.
     """
-    found = np.int64(0)
+    tiles = np.int64(0)
     while live != 0:
         g = lowest_bit(live)
         live &= live - 1
         tile = tile_at(tile_group.tiles, g, chunk)
         rays = rays_in_box(tile, s, box) & ~np.int64(get(tile_group.dead, 16 * s + g))
         put(tile_group.met, g, rays)
-        found |= np.int64(rays != 0) << g
-    return found
+        tiles |= np.int64(rays != 0) << g
+    return tiles
 
 
 @inlined
 def _gather_rays(tile_group, s, tiles, chunk):
-    """Gather the rays of some tiles (bits) that `_tiles_with_rays` has found. Return their number."""
+    """Gather the rays in `met` of some tiles (bits). Return their number."""
     n = np.int64(0)
     while tiles != 0:
         g = lowest_bit(tiles)
@@ -178,15 +171,15 @@ def _gather_rays(tile_group, s, tiles, chunk):
 
 
 @inlined
-def _cover(tile_group, b, s, live, left, counters):
+def _cover(tile_group, b, s, live, triangles, counters):
     """Test triangles (bits) against the shafts of tiles (bits) to stratum s.
 
-    Return bits of the tiles that a triangle covers whole.
+    Return bits of the tiles that a single triangle covers completely.
     """
     all_covered, numbers, targets = np.int64(0), numbers_of(b), ptr_at(tile_group.targets, s * BOXES)
-    while left != 0 and live != 0:
-        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(left), b.facing).cover
-        left &= left - 1
+    while triangles != 0 and live != 0:
+        covered = live & cull_tiles(tile_group.boxes, targets, numbers, b.work, lowest_bit(triangles), b.facing).cover
+        triangles &= triangles - 1
         live &= ~covered
         all_covered |= covered
         count(counters, COVERED, popcount(covered))
@@ -195,25 +188,25 @@ def _cover(tile_group, b, s, live, left, counters):
 
 @inlined
 def trace_tiles(tile_group, b, s, live, dead, chunk, box, counters):
-    """Test a block against the segments from some tiles (bits) to stratum s.
+    """Test a block against the segments from tiles in `live` (bits) to stratum s.
 
-    dead : pointer to the stratum's row of `tilegroup`; blocked segments are noted there
+    dead : pointer to the stratum's row of `TileGroup.dead`, in which blocked segments are marked
     """
-    found = _tiles_with_rays(tile_group, s, live, chunk, box)
-    n = _gather_rays(tile_group, s, found, chunk)
+    tiles = _tiles_with_rays(tile_group, s, live, chunk, box)
+    n = _gather_rays(tile_group, s, tiles, chunk)
     if n <= _FEW_RAYS:
         blocked = test_one_by_one(tile_group.rays, n, b, counters)
         store(dead, 0, _blocked_rays(tile_group, load16(dead, 0), np.int64(0), blocked))
         return
     row = load16(dead, 0)
-    left = cull_block(tile_group.whole, numbers_of(b), 16 + s, b.facing, b.work) & b.present
-    count(counters, CANDIDATES, popcount(left))
+    triangles = cull_block(tile_group.union, numbers_of(b), 16 + s, b.facing, b.work) & b.present
+    count(counters, CANDIDATES, popcount(triangles))
     if n >= _MANY_RAYS:
-        covered = _cover(tile_group, b, s, found, left, counters)
+        covered = _cover(tile_group, b, s, tiles, triangles, counters)
         if covered != 0:
             row = with_blocked(row, covered, splat16(np.int32(0xFFFF)))
-            n = _gather_rays(tile_group, s, found & ~covered, chunk)
+            n = _gather_rays(tile_group, s, tiles & ~covered, chunk)
     for first in range(0, n, 16):
-        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, left, counters)
+        blocked = test_together(tile_group.rays, first, min(n - first, 16), b, triangles, counters)
         row = _blocked_rays(tile_group, row, first, blocked)
     store(dead, 0, row)

@@ -1,25 +1,27 @@
 """`packet16`: packets of 16 shadow rays through the builder's own deep tree.
 
-This is the baseline of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]. It has one slab test a
-node for all 16 rays, a mask of active rays, and no bounds of packets. A packet is a stratum of 16 neighbouring
-receivers, or a receiver's samples (`packet16:samples`). Triangles are tested by edge functions. The paper uses Moeller
-and Trumbore's test.
+This is the baseline of multi-frusta tracing [Benthin and Wald 2009, Sec. 5.1; Wald et al. 2001]: one slab test per box
+for all 16 rays, a mask of active rays, and no packet bounds. A packet leads from 16 neighbouring receivers to a stratum
+of samples, or from one receiver to 16 of its samples (`packet16:samples`). Triangles are tested by edge functions,
+where the paper uses Moeller and Trumbore's test.
 
-For incoherent samples (`incoherent`), the same packets go through a tree of blocks.
+For incoherent samples (see `ray_tile`), the same packets traverse a tree of blocks.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import EMPTY, Bvh, Tree, bvh_leaf, tree_of
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
-from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, add_counters, cleared, count
-from ..descent import NOWHERE, left, next_leaf, nowhere, rays_as_shafts, root, save, saved, slabs_of
+from ...query.shadow_query import ShadowQuery
+from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, Progress, add_counters, cleared, count
+from ..descent import NOT_STARTED, left, next_leaf, not_started, rays_as_shafts, root, save, saved, slabs_of
 from ..tree_list import TREE, TreeList, is_idle, list_of, tree_in, tree_list_pointers, walk_tree, walk_tree_list, whole
 from ..triangle_tests import DEFERRED, decide, defer, length1, seen_from, triangle_in
 from .ray_tile import (
@@ -39,6 +41,8 @@ from .ray_tile import (
     trace_tiles,
 )
 
+T = TypeVar("T")
+
 
 class Row(NamedTuple):
     """A row of a tile's rays."""
@@ -49,7 +53,7 @@ class Row(NamedTuple):
 
 
 def pointers(prepared):
-    """In kernels: the `Tree` of a `Bvh`, the `ForestPointers` of a `Forest`."""
+    """In kernels: the `Tree` of a `Bvh`, or the `TreeListPointers` of a `TreeList`."""
 
 
 def trees_for(trees, y, x, stratum):
@@ -57,7 +61,7 @@ def trees_for(trees, y, x, stratum):
 
 
 def nothing_for(trees, y, x):
-    """In kernels: is there nothing to trace for the receivers near pixel (y, x)?"""
+    """In kernels: True if there is nothing to trace for the receivers near pixel (y, x)."""
 
 
 def tree_number(trees, k):
@@ -65,32 +69,32 @@ def tree_number(trees, k):
 
 
 def walk_trees(trees, i, end, slabs, alive, row, scratch, counters):
-    """In kernels: trace a row through trees i .. end. Return (the tree to go on with, bits of the rays left)."""
+    """In kernels: trace a row through trees i .. end. Return (tree at which to continue, bits of the rays left)."""
 
 
 def trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
-    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the rays that it blocks."""
+    """In kernels: test the rays of row r in `mask` against a leaf. Return bits of the blocked rays."""
 
 
 @overload(pointers)
 def _pointers(prepared):
-    return _chosen(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: tree_list_pointers(prepared))
+    return _by_type(prepared, Bvh, lambda prepared: tree_of(prepared), lambda prepared: tree_list_pointers(prepared))
 
 
 @overload(trees_for)
 def _trees_for(trees, y, x, stratum):
     one = lambda trees, y, x, stratum: (np.int64(0), np.int64(1))
-    return _chosen(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
+    return _by_type(trees, Tree, one, lambda trees, y, x, stratum: list_of(trees, y, x, stratum))
 
 
 @overload(nothing_for)
 def _nothing_for(trees, y, x):
-    return _chosen(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
+    return _by_type(trees, Tree, lambda trees, y, x: False, lambda trees, y, x: is_idle(trees, y, x))
 
 
 @overload(tree_number)
 def _tree_number(trees, k):
-    return _chosen(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
+    return _by_type(trees, Tree, lambda trees, k: trees, lambda trees, k: tree_in(trees, k))
 
 
 @overload(walk_trees)
@@ -112,7 +116,7 @@ def _by_job(tree, slabs, at, alive, job, scratch, counters):
         )
 
 
-def _chosen(argument, kind, one, other):
+def _by_type(argument: Any, kind: type, one: T, other: T) -> T:
     """The implementation of an overload: `one` if the argument is of type `kind`, otherwise `other`."""
     return one if argument.instance_class is kind else other
 
@@ -129,7 +133,7 @@ def _trace_leaf(tree, rays, r, link, mask, facing, deferred, counters):
 
 
 @inlined
-def _own(tree, rays, r, slot):
+def _on_triangle(tree, rays, r, slot):
     """Bits of the rays of row r that start on the triangle in `slot`."""
     if rows_are_receivers(rays):
         return np.int64(0xFFFF) if get(rays.tile.faces, r) == get(tree.prim_ids, slot) else np.int64(0)
@@ -146,7 +150,7 @@ def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
     span, leaf = length1(d), bvh_leaf(link)
     for slot in range(leaf.first, leaf.first + leaf.count):
         count(counters, TRIANGLES, 1)
-        tested = mask & ~hits & ~_own(tree, rays, r, slot)
+        tested = mask & ~hits & ~_on_triangle(tree, rays, r, slot)
         if tested == 0:
             continue
         lanes = seen_from(o, span, triangle_in(tree.corners, slot))
@@ -173,21 +177,21 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
         alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
         at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
-    return at if at.mask != 0 else nowhere(), alive
+    return at if at.mask != 0 else not_started(), alive
 
 
 @inlined
 def _walk_one(tree, slabs, alive, row, scratch, counters):
     """`walk_trees` for a single tree."""
     at = saved(scratch.at, alive)
-    at, alive = _walk_tree(tree, slabs, at if at.place != NOWHERE else root(alive), alive, row, scratch, counters)
+    at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
-    return np.int64(0) if at.place != NOWHERE else np.int64(1), alive
+    return np.int64(0) if at.place != NOT_STARTED else np.int64(1), alive
 
 
 @kernel
 def _walk(trees, rays, r, i, end, facing, scratch, counters):
-    """Trace row r through trees i .. end. Return the tree to go on with after deferred tests are settled."""
+    """Trace row r through trees i .. end. Return the tree at which to continue once deferred tests are settled."""
     alive = open_rays(rays, r)
     slabs = slabs_of(rays_as_shafts(origins_of(rays, r), directions_of(rays, r)), alive)
     i, alive = walk_trees(trees, i, end, slabs, alive, Row(rays, r, facing), scratch, counters)
@@ -212,7 +216,7 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
             r = lowest_bit(left_rows)
             left_rows &= left_rows - 1
             i, end = trees_for(trees, y, x, r)
-            save(scratch.at, nowhere())
+            save(scratch.at, not_started())
             while i < end:
                 i = _walk(trees, rays, r, i, end, chunk.query.facing, scratch, mine)
                 if i < end:
@@ -223,13 +227,20 @@ def _trace_packets(ticket, prepared, query, samples, job, out, counters):
 
 
 def trace_shadow(
-    by_sample, prepared, query, bits, threads=None, counters=None, progress=None, chunks: range | None = None
+    by_sample: bool,
+    prepared: Bvh | BlockTree | TreeList,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+    chunks: range | None = None,
 ) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
-    by_sample : whether a packet is one receiver's samples, not the samples of 16 receivers
-    prepared : Bvh, BlockTree or Forest
-    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; if a forest is not fresh, the blocked samples found so far.
+    by_sample : whether a packet holds the samples of one receiver; otherwise those of 16 receivers
+    prepared : Bvh, BlockTree or TreeList
+    bits : (h, w, ceil(spp / 64)) uint64. Zeros on entry; for a tree list that is not fresh, the samples blocked so far.
     counters : from `new_counters`, or None
     chunks : range of the chunks of 16 samples to trace; None: all
     """

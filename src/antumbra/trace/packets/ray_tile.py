@@ -3,25 +3,30 @@
 Rows. In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common
 origin, a row is a receiver, and its lanes are the receiver's samples.
 
-Incoherent samples. If the samples of a stratum are as far apart as the whole light, or all around, neither shafts nor
-beams cull anything. Then multi-frusta tracing falls back to rays. The 16 lanes are the rays of a receiver to the points
-of a list, or the rays of 16 receivers in one direction of the hemisphere. At a block, each ray in turn is tested
-against the triangles side by side.
+Incoherent samples. If the samples of a stratum are as far apart as the whole light, or in all directions, neither
+shafts nor beams cull anything, and multi-frusta tracing falls back to packets through the tree of blocks. The 16 lanes
+are the rays of one receiver to the points of a list, or the rays of 16 receivers in one direction of the hemisphere. At
+a block, each ray in turn is tested against all triangles side by side.
 
-Packets also trace far scenes. Shafts multiply three lengths, and float32 overflows for large coordinates.
+Packets also trace scenes with large coordinates, for which shafts overflow float32, because they multiply three
+lengths.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ...bvh.block_tree import BlockTree
 from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
 from ...kernels.vec3 import broadcasts, minus, rows
+from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
-from ..counters import TRIANGLES, count, new_counters
+from ..counters import TRIANGLES, Progress, count, new_counters
 from ..horizon import PLANES, apply_horizon
 from ..light_table import POINTS, STRATA, LightTable, light_table
 from ..tile import (
@@ -37,40 +42,37 @@ from ..tile import (
     sets_of,
     tile_at,
     tile_shape,
-    turn_bits,
+    transpose_bits,
     write_bits,
 )
 from ..tree_list import TREE
 from ..triangle_tests import Block, blocks_ray, deferred_ints, resolve_deferred
 
-# --- A tile's rays as 16 rows of 16, for all tracers whose lanes are rays ---------------------------------------------
-#
-# In packets over pixels, a row is a stratum, and its lanes are the receivers. In packets and frusta with a common
-# origin, a row is a receiver, and its lanes are the receiver's samples.
+# --- The rays of a tile -----------------------------------------------------------------------------------------------
 
 
 STACK = 4 * MAX_DEPTH
 _AT = TREE + 1
 SCRATCH_FLOATS = TILE_FLOATS + POINTS + PLANES
-_STACK_AT = 32 + (_AT + 15) // 16 * 16  # int32 before the stack: `dead` and `pixel`, 16 each, and `at`
+_STACK_AT = 32 + (_AT + 15) // 16 * 16  # offset of the stack, after `dead` and `pixel`, 16 int32 each, and `at`
 SCRATCH_INTS = _STACK_AT + STACK + deferred_ints(1)
 
 
 class SampleRows(NamedTuple):
-    """The light samples of a query for tiles."""
+    """The light samples of a query, arranged for tiles."""
 
     table: LightTable
     parameters: np.ndarray  # (chunks, 16 receivers, 2, 16 samples) float32: (a, b) on the light's patch
 
 
 class RayTileJob(NamedTuple):
-    """The data that all tiles of a run share."""
+    """The data shared by all tiles of a run."""
 
     shape: TileShape
     chunk: int  # number of the chunk
-    count: int  # samples of the chunk
-    by_sample: bool  # whether a row's lanes are one receiver's samples, not 16 receivers
-    fresh: bool  # True: nothing is known of the rays yet; False: the bits tell which ones are blocked
+    n_samples: int  # in the chunk
+    by_sample: bool  # whether the lanes of a row are one receiver's samples; otherwise 16 receivers
+    fresh: bool  # True: no ray has been tested yet; False: the bits mark the rays known to be blocked
 
 
 class RayTileScratch(NamedTuple):
@@ -82,8 +84,8 @@ class RayTileScratch(NamedTuple):
     planes: F32Ptr  # float32, for `horizon`
     stack: I32Ptr  # int32
     at: I32Ptr  # int32, see `descent.save`; then the number of the tree
-    dead: I32Ptr  # int32, one a receiver: bits of its blocked samples
-    deferred: I32Ptr  # int32, see `deferred`
+    dead: I32Ptr  # int32, one per receiver: bits of its blocked samples
+    deferred: I32Ptr  # int32, see `triangle_tests.deferred_ints`
 
 
 class TileRays(NamedTuple):
@@ -94,10 +96,10 @@ class TileRays(NamedTuple):
     origins: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * stride
     stride: int  # float32 between the origins of two rows
     points: F32Ptr  # float32 x, y, z of 16 lanes; row r at r * 48
-    dead: I32Ptr  # int32, one a row: bits of the blocked rays
+    dead: I32Ptr  # int32, one per row: bits of the blocked rays
     rows: int  # bits of the rows that hold rays
     lanes: int  # bits of the lanes that hold rays
-    row_place: int  # step of `deferred.defer`'s place from row to row
+    row_place: int  # step of `triangle_tests.defer`'s place from row to row
     lane_place: int  # step of the place from lane to lane
 
 
@@ -105,15 +107,21 @@ class TileRays(NamedTuple):
 def scratch_in(floats, ints):
     """`RayTileScratch` in SCRATCH_FLOATS float32 and SCRATCH_INTS int32 on the stack of a kernel."""
     return RayTileScratch(
-        floats, ptr_at(ints, 16), ptr_at(floats, TILE_FLOATS), ptr_at(floats, TILE_FLOATS + POINTS),
-        ptr_at(ints, _STACK_AT), ptr_at(ints, 32), ints, ptr_at(ints, _STACK_AT + STACK),
-    )  # fmt: skip
+        floats,
+        ptr_at(ints, 16),
+        ptr_at(floats, TILE_FLOATS),
+        ptr_at(floats, TILE_FLOATS + POINTS),
+        ptr_at(ints, _STACK_AT),
+        ptr_at(ints, 32),
+        ints,
+        ptr_at(ints, _STACK_AT + STACK),
+    )
 
 
 @inlined
 def query_chunk_in(query, samples, job):
     """The `QueryChunk` of a job."""
-    return query_chunk_of(query, samples.table, job.shape, job.chunk, job.count)
+    return query_chunk_of(query, samples.table, job.shape, job.chunk, job.n_samples)
 
 
 @kernel
@@ -122,22 +130,22 @@ def _by_receiver(tile, scratch):
     for r in range(16):
         for k in range(3):
             store(scratch.origins, r * 48 + 16 * k, broadcast16(tile.origins, 16 * k + r))
-    turn_bits(tile.dead, scratch.dead)
+    transpose_bits(tile.dead, scratch.dead)
     return tile.by_lane
 
 
 @kernel
 def start_tile(job, chunk, n, scratch, known, counters):
-    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are already dead.
+    """The `TileRays` of tile n. Rays that the receivers' own surfaces surely block are marked as dead.
 
-    known : pointer to the bits of all receivers, read unless the job is fresh
+    known : pointer to the bits of all receivers; ignored if the job is fresh
     """
     y0, x0 = n // job.shape.columns * job.shape.height, n % job.shape.columns * job.shape.width
     tile = tile_at(scratch.tile, 0, chunk)
     put(scratch.pixel, 0, y0)
     put(scratch.pixel, 1, x0)
     put(scratch.deferred, 0, 0)
-    strata = (np.int64(1) << chunk.count) - 1
+    strata = (np.int64(1) << chunk.n_samples) - 1
     valid = load_receivers(chunk, y0, x0, tile)
     if valid != 0:
         bound_receivers(tile, valid)
@@ -163,19 +171,19 @@ def origins_of(rays, r):
 
 @inlined
 def directions_of(rays, r):
-    """Directions of the rays of row r: the whole way to the samples, rounded once."""
+    """Directions of the rays of row r: from the origins to the samples, rounded once."""
     return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
 
 
 @inlined
 def open_rays(rays, r):
-    """Bits of the rays of row r that nothing blocks so far."""
+    """Bits of the rays of row r that are not blocked so far."""
     return rays.lanes & ~np.int64(get(rays.dead, r))
 
 
 @inlined
 def rows_are_receivers(rays):
-    """Whether the rows are receivers, not strata."""
+    """Whether the rows are receivers; otherwise strata."""
     return rays.stride != 0
 
 
@@ -185,24 +193,24 @@ def settle(tree, chunk, rays, scratch, counters):
     if get(scratch.deferred, 0) == 0:
         return
     if rows_are_receivers(rays):
-        turn_bits(rays.dead, rays.tile.dead)
+        transpose_bits(rays.dead, rays.tile.dead)
     resolve_deferred(tree.corners, chunk, scratch.tile, scratch.pixel, scratch.deferred, counters)
     if rows_are_receivers(rays):
-        turn_bits(rays.tile.dead, rays.dead)
+        transpose_bits(rays.tile.dead, rays.dead)
 
 
 @kernel
 def finish_tile(chunk, rays, out):
     """Set the bits of the tile's blocked rays; `out`: pointer to all bits."""
     if rows_are_receivers(rays):
-        turn_bits(rays.dead, rays.tile.dead)
+        transpose_bits(rays.dead, rays.tile.dead)
     valid = rays.rows if rows_are_receivers(rays) else rays.lanes
     if rays.rows != 0:
         y0, x0 = first_pixel(rays.pixel, 0)
         write_bits(chunk, y0, x0, valid, rays.tile, out)
 
 
-def _samples(query, sets) -> SampleRows:
+def _samples(query: ShadowQuery, sets: NDArray[np.int64]) -> SampleRows:
     table = light_table(query, sets)
     chunks, spp = len(table.points), query.samples.shape[1]
     known = np.minimum(np.arange(chunks * STRATA), spp - 1)
@@ -211,12 +219,22 @@ def _samples(query, sets) -> SampleRows:
 
 
 def trace_tiles(
-    worker, tree, query, by_sample, bits, threads, counters, progress, *options, fresh=True, chunks=None
+    worker: Callable[..., None],
+    tree: object,
+    query: ShadowQuery,
+    by_sample: bool,
+    bits: NDArray[np.uint64],
+    threads: int | None,
+    counters: NDArray[np.int64] | None,
+    progress: Progress | None,
+    *options: object,
+    fresh: bool = True,
+    chunks: range | None = None,
 ) -> None:
     """Run ``worker(ticket, tree, query, samples, job, bits, counters, *options)`` over all tiles, chunk by chunk.
 
-    by_sample : whether rows are receivers, not strata
-    fresh : True: nothing is known of the rays yet; False: `bits` tell which ones are blocked
+    by_sample : whether rows are receivers; otherwise strata
+    fresh : True: no ray has been tested yet; False: `bits` mark the rays known to be blocked
     chunks : range of the chunks of samples; None: all
     """
     counters = new_counters() if counters is None else counters
@@ -230,51 +248,44 @@ def trace_tiles(
         run(worker, thread_count(threads), ticket, *arrays, *options, progress=progress)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Incoherent samples, as of interleaved point lights and the hemisphere: packets of rays through a tree of blocks.
-#
-# If the samples of a stratum are as far apart as the whole light, or all around, neither shafts nor beams cull
-# anything. Then multi-frusta tracing falls back to rays. The 16 lanes are the rays of a receiver to the points of a
-# list, or the rays of 16 receivers in one direction of the hemisphere. At a block, each ray in turn is tested against
-# the triangles side by side.
-#
-# Packets also trace far scenes. Shafts multiply three lengths, and float32 overflows for large coordinates.
+# --- Incoherent samples -----------------------------------------------------------------------------------------------
 
 
-_WIDE = 0.1  # beyond this share of a chunk's extents, a stratum is too wide for a shaft
-_HUGE = 0.5  # beyond this share of the scene's extents, a chunk is too wide for shafts: packets are faster
+_WIDE = 0.1  # beyond this fraction of a chunk's extents, a stratum is too wide for a shaft
+_HUGE = 0.5  # beyond this fraction of the scene's extents, a chunk is too wide for shafts, and packets are faster
 _LARGE = 0.1  # the same limit for queries of fewer than _FEW samples
-_FEW = 8  # with fewer samples, tiles do not share a walk
-_FAR = 2.0**40  # up to this coordinate, no product of three differences overflows, and no sum of such products
+_FEW = 8  # with fewer samples, tiles do not share a traversal
+_FAR = 2.0**40  # up to this coordinate, products of three differences and their sums do not overflow
 
 
-def sample_extents(query):
+def sample_extents(query: ShadowQuery) -> tuple[np.float64, np.float64]:
     """Mean extents of a patch's samples, summed over the axes: (of a stratum, of a chunk)."""
     points = query.samples @ np.stack([query.light.u, query.light.v, query.light.w])
     low, high = points.min(0), points.max(0)  # (n, 3) of each stratum
     chunks = np.arange(0, len(low), STRATA)
-    whole = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
-    return (high - low).sum(1).mean(), whole.sum(1).mean()
+    extents = np.maximum.reduceat(high, chunks) - np.minimum.reduceat(low, chunks)
+    return (high - low).sum(1).mean(), extents.sum(1).mean()
 
 
-def is_incoherent(query) -> bool:
-    """Are a stratum's samples far apart: directions of the hemisphere, or scattered points of a list?"""
+def is_incoherent(query: ShadowQuery) -> bool:
+    """True if the samples of a stratum are far apart: hemisphere directions, or scattered points of a list."""
     if not is_list(query.light):
-        return query.light.kind == AMBIENT
-    stratum, whole = sample_extents(query)
-    return bool(stratum > _WIDE * whole)
+        return bool(query.light.kind == AMBIENT)
+    stratum, chunk = sample_extents(query)
+    return bool(stratum > _WIDE * chunk)
 
 
-def extents_of(tree) -> np.ndarray:
+def extents_of(tree: BlockTree) -> NDArray[np.float32]:
     """(3,) float32: the extents of a `BlockTree`."""
     low, high = boxes_of(tree.nodes[:1])[0]
-    return high - low
+    extents: NDArray[np.float32] = high - low
+    return extents
 
 
-def is_huge(query, extents) -> bool:
-    """Do the samples of a lamp's chunk span a large part of a tree's `extents`? Then frusta contain much of the tree.
+def is_huge(query: ShadowQuery, extents: NDArray[np.float32]) -> bool:
+    """True if a chunk of a lamp's samples spans a large fraction of a tree's `extents`.
 
-    With few samples a shaft has few rays, so the limit is lower.
+    Frusta then contain much of the tree. The limit is lower for few samples, because a shaft then has few rays.
     """
     if query.light.kind != FIXED:
         return False
@@ -282,8 +293,8 @@ def is_huge(query, extents) -> bool:
     return bool(sample_extents(query)[1] > limit * extents.sum())
 
 
-def is_far(query, box) -> bool:
-    """May a coordinate of the query, or of the triangles' (2, 3) box, be too large for shafts in float32?"""
+def is_far(query: ShadowQuery, box: NDArray[np.float32]) -> bool:
+    """True if a coordinate of the query, or of the triangles' (2, 3) box, may be too large for shafts in float32."""
     light = query.light
     far = np.abs(box).max() + np.abs(light.base).max() + 3.0 * light.radius
     far += max(1.0, np.abs(query.samples).max()) * np.abs([light.u, light.v, light.w]).sum()
@@ -294,7 +305,7 @@ def is_far(query, box) -> bool:
 
 @kernel
 def trace_block(tree, rays, r, link, mask, facing, deferred, counters):
-    """Test the rays of row r in `mask` (bits) against a block. Return bits of the rays that it blocks."""
+    """Test the rays of row r in `mask` (bits) against a block. Return bits of the blocked rays."""
     # In: tree, rays, r, link, mask, facing. Out: deferred, counters.
     block, triangles = block_leaf(link)
     b = Block(tree, block, (np.int64(1) << triangles) - 1, np.int64(0), facing, None, deferred)

@@ -1,11 +1,11 @@
 """The nearest hit of each pixel of a tile: the candidate so far, and the final face and canonical `t`.
 
-State. A pixel's slot is the slot of a triangle in the current tree. A triangle of an earlier tree is `KNOWN`. The pixel
-then keeps the number of that tree, and the slot there. If an earlier call found the triangle, its face and its t are in
-the picture.
+State. A pixel's slot is that of a triangle in the current tree. For a triangle of an earlier tree it is `KNOWN`, and
+the pixel stores the number of that tree and the slot in it. If the triangle is a hit of an earlier call, its face and t
+are in the picture.
 
-Resolution. `hit_t` is float64. Computed from a triangle's corners, it costs more than all tests of a pixel together. So
-the plane of each visible triangle is computed once for the tile, and 16 pixels divide side by side.
+Resolution. Computed from a triangle's corners, the float64 `hit_t` costs more than all tests of a pixel together. So
+the plane of each visible triangle is computed once per tile, and 16 pixels divide side by side.
 """
 
 from typing import NamedTuple
@@ -39,23 +39,19 @@ from ..descent import GROW
 from ..tree_list import tree_in
 from .pixel_tests import CELLS, PIXELS, first_pixel
 
-# --- The state of a tile's pixels: the triangle that each pixel of primary rays has seen so far -----------------------
-#
-# A pixel's slot is the slot of a triangle in the current tree. A triangle of an earlier tree is `KNOWN`. The pixel
-# then keeps the number of that tree, and the slot there. If an earlier call found the triangle, its face and its t are
-# in the picture.
+# --- State of the pixels ----------------------------------------------------------------------------------------------
 
 
 _F = np.float32
 NOTHING, KNOWN = np.int32(-1), np.int32(-2)  # instead of a slot
 _NEXT_BELOW, _NEXT_ABOVE, _TINY = 1.0 - 2.0**-22, 1.0 + 2.0**-22, 1e-37  # exceed the rounding of a key to float32
-_BEYOND = GROW * GROW  # once for rounding t, once as exits grow
-_LARGEST = 1e30  # more than a depth key that float32 computes
+_BEYOND = GROW * GROW  # once for the rounding of t, once as for exits
+_LARGEST = 1e30  # more than any depth key computed in float32
 
 
 @inlined
 def start(pixels, x0, y0, rays):
-    """Reset the pixels: nothing is seen yet. Return bits of the frusta that have pixels."""
+    """Reset the pixels to no hit. Return bits of the frusta that have pixels."""
     alive = np.int64(0)
     for cell in range(CELLS):
         x, y = first_pixel(cell)
@@ -73,8 +69,8 @@ def start(pixels, x0, y0, rays):
 
 
 @inlined
-def _see(pixels, at, slot, t, scale):
-    """Note that pixel `at` sees the triangle in `slot` at t."""
+def _set_hit(pixels, at, slot, t, scale):
+    """Set the hit of pixel `at`: the triangle in `slot` at t."""
     key = 1.0 / (t * scale) if scale > 0.0 else 0.0
     low = key * _NEXT_BELOW - _TINY if scale > 0.0 else -np.inf
     put(pixels.low, at, low if low < _LARGEST else _LARGEST)
@@ -93,7 +89,7 @@ def _update_least(pixels, touched):
 
 @kernel
 def resume(pixels, x0, y0, rays, face, t, scale):
-    """`start` for a tile whose picture already holds hits of earlier calls."""
+    """`start` for a tile whose picture already has hits of earlier calls."""
     alive, touched = start(pixels, x0, y0, rays), np.int64(0)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
@@ -101,7 +97,7 @@ def resume(pixels, x0, y0, rays, face, t, scale):
             for x in range(x0 + across, min(x0 + across + 4, rays.width)):
                 at = y * rays.width + x
                 if get(face, at) >= 0:
-                    _see(pixels, 16 * cell + 4 * (y - y0 - down) + x - x0 - across, KNOWN, get(t, at), scale)
+                    _set_hit(pixels, 16 * cell + 4 * (y - y0 - down) + x - x0 - across, KNOWN, get(t, at), scale)
                     touched |= np.int64(1) << cell
     if touched != 0:
         _update_least(pixels, touched)
@@ -111,54 +107,54 @@ def resume(pixels, x0, y0, rays, face, t, scale):
 
 @inlined
 def shorten(pixels, scale):
-    """Shorten the frusta (`far`), after some of their pixels have seen nearer triangles."""
+    """Shorten the frusta (`far`) after some of their pixels have nearer hits."""
     least, far = minimum(load16(pixels.least, 0), load16(pixels.least, 16)), load16(pixels.far, 0)
     store(pixels.far, 0, select(least > _F(0.0), _F(1.0) / (least * scale) * _BEYOND, far))
 
 
 @inlined
 def keep(pixels, number):
-    """Finish the current tree, `number`: its visible triangles become KNOWN. Return whether there are any."""
+    """Finish the current tree, `number`, by making its visible triangles KNOWN. Return whether there are any."""
     any_ = np.int64(0)
     for cell in range(CELLS):
         slot, part = load16(pixels.slot, 16 * cell), load16(pixels.part, 16 * cell)
         new = slot >= np.int32(0)
         any_ |= bits(new)
-        store(pixels.kept, 16 * cell, select(new, slot, load16(pixels.kept, 16 * cell)))
+        store(pixels.known_slot, 16 * cell, select(new, slot, load16(pixels.known_slot, 16 * cell)))
         store(pixels.part, 16 * cell, select(new, splat16(np.int32(number)), part))
         store(pixels.slot, 16 * cell, select(new, splat16(KNOWN), slot))
     return any_ != 0
 
 
 @inlined
-def _plane_of(forest, known, part, slot, o):
-    """(the plane of a triangle, its part). `known`: the last plane and its part, reused if the triangle is the same."""
+def _plane_of(tree_list, known, part, slot, o):
+    """(plane of a triangle, its part); `known`: the previous result, reused if the triangle is the same."""
     plane, of = known
     if slot != plane.triangle or part != of:
-        plane = eye_plane(tree_in(forest, part).corners, slot, o)
+        plane = eye_plane(tree_in(tree_list, part).corners, slot, o)
     return plane, part
 
 
 @inlined
-def _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t):
-    """((the last plane, its part), t, face) of the triangle that pixel `at` sees."""
+def _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t):
+    """((last plane, its part), t, face) of the hit of pixel `at`."""
     slot = np.int64(get(pixels.slot, at))
     if slot == KNOWN:
-        part, slot = np.int64(get(pixels.part, at)), np.int64(get(pixels.kept, at))
+        part, slot = np.int64(get(pixels.part, at)), np.int64(get(pixels.known_slot, at))
         if part < 0:
             return other, get(t, pixel), np.int64(get(face, pixel))
-    tree, other = tree_in(forest, part), _plane_of(forest, other, part, slot, o)
+    tree, other = tree_in(tree_list, part), _plane_of(tree_list, other, part, slot, o)
     return other, plane_t(other[0], ray, tree.corners), np.int64(get(tree.prim_ids, slot))
 
 
 @kernel
-def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
+def settle(pixels, tree_list, part, rays, x0, y0, scale, face, t):
     """Settle the deferred pixels of tree `part` by the contract's predicates.
 
-    face, t : pointers to the picture, with the triangles that are `KNOWN` from earlier calls
+    face, t : pointers to the picture, which holds the hits of earlier calls
     """
-    # In: forest, part, rays, x0, y0, scale, face, t. In and out: pixels.
-    o, touched, tree = rays.origin, np.int64(0), tree_in(forest, part)
+    # In: tree_list, part, rays, x0, y0, scale, face, t. In and out: pixels.
+    o, touched, tree = rays.origin, np.int64(0), tree_in(tree_list, part)
     mine, other = (NO_PLANE, np.int64(-1)), (NO_PLANE, np.int64(-1))
     for k in range(np.int64(get(pixels.deferred, 0))):
         slot, entry = np.int64(get(pixels.deferred, 2 + 2 * k)), np.int64(get(pixels.deferred, 3 + 2 * k))
@@ -168,24 +164,20 @@ def settle(pixels, forest, part, rays, x0, y0, scale, face, t):
         ray = pixel_ray(rays, x, y)
         if entry & 1 == 0 and meets(ray, tree.corners, slot) == 0:
             continue
-        mine = _plane_of(forest, mine, part, slot, o)
+        mine = _plane_of(tree_list, mine, part, slot, o)
         new_t = plane_t(mine[0], ray, tree.corners)
         if get(pixels.slot, at) != NOTHING:
             pixel = y * rays.width + x
-            other, best_t, best = _best_of(pixels, at, forest, other, part, ray, o, pixel, face, t)
+            other, best_t, best = _best_of(pixels, at, tree_list, other, part, ray, o, pixel, face, t)
             if is_nearer(best_t, best, new_t, get(tree.prim_ids, slot)):
                 continue
-        _see(pixels, at, slot, new_t, scale)
+        _set_hit(pixels, at, slot, new_t, scale)
         touched |= np.int64(1) << (at >> 4)
     put(pixels.deferred, 0, 0)
     _update_least(pixels, touched)
 
 
-# --- Resolve a tile of primary rays: the face and the canonical t of each pixel ---------------------------------------
-#
-# `hit_t` is float64. Computed from a triangle's corners, it costs more than all tests of a pixel together. So the
-# plane
-# of each visible triangle is computed once for the tile, and 16 pixels divide side by side.
+# --- Resolution of a tile ---------------------------------------------------------------------------------------------
 
 
 _CELL = 6 * 16  # float64 of 16 pixels: five rows for their planes, one row for t
@@ -200,16 +192,16 @@ MARK_WORDS = 3 * _MARKS
 class ResolveScratch(NamedTuple):
     """Pointers to scratch memory."""
 
-    planes: F64Ptr  # float64, PLANE_FLOATS: for each cell five rows of 16 pixels for their planes, one row for t
+    planes: F64Ptr  # float64, PLANE_FLOATS: per cell, five rows of 16 pixels for their planes, one row for t
     face: I32Ptr  # int32, PIXELS: in the order of cells, like all of `Pixels`
-    known: F64Ptr  # float64, KNOWN_FLOATS: five numbers for each plane; plane 0 stands for no plane
+    known: F64Ptr  # float64, KNOWN_FLOATS: five numbers per plane; plane 0 stands for no plane
     ids: I32Ptr  # int32, KNOWN_PLANES: faces of these planes
     marks: I32Ptr  # int32, MARK_WORDS: hash table by the last bits of a slot: slots, parts, numbers of planes
 
 
 @inlined
 def _by_value(rays):
-    """The same `CameraRays` without arrays, so that LLVM sees that no store changes them."""
+    """The same `CameraRays` without arrays, so that LLVM can rule out that stores change them."""
     o, c, dx, dy = rays.origin, rays.corner, rays.dx, rays.dy
     return CameraRays(
         (o[0], o[1], o[2]), (c[0], c[1], c[2]), (dx[0], dx[1], dx[2]), (dy[0], dy[1], dy[2]), rays.width, rays.height
@@ -233,36 +225,36 @@ def _get_plane(p, at, stride):
 
 
 @kernel
-def _find_planes(pixels, forest, o, seen):
-    """Write the face and the plane of each pixel. A plane is computed again only if its mark was overwritten."""
+def _find_planes(pixels, tree_list, o, scratch):
+    """Write the face and the plane of each pixel. A plane is recomputed only if its mark was overwritten."""
     for k in range(0, 2 * _MARKS, 16):
-        store(seen.marks, k, splat16(np.int32(-1)))
-    _put_plane(seen.known, 0, 1, NO_PLANE)
-    put(seen.ids, 0, np.int32(-1))
+        store(scratch.marks, k, splat16(np.int32(-1)))
+    _put_plane(scratch.known, 0, 1, NO_PLANE)
+    put(scratch.ids, 0, np.int32(-1))
     n = np.int64(1)
     for k in range(PIXELS):
         part, number = np.int64(get(pixels.part, k)), np.int64(0)
         if part >= 0:
-            slot = np.int64(get(pixels.kept, k))
+            slot = np.int64(get(pixels.known_slot, k))
             mark = slot & (_MARKS - 1)
-            number = np.int64(get(seen.marks, 2 * _MARKS + mark))
-            if get(seen.marks, mark) != slot or get(seen.marks, _MARKS + mark) != part:
-                tree, number = tree_in(forest, part), n
-                _put_plane(seen.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
-                put(seen.ids, n, get(tree.prim_ids, slot))
-                put(seen.marks, mark, slot)
-                put(seen.marks, _MARKS + mark, part)
-                put(seen.marks, 2 * _MARKS + mark, n)
+            number = np.int64(get(scratch.marks, 2 * _MARKS + mark))
+            if get(scratch.marks, mark) != slot or get(scratch.marks, _MARKS + mark) != part:
+                tree, number = tree_in(tree_list, part), n
+                _put_plane(scratch.known, 5 * n, 1, eye_plane(tree.corners, slot, o))
+                put(scratch.ids, n, get(tree.prim_ids, slot))
+                put(scratch.marks, mark, slot)
+                put(scratch.marks, _MARKS + mark, part)
+                put(scratch.marks, 2 * _MARKS + mark, n)
                 n += 1
-        _put_plane(seen.planes, _CELL * (k >> 4) + (k & 15), 16, _get_plane(seen.known, 5 * number, 1))
-        put(seen.face, k, get(seen.ids, number))
+        _put_plane(scratch.planes, _CELL * (k >> 4) + (k & 15), 16, _get_plane(scratch.known, 5 * number, 1))
+        put(scratch.face, k, get(scratch.ids, number))
 
 
 @inlined
 def _find_t(planes, face, rays, x, y):
     """Write t of the 16 pixels of a cell, or -1 where float64 may be inaccurate. Return whether there is such a pixel.
 
-    LLVM vectorises this.
+    LLVM vectorises the loop.
     """
     # Eq. (4) of docs/design/exactness.md
     unsure = False
@@ -275,23 +267,23 @@ def _find_t(planes, face, rays, x, y):
 
 
 @kernel
-def _correct_t(pixels, forest, rays, x, y, cell, planes):
+def _correct_t(pixels, tree_list, rays, x, y, cell, planes):
     """Compute t by `hit_t` where float64 may be inaccurate."""
     for i in range(16):
         if get(planes, _T + i) < 0.0:
             at = 16 * cell + i
-            ray, tree = pixel_ray(rays, x + (i & 3), y + (i >> 2)), tree_in(forest, np.int64(get(pixels.part, at)))
-            put(planes, _T + i, hit_t(ray, tree.corners, np.int64(get(pixels.kept, at))))
+            ray, tree = pixel_ray(rays, x + (i & 3), y + (i >> 2)), tree_in(tree_list, np.int64(get(pixels.part, at)))
+            put(planes, _T + i, hit_t(ray, tree.corners, np.int64(get(pixels.known_slot, at))))
 
 
 @inlined
-def _write_cell(seen, cell, known, face, t, at, width, columns, rows):
+def _write_cell(scratch, cell, known, face, t, at, width, columns, rows):
     """Copy a cell to the picture, except its pixels in `known` (bits). The bits of t are copied as float32 words.
 
     at : index in the picture of the cell's first pixel
     """
     # In: seen, cell, known, at, width, columns, rows. Out: face, t.
-    source, bits64, ids = ptr_at(seen.planes, _CELL * cell + _T), as_f32(t), ptr_at(seen.face, 16 * cell)
+    source, bits64, ids = ptr_at(scratch.planes, _CELL * cell + _T), as_f32(t), ptr_at(scratch.face, 16 * cell)
     for k in range(0, 4 * rows, 4):
         if columns == 4 and known == 0:
             store(bits64, 2 * at, load8(as_f32(source), 2 * k))
@@ -306,36 +298,36 @@ def _write_cell(seen, cell, known, face, t, at, width, columns, rows):
 
 @inlined
 def _write_place(pixels, cell, part, slot, at, width, columns, rows):
-    """Write the part and the slot of the triangle that each pixel of a cell sees."""
+    """Write the part and slot of each pixel's visible triangle in a cell."""
     # In: pixels, cell, at, width, columns, rows. Out: part, slot.
     for k in range(0, 4 * rows, 4):
         for i in range(columns):
             mine = get(pixels.part, 16 * cell + k + i)
             if mine >= 0:
                 put(part, at + i, mine)
-                put(slot, at + i, get(pixels.kept, 16 * cell + k + i))
+                put(slot, at + i, get(pixels.known_slot, 16 * cell + k + i))
         at += width
 
 
 @kernel
-def resolve(pixels, forest, rays, x0, y0, seen, hits):
-    """Write the hits of the tile at pixel (x0, y0) that this call has found. Write misses for pixels without any hit.
+def resolve(pixels, tree_list, rays, x0, y0, scratch, hits):
+    """Write this call's hits in the tile at pixel (x0, y0), and misses for pixels without any hit.
 
-    seen : ResolveScratch
+    scratch : ResolveScratch
     hits : Hits of the picture
     """
     camera, face, t, part, slot = _by_value(rays), ptr(hits.face), ptr(hits.t), ptr(hits.part), ptr(hits.slot)
-    _find_planes(pixels, forest, camera.origin, seen)
+    _find_planes(pixels, tree_list, camera.origin, scratch)
     for cell in range(CELLS):
         across, down = first_pixel(cell)
-        x, y, planes = x0 + across, y0 + down, ptr_at(seen.planes, _CELL * cell)
+        x, y, planes = x0 + across, y0 + down, ptr_at(scratch.planes, _CELL * cell)
         columns, rows = min(4, camera.width - x), min(4, camera.height - y)
         before = load16(pixels.part, 16 * cell) < np.int32(0)
         known = bits((load16(pixels.slot, 16 * cell) == KNOWN) & before)
         if columns > 0 and rows > 0 and known != 0xFFFF:
-            if _find_t(planes, ptr_at(seen.face, 16 * cell), camera, x, y):
-                _correct_t(pixels, forest, camera, x, y, cell, planes)
+            if _find_t(planes, ptr_at(scratch.face, 16 * cell), camera, x, y):
+                _correct_t(pixels, tree_list, camera, x, y, cell, planes)
             at = y * camera.width + x
-            _write_cell(seen, cell, known, face, t, at, camera.width, columns, rows)
+            _write_cell(scratch, cell, known, face, t, at, camera.width, columns, rows)
             if len(hits.part) > 0:
                 _write_place(pixels, cell, part, slot, at, camera.width, columns, rows)

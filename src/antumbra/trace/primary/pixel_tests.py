@@ -1,4 +1,4 @@
-"""A block of triangles against a tile of primary rays: setup in pixel coordinates, then frustum and pixel tests.
+"""Tests of a block of triangles against a tile of primary rays: setup in pixel coordinates, then cells and pixels.
 
 Setup. As in the rasteriser (`query.raster_setup`), a vector from the eye has pixel coordinates (x, y, z) relative to
 the tile's first pixel. The ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its direction.
@@ -6,28 +6,28 @@ With a = v0 - eye and the edges p and q, the edge functions and the depth key 1 
 
     e1 = g . (q x a)    e2 = g . (a x p)    e0 = D - e1 - e2    D = g . (p x q)    1 / t = D / (a . (p x q))
 
-So they are set up once for a block and a tile, with 16 triangles as lanes. The pixel tests use them.
+So they are set up once per block and tile, with 16 triangles as lanes.
 
 Errors. Let u = 2**-24. Let n and m be the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel
 coordinates.
 
-- The entries of the matrix, a, p and q are rounded once, and products are summed by fma. Let no component of a vector
-  exceed r. Then its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
+- The entries of the matrix, a, p and q are rounded once, and products are summed by fma. If no component of a vector
+  exceeds r, the errors of its x and y are at most 6 u n r, and that of its z at most 6 u m r.
 - Let A be the largest |x| or |y| of a plus 32 times its |z|, and dA the error of A. Let P and dP be the same for p and
   q. The errors of the coefficients change e1 and e2 by at most 2 (A dP + P dA). The later roundings, up to the value at
   a pixel, add 12 u A P.
 - For D, replace A by P. The error of e0 is the error of D, plus the errors of e1 and e2, plus two roundings.
 - Rounding a direction moves g by at most (sx, sy, sz), and so changes c . g by at most |c| . (sx, sy, sz).
 
-Edge functions are divided by these bounds. Above 1 a pixel is surely inside, below -1 it is surely outside.
+Edge functions are divided by these bounds. A pixel is surely inside above 1, and surely outside below -1.
 
-Lengths are scaled by a power of two, so that no product overflows or underflows. If no such scale exists, nothing is
-sure.
+Lengths are scaled by a power of two, so that no product overflows or underflows. If no such scale exists, all tests are
+uncertain.
 
-Tests. The setup writes the block's edge functions and depth keys. They are linear over the tile, and lanes are the 16
-triangles. With the same lanes the block is culled against cells, halves of frusta. A linear function over a frustum is
-largest at a corner [Benthin and Wald 2009, Sec. 4.2]. The triangles left are tested one by one, and lanes are then a
-cell's 16 pixels.
+Tests. The setup writes the block's edge functions and depth keys, which are linear over the tile, with triangles as
+lanes. With the same lanes, the block is culled against cells, the halves of frusta: a linear function over a frustum is
+largest at a corner [Benthin and Wald 2009, Sec. 4.2]. The remaining triangles are tested one by one, with a cell's 16
+pixels as lanes.
 """
 
 from typing import NamedTuple
@@ -62,41 +62,14 @@ from ...kernels.simd import (
 from ...kernels.vec3 import Vec3, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
 from ..counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 
-# --- A block of triangles set up for a tile of primary rays: edge functions and depth keys in pixel coordinates -------
-#
-# As in the rasteriser (`query.raster_setup`), a vector from the eye has pixel coordinates (x, y, z) relative to the
-# tile's first pixel. The ray of the tile's pixel (i, j) is g = (i, j, 1), apart from the rounding of its direction.
-# With a = v0 - eye and the edges p and q, the edge functions and the depth key 1 / t are linear over the tile:
-#
-#     e1 = g . (q x a)    e2 = g . (a x p)    e0 = D - e1 - e2    D = g . (p x q)    1 / t = D / (a . (p x q))
-#
-# So they are set up once for a block and a tile, with 16 triangles as lanes. `pixelblock` tests them.
-#
-# Errors. Let u = 2**-24. Let n and m be the largest sums of magnitudes in the rows (x, y) and z of the matrix to pixel
-# coordinates.
-#
-# - The entries of the matrix, a, p and q are rounded once, and products are summed by fma. Let no component of a
-#   vector
-#   exceed r. Then its x and y are wrong by at most 6 u n r, and its z by at most 6 u m r.
-# - Let A be the largest |x| or |y| of a plus 32 times its |z|, and dA the error of A. Let P and dP be the same for p
-#   and
-#   q. The errors of the coefficients change e1 and e2 by at most 2 (A dP + P dA). The later roundings, up to the value
-#   at
-#   a pixel, add 12 u A P.
-# - For D, replace A by P. The error of e0 is the error of D, plus the errors of e1 and e2, plus two roundings.
-# - Rounding a direction moves g by at most (sx, sy, sz), and so changes c . g by at most |c| . (sx, sy, sz).
-#
-# Edge functions are divided by these bounds. Above 1 a pixel is surely inside, below -1 it is surely outside.
-#
-# Lengths are scaled by a power of two, so that no product overflows or underflows. If no such scale exists, nothing is
-# sure.
+# --- Setup of a block for a tile --------------------------------------------------------------------------------------
 
 
 _F, _F64 = np.float32, np.float64
 _U = 2.0**-24
 _ZERO, _INFINITE = _F(0.0), _F(np.inf)
 _MORE = _F(1.01)  # second order terms and the rounding of the bounds
-_FLOOR = _F(1e-32)  # more than underflow can cost an edge function, or a volume
+_FLOOR = _F(1e-32)  # more than the underflow error of an edge function or a volume
 _SURE = _F(1e-3)  # largest relative error of a volume for which a depth key is computed
 _HUGE = _F(1e28)
 WIDTH, HEIGHT = 32, 16  # pixels of a tile
@@ -111,10 +84,10 @@ class TileFrame(NamedTuple):
     x: Vec3  # rows of the matrix
     y: Vec3
     z: Vec3
-    error: float  # error of x and y, for each unit of a vector's largest component
+    error: float  # error of x and y, per unit of a vector's largest component
     z_error: float
     shift: Vec3  # how far rounding moves the direction g of a pixel
-    floor: float  # infinite: nothing is sure
+    floor: float  # infinite: all tests are uncertain
     turn: int  # sign of the determinant of the inverse matrix
 
 
@@ -125,7 +98,7 @@ def _row(x, y, z, scale):
 
 @inlined
 def frame_of(view, x0, y0, scale):
-    """The `TileFrame` of the tile at pixel (x0, y0); scale: a power of two, or 0: then nothing is sure."""
+    """The `TileFrame` of the tile at pixel (x0, y0); scale: a power of two; 0: all tests are uncertain."""
     fx, fy = _F64(x0), _F64(y0)
     x = _row(view.xx - fx * view.zx, view.xy - fx * view.zy, view.xz - fx * view.zz, scale)
     y = _row(view.yx - fy * view.zx, view.yy - fy * view.zy, view.yz - fy * view.zz, scale)
@@ -170,7 +143,7 @@ def _sizes(frame, xy, z, length):
 
 @inlined
 def _reach(s):
-    """(A, dA) of the module's text, for any pixel of the tile."""
+    """(A, dA) of the module docstring, for any pixel of the tile."""
     return fma(s.z, splat16(_F(WIDTH)), s.xy), fma(s.z_error, splat16(_F(WIDTH)), s.xy_error)
 
 
@@ -181,7 +154,7 @@ def _range(a, b, c):
 
 @inlined
 def _pixel_range(low, high, pad, clear, size, work, at):
-    """Write the first and last pixel along one axis whose centre a triangle may cover. mask16: such a pixel exists."""
+    """Write the first and last pixel along one axis whose centre a triangle may cover. Return mask16: one exists."""
     low = select(clear, minimum(maximum(low - pad, _ZERO), splat16(_F(size))), splat16(_ZERO))
     high = select(clear, minimum(high + pad, _F(size - 1)), splat16(_F(size - 1)))
     first = to_f32(to_i32(low))
@@ -193,10 +166,10 @@ def _pixel_range(low, high, pad, clear, size, work, at):
 
 @inlined
 def _keep_boxes(frame, a, p, q, a_size, p_size, work):
-    """Write the triangles' ranges of pixels (`_pixel_range`): the whole tile if a corner is not clearly in front.
+    """Write the triangles' pixel ranges (`_pixel_range`): the whole tile if a corner is not clearly in front.
 
-    Suppose the error of x is below z / 8, and so the error of z far less. Then a coordinate x / z beyond 64 is surely
-    beyond the tile. Up to 64 the coordinate is wrong by at most 4 error / z.
+    If the error of x is below z / 8, and so the error of z far below, then a coordinate x / z beyond 64 is surely
+    beyond the tile. Up to 64, the error of the coordinate is at most 4 error / z.
     """
     _, slip = _reach(Sizes(a_size.xy, a_size.z, a_size.xy_error + p_size.xy_error, a_size.z_error + p_size.z_error))
     zb, zc = a.z + p.z, a.z + q.z
@@ -221,7 +194,7 @@ def _moved(frame, c):
 
 @inlined
 def _top(c, right, down):
-    """The s for which c.x x + c.y y + s is the largest value of c over pixels (x, y) to (x + right, y + down)."""
+    """The s for which c.x x + c.y y + s is the maximum of c over pixels (x, y) to (x + right, y + down)."""
     return fma(maximum(c.x, _ZERO), splat16(_F(right)), fma(maximum(c.y, _ZERO), splat16(_F(down)), c.z))
 
 
@@ -236,7 +209,7 @@ def _keep_edge(frame, k, c, sign, error, work):
 
 @inlined
 def _keep_key(frame, c, error, volume, volume_error, work):
-    """Write the depth key and its error bound. The bound is infinite where float32 cannot hold the key."""
+    """Write the depth key and its error bound. The bound is infinite where float32 cannot represent the key."""
     size = absolute(volume)
     total = fma(absolute(c.x) + absolute(c.y), splat16(_F(WIDTH)), absolute(c.z))
     good = (volume_error < size * _SURE) & (total < size * _HUGE)
@@ -263,7 +236,7 @@ def _volume_error(frame, d, a_size, p_size):
 
 @kernel
 def _settle_turns(frame, tree, block, flat, work):
-    """Write the exact signs of the `flat` volumes, which float32 cannot decide. Return bits of volumes that are 0."""
+    """Write the exact signs of the volumes in `flat` (bits), undecided in float32. Return bits of the zero volumes."""
     none, e = np.int64(0), frame.eye
     while flat != 0:
         i = lowest_bit(flat)
@@ -277,7 +250,7 @@ def _settle_turns(frame, tree, block, flat, work):
 
 @kernel
 def set_up_block(frame, tree, block, triangles, work):
-    """Set up a block's triangles for their tests. Return bits of the triangles that some pixel of the tile may see."""
+    """Set up a block's triangles for their tests. Return bits of the triangles that may be visible in the tile."""
     numbers = ptr_at(tree.blocks, rows_at(block))
     a3, p3, q3 = rows(numbers, 0, 16), rows(numbers, 48, 16), rows(numbers, 96, 16)
     e = frame.eye
@@ -286,51 +259,45 @@ def set_up_block(frame, tree, block, triangles, work):
     a_size = _sizes(frame, maximum(absolute(a.x), absolute(a.y)), absolute(a.z), largest(a3))
     xy = maximum(maximum(absolute(p.x), absolute(p.y)), maximum(absolute(q.x), absolute(q.y)))
     p_size = _sizes(frame, xy, maximum(absolute(p.z), absolute(q.z)), maximum(largest(p3), largest(q3)))
-    left = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
-    if left == 0:
-        return left
+    remaining = bits(_keep_boxes(frame, a, p, q, a_size, p_size, work)) & ((np.int64(1) << triangles) - 1)
+    if remaining == 0:
+        return remaining
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
     e0 = minus(d, Vec3(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
     volume, volume_error = dot(a, d), _volume_error(frame, d, a_size, p_size)
     store(work, SIGN, select(volume > _ZERO, splat16(_F(1.0)), splat16(_F(-1.0))))
-    flat = bits(absolute(volume) <= volume_error) & left
+    flat = bits(absolute(volume) <= volume_error) & remaining
     if flat != 0:
-        left &= ~_settle_turns(frame, tree, block, flat, work)
+        remaining &= ~_settle_turns(frame, tree, block, flat, work)
     sign = load16(work, SIGN)
     (wide, slip), (long, slip_p) = _reach(a_size), _reach(p_size)
     mixed = (wide * slip_p + long * slip) * _F(2.02) + wide * long * _F(20 * _U)
     pure = long * (slip_p * _F(4.04) + long * _F(20 * _U))
-    left &= ~_keep_edge(frame, 1, e1, sign, mixed, work)
-    left &= ~_keep_edge(frame, 2, e2, sign, mixed, work)
-    left &= ~_keep_edge(frame, 0, e0, sign, pure + mixed * _F(2.0), work)
+    remaining &= ~_keep_edge(frame, 1, e1, sign, mixed, work)
+    remaining &= ~_keep_edge(frame, 2, e2, sign, mixed, work)
+    remaining &= ~_keep_edge(frame, 0, e0, sign, pure + mixed * _F(2.0), work)
     _keep_key(frame, d, pure, volume, volume_error, work)
-    return left
+    return remaining
 
 
-# --- A block of triangles against the frusta and pixels of a tile of primary rays -------------------------------------
-#
-# `pixelsetup` writes the block's edge functions and depth keys. They are linear over the tile, and lanes are the 16
-# triangles. With the same lanes the block is culled against cells, halves of frusta. A linear function over a frustum
-# is
-# largest at a corner [Benthin and Wald 2009, Sec. 4.2]. The triangles left are tested one by one, and lanes are then a
-# cell's 16 pixels.
+# --- Tests of a block against cells and pixels ------------------------------------------------------------------------
 
 
 CELLS = 32  # cells of 4 x 4 pixels in a tile: cell f is the left half of frustum f, cell 16 + f the right half
 PIXELS = 16 * CELLS
-DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block leaves at most 16 triangles for each pixel
+DEFERRED = 2 + 2 * 16 * PIXELS  # int32: a block defers at most 16 tests per pixel
 
 
 class Pixels(NamedTuple):
-    """Pointers to the state of a tile's pixels, see `pixelstate`: cell c has elements 16 c to 16 c + 15."""
+    """Pointers to the state of a tile's pixels, see `pixel_hits`: cell c has elements 16 c to 16 c + 15."""
 
     low: F32Ptr  # float32: lower bound of the visible triangle's depth key; -inf if none, inf beyond the picture
-    high: F32Ptr  # float32: upper bound of the depth key; -inf if there is no triangle
+    high: F32Ptr  # float32: upper bound of the depth key; -inf if none
     slot: I32Ptr  # int32: the triangle's slot in the current tree; NOTHING, or KNOWN
     least: F32Ptr  # (CELLS,) float32: the least `low` of each cell
     far: F32Ptr  # (16,) float32: t beyond which nothing is visible in each frustum
     part: I32Ptr  # int32: for KNOWN, the number of the triangle's tree; -1: see the picture
-    kept: I32Ptr  # int32: for KNOWN, the triangle's slot in that tree
+    known_slot: I32Ptr  # int32: for KNOWN, the triangle's slot in that tree
     deferred: I32Ptr  # int32: number of deferred pixels, an unused word; then slot, 2 * pixel + (1 if surely covered)
 
 
@@ -342,20 +309,20 @@ def first_pixel(cell):
 
 @inlined
 def _over(work, edge, top, x, y):
-    """Largest value of a linear function over a cell whose first pixel is (x, y), lanes = triangles."""
+    """Maximum of a linear function over a cell whose first pixel is (x, y); lanes are triangles."""
     return fma(load16(work, edge), x, fma(load16(work, edge + 16), y, load16(work, top)))
 
 
 @inlined
-def cull_cell(work, left, fx, fy, least):
-    """Bits of the triangles of `left` that some pixel of the cell with first pixel (fx, fy) may see."""
+def cull_cell(work, candidates, fx, fy, least):
+    """Bits of the triangles in `candidates` that may be visible in the cell with first pixel (fx, fy)."""
     x, y, end_x, end_y = splat16(fx), splat16(fy), splat16(fx + _F(3.0)), splat16(fy + _F(3.0))
     inside = (load16(work, BOX) <= end_x) & (load16(work, BOX + 16) >= x)
     inside &= (load16(work, BOX + 32) <= end_y) & (load16(work, BOX + 48) >= y)
     edges = minimum(_over(work, EDGES, TOPS, x, y), _over(work, EDGES + 48, TOPS + 16, x, y))
     edges = minimum(edges, _over(work, EDGES + 96, TOPS + 32, x, y))
     inside &= (edges >= _F(-2.0)) & (_over(work, KEY, TOPS + 48, x, y) >= least)
-    return bits(inside) & left
+    return bits(inside) & candidates
 
 
 @inlined
@@ -367,7 +334,7 @@ def _value(work, at, i, x, y):
 
 @inlined
 def defer(deferred, slot, cell, unsure, sure):
-    """Defer the pixels of a cell in `unsure` (bits), in which a triangle may be in front."""
+    """Defer the tests of a triangle against the pixels of a cell in `unsure` (bits)."""
     n = np.int64(get(deferred, 0))
     while unsure != 0:
         lane = lowest_bit(unsure)
@@ -380,7 +347,7 @@ def defer(deferred, slot, cell, unsure, sure):
 
 @inlined
 def _test_cell(work, tree, block, tests, x, y, pixels, cell):
-    """Test triangles (bits) against the pixels of a cell. Return bits of triangles that some pixel saw for a while."""
+    """Test triangles (bits) against the pixels of a cell. Return bits of triangles that became some pixel's hit."""
     at, winners = 16 * cell, np.int64(0)
     low, high, slot = load16(pixels.low, at), load16(pixels.high, at), load16(pixels.slot, at)
     while tests != 0:
@@ -408,11 +375,11 @@ def _test_cell(work, tree, block, tests, x, y, pixels, cell):
 
 @kernel
 def trace_block(frame, tree, link, frusta, pixels, work, counters):
-    """Test a block against some frusta (bits) of a tile. Return whether some pixel sees one of its triangles."""
+    """Test a block against some frusta (bits) of a tile. Return whether the hit of some pixel has changed."""
     (block, triangles), winners, tested = block_leaf(link), np.int64(0), np.int64(0)
-    left = set_up_block(frame, tree, block, triangles, work)
+    candidates = set_up_block(frame, tree, block, triangles, work)
     count(counters, TRIANGLES, triangles)
-    if left == 0:
+    if candidates == 0:
         return False
     across, down = to_f32(iota16() & 3), to_f32(iota16() >> 2)
     while frusta != 0:
@@ -421,17 +388,17 @@ def trace_block(frame, tree, link, frusta, pixels, work, counters):
         for cell in (f, f + 16):
             x, y = first_pixel(cell)
             x, y = _F(x), _F(y)
-            tests = cull_cell(work, left, x, y, get(pixels.least, cell))
+            tests = cull_cell(work, candidates, x, y, get(pixels.least, cell))
             if tests != 0:
                 tested |= tests
                 count(counters, TRIANGLE_TESTS, popcount(tests))
                 winners |= _test_cell(work, tree, block, tests, across + x, down + y, pixels, cell)
     count(counters, CANDIDATES, popcount(tested))
-    seen = winners != 0
+    changed = winners != 0
     while winners != 0:  # prefetch the corners for the float64 t
         slot = np.int64(get(tree.slots, slot_at(block, lowest_bit(winners))))
         winners &= winners - 1
         prefetch(tree.corners, 9 * slot)
         prefetch(tree.corners, 9 * slot + 8)
         prefetch(tree.prim_ids, slot)
-    return seen
+    return changed

@@ -1,25 +1,26 @@
-"""Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's.
+"""Primary rays by multi-frusta tracing: the nearest hits of camera rays, bit-identical to the rasteriser's.
 
-Frusta. A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an
+Frusta. A frustum contains the rays o + t d of its pixels, with d_low <= d <= d_high along each axis. So a frustum is an
 endless shaft (`trace.descent`) [Benthin and Wald 2009, Sec. 4.1].
 
-Tiles. A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a
+Tiles. A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4], which traverse a
 `BlockTree` together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested
-by halves of frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front
-and an interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own
-predicates settle it after the block. The float64 t of a visible triangle is computed once, after the tree
+by halves of frusta, *cells* of 4 x 4 pixels, with one pixel per lane. For each pixel, the tile stores the nearest
+triangle and an interval of its depth key 1 / t. A test that float32 cannot decide is deferred, and settled by the
+contract's own predicates after the block. The float64 t of a visible triangle is computed once, after the tree
 (`pixel_hits.resolve`).
 
-The tracer takes a tree list (`trace.tree_list`). Each tile goes through the trees of its list, one after the other.
-Later it may go through another list, and starts from its hits so far.
+Tree lists (`trace.tree_list`). Each tile traverses the trees of its list one after the other. In a later call it may
+traverse another list, starting from its hits so far.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.block_tree import BlockTree, block_tree
-from ...bvh.nodes import box_at, boxes_of
+from ...bvh.nodes import Bvh, box_at, boxes_of
 from ...kernels.jit import F32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
 from ...kernels.simd import get, load16, ptr, put, splat16, stack_f32, stack_f64, stack_i32, stack_i64
@@ -55,10 +56,7 @@ from .pixel_hits import (
 )
 from .pixel_tests import CELLS, DEFERRED, HEIGHT, PIXELS, WIDTH, WORK, Pixels, TileFrame, frame_of, trace_block
 
-# --- Slab tests of the 16 frusta of a tile of primary rays: 8 x 4 pixels each, the camera as common origin ------------
-#
-# A frustum contains the rays o + t d of its pixels. Along each axis d_low <= d <= d_high. So a frustum is an endless
-# shaft (`trace.descent`) [Benthin and Wald 2009, Sec. 4.1].
+# --- Frusta of a tile -------------------------------------------------------------------------------------------------
 
 
 _LOW, _HIGH = 0, 48  # rows of 16: d_low (x, y, z), d_high
@@ -67,11 +65,9 @@ FLOATS = 96
 
 @kernel
 def bound_directions(rays, error, x0, y0, directions):
-    """Write d_low and d_high of the frusta of the tile at pixel (x0, y0).
+    """Write d_low and d_high of the frusta of the tile at pixel (x0, y0), including frusta beyond the picture.
 
-    Frusta beyond the picture are bounded, too.
-
-    error : (3,) float64, bound of the error of `pixel_direction`
+    error : (3,) float64, error bound of `pixel_direction`
     """
     for axis in range(3):
         dx, dy = rays.dx[axis], rays.dy[axis]
@@ -91,24 +87,15 @@ def slabs_from(eye, directions):
     return endless_slabs_of(shafts, np.int64(0xFFFF))
 
 
-# --- Primary rays by multi-frusta tracing: the G-buffer by ray tracing, with the same bits as the rasteriser's --------
-#
-# A tile of 32 x 16 pixels is 16 frusta of 8 x 4 pixels [Benthin and Wald 2009, Sec. 4]. They go through a `BlockTree`
-# together, front to back. Each frustum ends at the farthest hit of its pixels. Blocks are culled and tested by halves
-# of frusta, *cells* of 4 x 4 pixels, one pixel to a lane. For each pixel the tile keeps the triangle in front and an
-# interval of its depth key 1 / t. If float32 cannot decide a test, the test is deferred. The contract's own predicates
-# settle it after the block. The float64 t of a visible triangle is computed once, after the tree (`resolve.resolve`).
-#
-# The tracer takes a tree list (`trace.tree_list`). Each tile goes through the trees of its list, one after the other.
-# Later it may go through another list, and starts from its hits so far.
+# --- Tracing tiles ----------------------------------------------------------------------------------------------------
 
 
 _F = np.float32
-_SUPER = 4  # tiles along the side of a square that is traced in Morton order
+_SUPER = 4  # tiles per side of a square that is traced in Morton order
 
 
-class PictureSeen(NamedTuple):
-    """A camera's picture: its rays, and their hits so far."""
+class PrimaryPicture(NamedTuple):
+    """A camera's picture: its rays and their hits so far."""
 
     rays: CameraRays
     hits: Hits
@@ -131,25 +118,25 @@ class _PrimaryScratch(NamedTuple):
     """Pointers to a thread's memory."""
 
     pixels: Pixels
-    seen: ResolveScratch
-    directions: F32Ptr  # float32, FLOATS: see `frusta`
+    resolution: ResolveScratch
+    directions: F32Ptr  # float32, FLOATS: see `bound_directions`
     work: F32Ptr  # float32, WORK: for a block
     waiting: Waiting
 
 
 @kernel
-def _walk(forest, k, alive, picture, tile, scratch, counters):
-    """Trace the frusta in `alive` (bits) through tree k. A block is prefetched, and tested after the next is found."""
-    tree, hits, pixels, scale = tree_in(forest, k), picture.hits, scratch.pixels, picture.scale
-    at, last = Near(root_in(forest, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
+def _walk(tree_list, k, alive, picture, tile, scratch, counters):
+    """Trace the frusta in `alive` (bits) through tree k. Blocks are prefetched, and tested once the next is reached."""
+    tree, hits, pixels, scale = tree_in(tree_list, k), picture.hits, scratch.pixels, picture.scale
+    at, last = Near(root_in(tree_list, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
     while True:
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
         if last.mask != 0:
-            seen = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
+            changed = trace_block(tile.frame, tree, last.link, last.mask, pixels, scratch.work, counters)
             if get(pixels.deferred, 0) != 0:
-                settle(pixels, forest, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
-                seen = True
-            if seen:
+                settle(pixels, tree_list, k, picture.rays, tile.x0, tile.y0, scale, ptr(hits.face), ptr(hits.t))
+                changed = True
+            if changed:
                 shorten(pixels, _F(scale))
         if at.mask == 0:
             return
@@ -166,7 +153,7 @@ def _place(k, across):
 
 @inlined
 def _start(picture, x0, y0, fresh, scratch):
-    """Start the tile at pixel (x0, y0): from nothing if `fresh`, otherwise from its hits so far."""
+    """Start the tile at pixel (x0, y0): without hits if `fresh`, otherwise from its hits so far."""
     rays, hits = picture.rays, picture.hits
     if fresh:
         alive = start(scratch.pixels, x0, y0, rays)
@@ -178,45 +165,54 @@ def _start(picture, x0, y0, fresh, scratch):
 
 
 @kernel
-def _trace_tile(forest, begin, end, picture, tile, scratch, counters):
+def _trace_tile(tree_list, begin, end, picture, tile, scratch, counters):
     """Trace the frusta of a tile through the trees begin .. end of the lists."""
-    pixels, new = scratch.pixels, forest.fresh
+    pixels, new = scratch.pixels, tree_list.fresh
     for i in range(begin, end):
-        k = item(forest, i)
-        met = entry(forest.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
+        k = item(tree_list, i)
+        met = entry(tree_list.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
-            _walk(forest, k, met, picture, tile, scratch, counters)
+            _walk(tree_list, k, met, picture, tile, scratch, counters)
             new |= keep(pixels, k)
     if new:
-        resolve(pixels, forest, picture.rays, tile.x0, tile.y0, scratch.seen, picture.hits)
+        resolve(pixels, tree_list, picture.rays, tile.x0, tile.y0, scratch.resolution, picture.hits)
 
 
 @kernel
 def _trace_tiles(ticket, arrays, picture, across, counters):
     """Worker: trace whole tiles."""
     pixels = Pixels(
-        stack_f32(PIXELS), stack_f32(PIXELS), stack_i32(PIXELS), stack_f32(CELLS), stack_f32(16), stack_i32(PIXELS),
-        stack_i32(PIXELS), stack_i32(DEFERRED),
-    )  # fmt: skip
-    seen = ResolveScratch(
-        stack_f64(PLANE_FLOATS), stack_i32(PIXELS), stack_f64(KNOWN_FLOATS), stack_i32(KNOWN_PLANES),
+        stack_f32(PIXELS),
+        stack_f32(PIXELS),
+        stack_i32(PIXELS),
+        stack_f32(CELLS),
+        stack_f32(16),
+        stack_i32(PIXELS),
+        stack_i32(PIXELS),
+        stack_i32(DEFERRED),
+    )
+    resolution = ResolveScratch(
+        stack_f64(PLANE_FLOATS),
+        stack_i32(PIXELS),
+        stack_f64(KNOWN_FLOATS),
+        stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
-    )  # fmt: skip
+    )
     waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
-    scratch = _PrimaryScratch(pixels, seen, stack_f32(FLOATS), stack_f32(WORK), waiting)
-    forest, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
+    scratch = _PrimaryScratch(pixels, resolution, stack_f32(FLOATS), stack_f32(WORK), waiting)
+    tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     for k in items(ticket):
         x0, y0 = _place(k, across)
         if x0 < picture.rays.width and y0 < picture.rays.height:
-            begin, end = list_of(forest, y0, x0, np.int64(0))
+            begin, end = list_of(tree_list, y0, x0, np.int64(0))
             if begin < end:
-                tile = _start(picture, x0, y0, forest.fresh, scratch)
-                _trace_tile(forest, begin, end, picture, tile, scratch, mine)
+                tile = _start(picture, x0, y0, tree_list.fresh, scratch)
+                _trace_tile(tree_list, begin, end, picture, tile, scratch, mine)
     add_counters(counters, mine)
 
 
-def _scale(box, view) -> float:
-    """A power of two that brings pixel coordinates to about 1; 0 where float32 has no room for it."""
+def _scale(box: NDArray[np.float32], view: RasterView) -> float:
+    """A power of two that scales pixel coordinates to about 1; 0 if float32 cannot represent the result."""
     eye = np.array([view.eye_x, view.eye_y, view.eye_z])
     reach = np.abs(box.astype(np.float64) - eye).max() * max(view.norm_x, view.norm_y, view.norm_z)
     if not 1e-30 < reach < 1e30:
@@ -224,67 +220,71 @@ def _scale(box, view) -> float:
     return float(2.0 ** -np.ceil(np.log2(reach)))
 
 
-def trace_primary(tree, rays, threads=None, counters=None) -> tuple[np.ndarray, np.ndarray]:
+def trace_primary(
+    tree: BlockTree | Bvh, rays: CameraRays, threads: int | None = None, counters: NDArray[np.int64] | None = None
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest hits of the pixel-centre rays.
 
     Parameters
     ----------
     tree : BlockTree, or Bvh
-        A Bvh is first made into a `BlockTree`.
+        A Bvh is first converted to a `BlockTree`.
     rays : CameraRays
     threads : int, optional
-        None: all cores. The result does not depend on it.
+        None: all cores. Does not affect the result.
     counters : (N_COUNTERS,) int64, optional
-        From `new_counters`; nodes, tests of boxes, and triangles are added.
+        From `new_counters`; nodes, box tests and triangles are added.
 
     Returns
     -------
     face : (H, W) int32
-        -1 on a miss. Among triangles at the same t, the one with the lowest index.
+        -1 on a miss. Among triangles at the same t, the lowest index wins.
     t : (H, W) float64
         In lengths of the pixel's direction; inf on a miss.
 
     Raises
     ------
     InputError
-        If directions of neighbouring pixels are too close, as in `rasterise`.
+        If the directions of neighbouring pixels are too close, as in `rasterise`.
     """
     if not isinstance(tree, BlockTree):
         tree = block_tree(tree, threads)
-    shape, nowhere = (rays.height, rays.width), np.empty((0, 0), np.int32)
-    hits = Hits(np.empty(shape, np.int32), np.empty(shape), nowhere, nowhere)
+    shape, empty = (rays.height, rays.width), np.empty((0, 0), np.int32)
+    hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty)
     trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters)
     return hits.face, hits.t
 
 
-def picture_seen(rays, box: np.ndarray, hits: Hits) -> PictureSeen:
-    """A camera's picture, ready to be traced.
+def picture_seen(rays: CameraRays, box: NDArray[np.float32], hits: Hits) -> PrimaryPicture:
+    """A camera's picture, prepared for tracing.
 
     Parameters
     ----------
     rays : CameraRays
     box : (2, 3) float32
-        Around all triangles.
+        Bounds of all triangles.
     hits : Hits
-        The hits so far. Tracing changes them in place.
+        The hits so far, updated in place by tracing.
     """
     view = make_view(rays)
-    return PictureSeen(rays, hits, view, direction_error(rays), _scale(box, view))
+    return PrimaryPicture(rays, hits, view, direction_error(rays), _scale(box, view))
 
 
-def trace_hits(forest: TreeList, picture: PictureSeen, threads: int, counters=None) -> None:
-    """Trace pixel-centre rays through a forest. Unless the forest is fresh, start from the rays' hits so far.
+def trace_hits(
+    tree_list: TreeList, picture: PrimaryPicture, threads: int, counters: NDArray[np.int64] | None = None
+) -> None:
+    """Trace pixel-centre rays through a tree list. Unless it is fresh, start from the rays' hits so far.
 
     Parameters
     ----------
-    forest : Forest
-        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles that have trees write their hits.
-    picture : PictureSeen
-        Its hits are changed in place.
+    tree_list : TreeList
+        Its tiles are at least 32 pixels wide and 16 high. If it is fresh, only tiles with trees write their hits.
+    picture : PrimaryPicture
+        Its hits are updated in place.
     counters : (N_COUNTERS,) int64, optional
         From `new_counters`.
     """
     width, height = picture.rays.width, picture.rays.height
     across, down = -(-width // (WIDTH * _SUPER)), -(-height // (HEIGHT * _SUPER))
     ticket = new_ticket(across * down * _SUPER * _SUPER, 1)
-    run(_trace_tiles, threads, ticket, forest, picture, across, new_counters() if counters is None else counters)
+    run(_trace_tiles, threads, ticket, tree_list, picture, across, new_counters() if counters is None else counters)

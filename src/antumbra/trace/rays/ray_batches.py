@@ -1,10 +1,15 @@
-"""Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets."""
+"""Ray batches: read, check, trace and write 64 rays of a ray list at a time, in four blocks.
+
+Coherent rays are traced as packets (`ray_packet`), others interleaved (`single_rays`). The t and weights of 16 nearest
+hits are computed together, vectorised by LLVM.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...bvh.nodes import wide_tree_of
+from ...bvh.nodes import WideBvh, wide_tree_of
 from ...kernels.exact.filters import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
@@ -39,21 +44,21 @@ from ...kernels.simd import (
 from ...query.ray_list import HitArrays, RayArguments
 from ...scene.scene_bounds import NEAREST
 from ..counters import N_COUNTERS, RAYS, add_counters, cleared, count, new_counters
-from .ray_packet import runs_along, walk_packet
+from .ray_packet import is_coherent_with, walk_packet
 from .single_rays import walk_interleaved
 from .wide_traversal import (
     BLOCK_WORDS,
     BLOCKS,
     DEFERRED_WORDS,
+    DIRECTION,
     DX,
     ENDS,
     LANES,
     NONE,
     OX,
     PRECISE_WORDS,
-    REST,
+    REMAINDER,
     TMIN,
-    WAY,
     Query,
     RayBlock,
     WideHit,
@@ -69,7 +74,7 @@ from .wide_traversal import (
     start,
 )
 
-# --- What sixteen rays report of their nearest hits: t and weights. LLVM computes them side by side -------------------
+# --- Reports: t and weights of nearest hits ---------------------------------------------------------------------------
 
 
 CORNER_WORDS = 9 * LANES
@@ -78,10 +83,10 @@ _T, _U, _V = 0, LANES, 2 * LANES
 
 
 class Report(NamedTuple):
-    """Pointers to scratch memory."""
+    """Pointers to scratch memory for the numbers of 16 nearest hits."""
 
-    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, the corners of the triangle that each ray meets
-    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v, or UNKNOWN for t or u
+    corners: F32Ptr  # float32 *, CORNER_WORDS: rows of 16, corners of the triangle that each ray hits
+    numbers: F64Ptr  # float64 *, REPORT_WORDS: rows of 16: t, u, v; t or u may be UNKNOWN
 
 
 @inlined
@@ -97,7 +102,7 @@ def _minus(a, b):
 
 @inlined
 def _fill_report(rows, report):
-    """Compute the numbers of all sixteen rays. LLVM vectorises this."""
+    """Compute the numbers of all sixteen rays. LLVM vectorises the loop."""
     corners, out = report.corners, report.numbers
     for i in range(LANES):
         o, d = _vector(rows, OX + i), _vector(rows, DX + i)
@@ -110,9 +115,9 @@ def _fill_report(rows, report):
 
 
 @inlined
-def _write(tree, rays, found, i, report, out, at):
+def _write(tree, rays, hits, i, report, out, at):
     """Write the nearest hit of ray i of a block to element `at` of the arrays."""
-    slot, numbers = slot_of(tree, found, i), report.numbers
+    slot, numbers = slot_of(tree, hits, i), report.numbers
     if slot < 0:
         out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
         return
@@ -121,35 +126,34 @@ def _write(tree, rays, found, i, report, out, at):
         t = rounded_t(ray_of(rays, i), tree.corners, slot)
     if get(numbers, _U + i) == UNKNOWN:
         u, v = single_weights(ray_of(rays, i), tree.corners, slot)
-    out.face[at], out.t[at], out.u[at], out.v[at] = get(found.prim, i), t, u, v
+    out.face[at], out.t[at], out.u[at], out.v[at] = get(hits.prim, i), t, u, v
 
 
 @inlined
-def write_nearest(tree, rays, found, n, report, out, first):
+def write_nearest(tree, rays, hits, n, report, out, first):
     """Write the nearest hits of the first n rays of a block from element `first` of the arrays on."""
     for i in range(n):
-        slot = slot_of(tree, found, i)
+        slot = slot_of(tree, hits, i)
         at = 9 * (slot if slot >= 0 else np.int64(0))
         for k in range(9):
             put(report.corners, LANES * k + i, get(tree.corners, at + k))
     _fill_report(rays.rows, report)
     for i in range(n):
-        _write(tree, rays, found, i, report, out, first + i)
+        _write(tree, rays, hits, i, report, out, first + i)
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Ray lists: read, check, trace and write 64 rays at a time, in four blocks. Coherent rays are traced as packets.
+# --- Reading, tracing and writing batches -----------------------------------------------------------------------------
 
 
 _RAYS, _ROWS, _ENDS, _TESTS = (BLOCKS * n for n in (LANES, BLOCK_WORDS, PRECISE_WORDS, DEFERRED_WORDS))  # of all blocks
-_CHUNK = 16  # times as many blocks, which a thread takes at a time
+_CHUNK = 16  # batches that a thread takes at a time
 _FINITE = np.float32(3.4028235e38)
 _NEAREST, _ZERO = np.float32(NEAREST), np.float32(0.0)
 
 
 @inlined
 def _fill_vectors(operand, first, shift, rows, at):
-    """`_fill` for rows of three numbers that lie side by side in memory, as arrays of vectors do."""
+    """`_fill` for contiguous rows of three numbers, as in arrays of vectors."""
     begin = operand.address + first * operand.row
     if operand.double:
         columns = load16x3(f64_at(begin), 0)
@@ -169,7 +173,7 @@ def _number(operand, place):
 
 @inlined
 def _fill(operand, first, last, shift, rows, at):
-    """Write an argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
+    """Write one argument of rays first .. first + 15, minus `shift` and rounded, to rows of a block from word `at`."""
     for i in range(LANES):
         begin = operand.address + min(first + i, last) * operand.row
         for k in range(3):
@@ -178,7 +182,7 @@ def _fill(operand, first, last, shift, rows, at):
 
 @inlined
 def _fill_points(operand, first, last, shift, rows, at):
-    """`_fill`, faster where memory allows."""
+    """`_fill`, faster for contiguous arrays."""
     side_by_side = operand.column == 4 << operand.double and operand.row == 3 * operand.column
     if side_by_side and first + LANES - 1 <= last:
         _fill_vectors(operand, first, shift, rows, at)
@@ -188,7 +192,7 @@ def _fill_points(operand, first, last, shift, rows, at):
 
 @inlined
 def _fill_ends(number, first, last, block, k):
-    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are legal."""
+    """Write tmin (k = 0) or tmax (k = 1) of rays first .. first + 15. Return whether all are valid."""
     rows, ends, good = ptr_at(block.rows, TMIN + LANES * k), ptr_at(block.precise, ENDS + LANES * k), True
     for i in range(1 if number.row == 0 else LANES):
         t = number.shared
@@ -205,13 +209,13 @@ def _fill_ends(number, first, last, block, k):
 
 @inlined
 def _point_at_targets(block):
-    """Make directions of the targets in the rows of directions."""
+    """Replace targets, in the rows of directions, by directions."""
     for k in range(3):
         to, start = to_f64(load16(block.rows, DX + LANES * k)), to_f64(load16(block.rows, OX + LANES * k))
-        way, rest = two_diff(to, start)
-        store(block.precise, WAY + LANES * k, way)
-        store(block.precise, REST + LANES * k, rest)
-        store(block.rows, DX + LANES * k, to_f32(way))
+        direction, remainder = two_diff(to, start)
+        store(block.precise, DIRECTION + LANES * k, direction)
+        store(block.precise, REMAINDER + LANES * k, remainder)
+        store(block.rows, DX + LANES * k, to_f32(direction))
 
 
 @inlined
@@ -226,7 +230,7 @@ def _settle(rows, at):
 def _load(args, first, last, block):
     """Convert rays first .. first + 15, and repeat the `last` one beyond the end.
 
-    Return (whether all are legal, bits of the rays that go anywhere). A ray needs a direction, a segment does not.
+    Return (whether all are valid, bits of the rays with a non-zero direction). Only segments may have zero directions.
     """
     f, rows, skip, zero, frame = np.float32, block.rows, block.skip, np.float64(0.0), args.frame
     _fill_points(args.origins, first, last, frame, rows, OX)
@@ -245,27 +249,27 @@ def _load(args, first, last, block):
         finite &= absolute(load16(rows, OX + LANES * k)) <= _FINITE
     if block.segments:
         _point_at_targets(block)
-    moves = maximum(maximum(absolute(load16(rows, DX)), absolute(load16(rows, DX + LANES))),
-                    absolute(load16(rows, DX + 2 * LANES))) > f(0.0)  # fmt: skip
+    x, y, z = load16(rows, DX), load16(rows, DX + LANES), load16(rows, DX + 2 * LANES)
+    moves = maximum(maximum(absolute(x), absolute(y)), absolute(z)) > f(0.0)
     return good and all_lanes(finite) and (block.segments or all_lanes(moves)), bits(moves)
 
 
 @inlined
-def _together(rows, first, left, tree_reach, any_hit):
-    """Rays (bits) of the blocks of `left` that run along block `first`; 0 if not even its own rays do."""
-    found = np.int64(0)
-    if runs_along(rows, first, first, tree_reach, any_hit):
-        while left:
-            j = first_block(left)
-            left &= ~rays_of_block(j)
-            if runs_along(rows, first, j, tree_reach, any_hit):
-                found |= rays_of_block(j)
-    return found
+def _packet_rays(rows, first, candidates, tree_reach, any_hit):
+    """Rays (bits) of the blocks in `candidates` that are coherent with block `first`; 0 if its own rays are not."""
+    members = np.int64(0)
+    if is_coherent_with(rows, first, first, tree_reach, any_hit):
+        while candidates:
+            j = first_block(candidates)
+            candidates &= ~rays_of_block(j)
+            if is_coherent_with(rows, first, j, tree_reach, any_hit):
+                members |= rays_of_block(j)
+    return members
 
 
 @inlined
 def _write_blocked(blocked, n, out, first):
-    """Write n answers (bits) from element `first` on, a multiple of 4."""
+    """Write n answers (bits) from element `first` on, which is a multiple of 4."""
     if n == _RAYS:
         words = as_i32(ptr(out))
         for k in range(_RAYS // 4):  # a product spreads four bits over the bytes of a word
@@ -276,17 +280,17 @@ def _write_blocked(blocked, n, out, first):
 
 
 @inlined
-def _trace(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive` (bits) of several blocks; return bits of blocked rays that `found` does not tell."""
+def _trace(tree, rays, alive, query, hits, counters):
+    """Trace the rays in `alive` (bits) of several blocks. Return bits of blocked rays that `hits` does not hold."""
     blocked = np.int64(0)
     while alive:
         j = first_block(alive)
-        packet = alive & _together(rays.rows, j, alive, tree.reach, query.any_hit)
+        packet = alive & _packet_rays(rays.rows, j, alive, tree.reach, query.any_hit)
         if packet:
-            blocked |= walk_packet(tree, rays, packet, query, found, counters)
+            blocked |= walk_packet(tree, rays, packet, query, hits, counters)
             alive &= ~packet
         else:
-            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(found, j), counters)
+            walk_interleaved(tree, block_of(rays, j), rays_in(alive, j), query, hits_of(hits, j), counters)
             alive &= ~rays_of_block(j)
     return blocked
 
@@ -294,9 +298,9 @@ def _trace(tree, rays, alive, query, found, counters):
 @kernel
 def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
     rows, precise, skip = stack_f32(_ROWS), stack_f64(_ENDS), stack_i32(_RAYS)
-    found = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
+    hits = WideHit(stack_i32(_RAYS), stack_i64(_RAYS), stack_f64(_RAYS), stack_i32(_TESTS))
     report = Report(stack_f32(CORNER_WORDS), stack_f64(REPORT_WORDS))
-    block, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
+    batch, query = RayBlock(rows, precise, skip, rays.segments), Query(rays.cull_faces, any_hit)
     mine, tree = cleared(stack_i64(N_COUNTERS)), wide_tree_of(wide)
     for b in items(ticket):
         first = b * _RAYS
@@ -305,33 +309,33 @@ def _blocks(ticket, wide, rays, any_hit, out, faults, counters):
         n_blocks = (n + LANES - 1) // LANES
         alive = np.int64(-1) if n == _RAYS else (np.int64(1) << n) - 1
         for j in range(n_blocks):
-            own = block_of(block, j)
-            good, moving = _load(rays, first + j * LANES, rays.n - 1, own)
+            block = block_of(batch, j)
+            good, moving = _load(rays, first + j * LANES, rays.n - 1, block)
             if not good:
                 faults[0], ticket[STOP] = True, 1
                 break
             alive &= moving << (j * LANES) | ~rays_of_block(j)
-            prepare(own.rows, tree.reach)
-            start(hits_of(found, j), own)
+            prepare(block.rows, tree.reach)
+            start(hits_of(hits, j), block)
         if faults[0]:
             break
-        blocked = _trace(tree, block, alive, query, found, mine)
+        blocked = _trace(tree, batch, alive, query, hits, mine)
         for j in range(n_blocks):
-            hits = hits_of(found, j)
-            if get(hits.deferred, 0) > 0:
-                settle_block(tree, block_of(block, j), query, hits, mine)
-            blocked |= bits(load16(hits.lane, 0) != NONE) << (j * LANES)
+            block_hits = hits_of(hits, j)
+            if get(block_hits.deferred, 0) > 0:
+                settle_block(tree, block_of(batch, j), query, block_hits, mine)
+            blocked |= bits(load16(block_hits.lane, 0) != NONE) << (j * LANES)
         if any_hit:
             _write_blocked(blocked, n, out.blocked, first)
         else:
             for j in range(n_blocks):
-                at, left = j * LANES, min(LANES, n - j * LANES)
-                write_nearest(tree, block_of(block, j), hits_of(found, j), left, report, out, first + at)
+                at, n_rays = j * LANES, min(LANES, n - j * LANES)
+                write_nearest(tree, block_of(batch, j), hits_of(hits, j), n_rays, report, out, first + at)
     add_counters(counters, mine)
 
 
 class _BatchScratch:
-    """What threads write while they trace one list, besides its answers: made once, and used again."""
+    """Reusable memory that threads write while they trace one list, besides the output arrays."""
 
     def __init__(self) -> None:
         self.ticket, self.faults, self.counters = new_ticket(0, _CHUNK), np.zeros(1, np.bool_), new_counters()
@@ -342,27 +346,41 @@ class _BatchScratch:
 
 
 class RayTracer:
-    """Traces ray lists through a `WideBvh`, which is packed once. Threads of Python may share it."""
+    """Traces ray lists through a `WideBvh`, which is packed once. Safe to share between Python threads."""
 
-    def __init__(self, wide):
+    def __init__(self, wide: WideBvh) -> None:
         self.wide, self._tree = wide, packed(wide)
-        self._spare: list[_BatchScratch] = []  # no two calls have the same: a list hands out items atomically
+        self._spare: list[_BatchScratch] = []  # pop and append are atomic, so no two calls share an item
 
-    def trace(self, rays: RayArguments, any_hit: bool, out: HitArrays, threads=None, counters=None) -> bool:
+    def trace(
+        self,
+        rays: RayArguments,
+        any_hit: bool,
+        out: HitArrays,
+        threads: int | None = None,
+        counters: NDArray[np.int64] | None = None,
+    ) -> bool:
         """Trace rays and fill `out`.
 
-        Return False, with `out` incomplete, if a ray holds an illegal number: NaN, infinity, a zero direction, ... The
-        nearest hit is for rays only, not for segments.
+        Return False, with `out` incomplete, if a ray is invalid: NaN, infinity, a zero direction, ... Closest-hit
+        queries take rays only, not segments.
         """
         scratch = self._spare.pop() if self._spare else _BatchScratch()
         blocks = -(-rays.n // _RAYS)
         scratch.begin(blocks)
-        ticket, (faults, own) = scratch.packed
-        rest = self._tree, rays.packed(), any_hit, out.packed(), faults, own if counters is None else counters
+        ticket, (faults, thread_counters) = scratch.packed
+        arguments = (
+            self._tree,
+            rays.packed(),
+            any_hit,
+            out.packed(),
+            faults,
+            thread_counters if counters is None else counters,
+        )
         if blocks <= _CHUNK:  # no second thread would get any
-            _blocks(ticket, *rest)
+            _blocks(ticket, *arguments)
         else:
-            run(_blocks, thread_count(threads), scratch.ticket, *rest)
+            run(_blocks, thread_count(threads), scratch.ticket, *arguments)
         legal = not scratch.faults[0]
         self._spare.append(scratch)
         return legal

@@ -1,15 +1,16 @@
 """Hits of ray lists: the surfaces that diffuse rays meet, and all triangles that segments meet.
 
-One diffuse bounce starts from the surfaces that a camera sees. The builder `srdh` and the alpha test need all
-intersections of their rays [Feltman et al. 2012, Sec. 3.4].
+One diffuse bounce starts from the surfaces that the camera sees. The builder `srdh` [Feltman et al. 2012, Sec. 3.4] and
+the alpha test need all intersections of their rays.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...bvh.nodes import Bvh, tree_of
+from ...bvh.nodes import LEFT_FIRST, Bvh, tree_of
 from ...kernels.exact.predicate import ray_along, segment
 from ...kernels.jit import kernel
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -18,7 +19,8 @@ from ...query.gbuffer import GBuffer, face_normal, fill_point, surface_of
 from ...query.ray_passes import RayPass, diffuse_rays
 from ...query.receivers import NOTHING, surface_receivers
 from ...query.shadow_query import Surfaces, surfaces_of
-from .ray_traversal import CLOSEST, LEFT_FIRST, HitList, walk
+from ...scene.triangles import Triangles
+from .ray_traversal import CLOSEST, HitList, walk
 
 
 class Intersections(NamedTuple):
@@ -30,22 +32,22 @@ class Intersections(NamedTuple):
     prims: np.ndarray  # (h,) int32, triangle indices
 
 
-# --- All triangles that segments meet. The builder `srdh` needs them for its rays [Feltman et al. 2012, Sec. 3.4] -----
+# --- All triangles that segments meet ---------------------------------------------------------------------------------
 
 
 MOST_HITS = 1 << 14
-"""The most triangles that are kept for a segment; others are left out."""
+"""Largest number of triangles stored per segment; others are dropped."""
 
 _CHUNK = 64
-_A_RAY = 16  # hits for each segment that the first allocation has room for
+_A_RAY = 16  # hits per segment for which memory is first allocated
 
 
 @kernel
 def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spans):
-    """Worker: write the triangles that each segment meets to `prims`, as far as there is room, and their `spans`."""
+    """Worker: write the triangles that each segment meets to `prims`, up to its size, and their `spans`."""
     # In: bvh, origins, ends, skip, cull_faces. Out: next_free, prims, spans.
-    tree, found, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
-    hits = HitList(found, n, np.int64(MOST_HITS))
+    tree, slots, n = tree_of(bvh), stack_i32(MOST_HITS), stack_i32(1)
+    hits = HitList(slots, n, np.int64(MOST_HITS))
     for i in items(ticket):
         put(n, 0, 0)
         o, e = origins[i], ends[i]
@@ -56,15 +58,22 @@ def _collect(ticket, bvh, origins, ends, skip, cull_faces, next_free, prims, spa
         if count > 0:
             start = atomic_add(next_free, 0, count)
         for k in range(min(count, len(prims) - start)):
-            prims[start + k] = get(found, k)
+            prims[start + k] = get(slots, k)
         spans[i, 0], spans[i, 1] = start, count
 
 
-def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cull_faces: int = 0) -> Intersections:
+def intersections(
+    bvh: Bvh,
+    origins: NDArray[np.float32],
+    ends: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+    cull_faces: int = 0,
+) -> Intersections:
     """All triangles that segments meet, by exact tests.
 
     origins, ends : (m, 3) float32
-    skip : (m,) int32, a triangle that does not count for each segment, or -1
+    skip : (m,) int32, a triangle to ignore per segment, or -1
     cull_faces : a value of `query.shadow_query.CULL_FACES`
     """
     m, room = len(origins), _A_RAY * len(origins)
@@ -83,14 +92,14 @@ def intersections(bvh: Bvh, origins, ends, skip, threads: int | None = None, cul
     return Intersections(origins, ends, first, prims[order])
 
 
-# --- One diffuse bounce: the surfaces that diffuse rays meet, starting from the surfaces that a camera sees -----------
+# --- One diffuse bounce -----------------------------------------------------------------------------------------------
 
 
 Nearest = Callable[[Sequence[RayPass], tuple[int, int]], Iterator[Surfaces]]
-"""A function of passes, and of their picture's height and width. It yields the surfaces that each pass meets first."""
+"""A function of passes and the height and width of their picture, which yields each pass's nearest surfaces."""
 
 Show = Callable[[RayPass, np.ndarray, np.ndarray], None]
-"""A function of a pass, and of the face and t of its hits, (m,) each. It replaces hits by nearer ones."""
+"""A function of a pass and the face and t of its hits, (m,) each, which replaces hits by nearer ones."""
 
 
 @kernel
@@ -107,7 +116,13 @@ def _nearest(ticket, bvh, rays, faces, ts):
             faces[i], ts[i] = bvh.prim_ids[slot], t
 
 
-def nearest_hits(bvh: Bvh, origins, directions, skip, threads: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def nearest_hits(
+    bvh: Bvh,
+    origins: NDArray[np.float32],
+    directions: NDArray[np.float32],
+    skip: NDArray[np.int32],
+    threads: int | None = None,
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The nearest triangle that each ray of a `RayPass` meets: (face, t).
 
     face : (m,) int32, the lowest index among equal t; -1 on a miss
@@ -134,10 +149,18 @@ def _surfaces(ticket, rays, ts, out, corners):
             fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
 
 
-def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None = None) -> GBuffer:
-    """The G-buffer of the rays of a picture of this shape; its depth is the length of the ray.
+def surfaces_met(
+    rays: RayPass,
+    face: NDArray[np.int32],
+    t: NDArray[np.float64],
+    shape: tuple[int, ...],
+    triangles: Triangles,
+    threads: int | None = None,
+) -> GBuffer:
+    """The G-buffer of a picture's rays; its depth is t.
 
     face, t : from `nearest_hits`
+    shape : of the picture
     triangles : the triangles that `face` indexes
     """
     m, zeros = len(face), np.zeros((len(face), 3), np.float32)
@@ -145,33 +168,40 @@ def surfaces_met(rays: RayPass, face, t, shape, triangles, threads: int | None =
     out = GBuffer(zeros, zeros.copy(), face, *nothing, triangles.origin)
     corners = triangles.vertices.reshape(-1, 9)
     run(_surfaces, thread_count(threads), new_ticket(m, 4096), rays, t, out, corners)
-    return GBuffer(*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin)
+    return GBuffer._make((*(a.reshape(*shape, *a.shape[1:]) for a in out[:5]), triangles.origin))
 
 
 def nearest_surfaces(
-    passes: Sequence[RayPass], shape, bvh: Bvh, triangles, threads: int | None = None, show: Show | None = None
+    passes: Sequence[RayPass],
+    shape: tuple[int, ...],
+    bvh: Bvh,
+    triangles: Triangles,
+    threads: int | None = None,
+    show: Show | None = None,
 ) -> Iterator[Surfaces]:
-    """Yield the surfaces that passes of a picture of this shape meet first in a BVH of all triangles.
+    """Yield the nearest surfaces of each pass, in a picture of this shape and a BVH of all triangles.
 
-    show : called with each pass, and the face and t of its hits, to replace some of them
+    show : called with each pass and the face and t of its hits, to replace some of them
     """
     for rays in passes:
-        found = nearest_hits(bvh, *rays, threads)
+        hits = nearest_hits(bvh, *rays, threads)
         if show is not None:
-            show(rays, *found)
-        yield surfaces_of(surfaces_met(rays, *found, shape, triangles, threads), triangles)
+            show(rays, *hits)
+        yield surfaces_of(surfaces_met(rays, *hits, shape, triangles, threads), triangles)
 
 
-def bounced(gbuffer: GBuffer, triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
+def bounced(gbuffer: GBuffer, triangles: Triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
     """The G-buffer of one random diffuse ray from each pixel's surface [Feltman et al. 2012, Sec. 4].
 
-    It has the same shape. Its depth is the length of the ray.
+    It has the shape of `gbuffer`, and its depth is the length of the ray.
 
     triangles : `Triangles`, all triangles of `bvh`
     """
     shape, m = gbuffer.face.shape, gbuffer.face.size
-    flat = (a.reshape(m, *a.shape[2:]) for a in (gbuffer.position, gbuffer.normal, gbuffer.face, gbuffer.side))
-    origins = surface_receivers(*flat, triangles.vertices.reshape(-1, 9), threads).reshape(*shape, 3)
+    points, normals = gbuffer.position.reshape(m, 3), gbuffer.normal.reshape(m, 3)
+    corners = triangles.vertices.reshape(-1, 9)
+    origins = surface_receivers(points, normals, gbuffer.face.reshape(m), gbuffer.side.reshape(m), corners, threads)
+    origins = origins.reshape(*shape, 3)
     u, v = np.random.default_rng(seed).random((m, 2)).T
     r, angle = np.sqrt(u), 2.0 * np.pi * v
     samples = np.stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)

@@ -2,14 +2,14 @@
 
 Boxes. Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and
 (x0 - o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight
-boxes [Boulos et al. 2006]. The second interval is short where all rays are close to x0. So x0 is the first ray's origin
+boxes [Boulos et al. 2006]. The second interval is short where all rays are close to x0, so x0 is the first ray's origin
 or end.
 
-Traversal. The packet visits inner nodes as a whole. Interval arithmetic bounds the t at which any of its rays may enter
-each of eight boxes. It also tells boxes that all rays enter. For each other box left, any-hit queries test which rays
-enter it, sixteen at a time. They push these rays with the box. Closest-hit queries make this test at leaves. At a leaf,
-the loop is over the triangles or over the rays of a block, whichever are fewer. Each triangle is tested against all
-rays at once, or each ray against all triangles. So a packet that falls apart ends as single rays.
+Traversal. The packet visits inner nodes as a whole. Interval arithmetic finds the boxes that some ray may enter, and
+those that all rays enter. For each of the others, any-hit queries test which rays enter it, sixteen at a time, and push
+these rays with the box. Closest-hit queries run this test at leaves. At a leaf, the loop runs over the triangles or
+over the rays of a block, whichever are fewer: each triangle is tested against all rays at once, or each ray against all
+triangles. So an incoherent packet degrades to single rays.
 """
 
 from typing import NamedTuple
@@ -77,15 +77,10 @@ from .wide_traversal import (
     visit_leaf,
 )
 
-# --- A packet of coherent rays against boxes: all rays at once by interval arithmetic, or each of sixteen rays --------
-#
-# Ray i meets the plane x = c at t = (c - x0) / d_i + (x0 - o_i) / d_i, for any x0. Over the packet, 1 / d_i and (x0 -
-# o_i) / d_i are intervals. Interval arithmetic bounds the t at which any ray may enter and leave each of eight boxes
-# [Boulos et al. 2006]. The second interval is short where all rays are close to x0. So x0 is the first ray's origin or
-# end.
+# --- Box tests of a packet --------------------------------------------------------------------------------------------
 
 
-_PAD = np.float32(2.0**-19)  # moves planes outwards as `rayblock.prepare` does, for the roundings of intervals
+_PAD = np.float32(2.0**-19)  # moves planes outwards for the roundings of intervals, as `wide_traversal.prepare` does
 _INF = np.float32(np.inf)
 
 
@@ -95,14 +90,14 @@ class Focus(NamedTuple):
     x: np.float32
     y: np.float32
     z: np.float32
-    size: np.float32  # largest magnitude of a coordinate of the point and of the origins
+    size: np.float32  # largest coordinate magnitude of the point and the origins
 
 
 class PacketAxis(NamedTuple):
     """A packet's intervals along one axis; scalars."""
 
     origin: np.float32  # coordinate of x0
-    low: np.float32  # least inverse; 0 if the inverses differ in sign, and then the axis does not restrict t
+    low: np.float32  # least inverse; 0 if the inverses differ in sign, so that the axis does not restrict t
     high: np.float32  # greatest inverse; 0 in the same case
     near: np.float32  # least offset of a plane through which rays enter
     far: np.float32  # greatest offset of a plane through which rays leave
@@ -116,20 +111,20 @@ class RayPacket(NamedTuple):
     y: PacketAxis
     z: PacketAxis
     tmin: np.float32  # least tmin of the rays
-    mixed: bool  # along some axis, rays go both ways
+    mixed: bool  # along some axis, directions differ in sign
 
 
 @inlined
 def _end(rows, at, k):
-    """Coordinate k of the ends of the rays of the block at word `at`."""
+    """Coordinate k of the ends of the rays in the block at word `at`."""
     return fma(load16(rows, DX + LANES * k + at), load16(rows, LIMIT + at), load16(rows, OX + LANES * k + at))
 
 
 @inlined
 def _focus_of(rows, alive):
-    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or else the first end.
+    """The `Focus` of the blocks that hold the rays in `alive` (bits): the first origin, or the first end.
 
-    It is the end where ends are closer together than origins are, and no quotient of it can overflow.
+    The end is used if the ends are closer together than the origins, and its quotients cannot overflow.
     """
     first = first_block(alive) * BLOCK_WORDS
     starts, ends, sizes = splat16(np.float32(0.0)), splat16(np.float32(0.0)), splat16(np.float32(0.0))
@@ -151,7 +146,7 @@ def _focus_of(rows, alive):
 
 @inlined
 def _axis(rows, alive, k, origin, reach):
-    """The `PacketAxis` k of a packet whose coordinates, with the tree's and `origin`, are at most `reach`."""
+    """The `PacketAxis` k of a packet; reach: the largest coordinate magnitude of the rays, the tree and `origin`."""
     lows, highs, nears, fars = splat16(_INF), splat16(-_INF), splat16(_INF), splat16(-_INF)
     while alive:
         j = first_block(alive)
@@ -172,11 +167,11 @@ def _axis(rows, alive, k, origin, reach):
 
 @inlined
 def packet_of(tree, rows, alive):
-    """(`Packet`, greatest limit) of the blocks that hold the rays in `alive` (bits), of several prepared blocks."""
-    tmins, limits, left = splat16(_INF), splat16(-_INF), alive
-    while left:
-        j = first_block(left)
-        left &= ~rays_of_block(j)
+    """(`RayPacket`, greatest limit) of those prepared blocks that hold rays in `alive` (bits)."""
+    tmins, limits, remaining = splat16(_INF), splat16(-_INF), alive
+    while remaining:
+        j = first_block(remaining)
+        remaining &= ~rays_of_block(j)
         b = j * BLOCK_WORDS
         tmins, limits = minimum(tmins, load16(rows, TMIN + b)), maximum(limits, load16(rows, LIMIT + b))
     f = _focus_of(rows, alive)
@@ -198,8 +193,8 @@ def _times(nodes, at, origin, a):
 def enter_any(nodes, at, packet, limit):
     """Test a node's eight boxes for the rays of a packet and t before `limit`.
 
-    Return a mask of the boxes that any ray may enter, one of boxes that all rays enter as long as they last, and a
-    vector of lower bounds of entry t.
+    Return (mask of the boxes that any ray may enter, mask of the boxes that all rays enter if their limits allow,
+    vector of lower bounds of entry t).
     """
     x, y, z, tmin, _ = packet
     near_x, x_in = _times(nodes, at + x.word, x.origin, x)
@@ -208,32 +203,32 @@ def enter_any(nodes, at, packet, limit):
     x_out, far_x = _times(nodes, at + (x.word ^ WIDTH), x.origin, x)
     y_out, far_y = _times(nodes, at + (y.word ^ WIDTH), y.origin, y)
     z_out, far_z = _times(nodes, at + (z.word ^ WIDTH), z.origin, z)
-    near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
-    far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
+    t_near = maximum(maximum(near_x, near_y), maximum(near_z, splat8(tmin)))
+    t_far = minimum(minimum(far_x, far_y), minimum(far_z, splat8(limit)))
     last_in = maximum(maximum(x_in, y_in), maximum(z_in, splat8(tmin)))
     first_out = minimum(minimum(x_out, y_out), minimum(z_out, splat8(limit)))
-    return near <= far, last_in <= first_out, near
+    return t_near <= t_far, last_in <= first_out, t_near
 
 
 @inlined
 def enter_each(nodes, box, rows):
     """Bits of the rays of a block that enter a box before their limits; box: the word of its first plane.
 
-    All rays enter a missing child, which is a leaf without triangles.
+    All rays enter a missing child, which counts as a leaf without triangles.
     """
-    near, far = load16(rows, TMIN), load16(rows, LIMIT)
+    t_near, t_far = load16(rows, TMIN), load16(rows, LIMIT)
     for k in range(3):
         inverse = load16(rows, INVERSE + LANES * k)
         a = broadcast16(nodes, box + 2 * WIDTH * k) * inverse
         b = broadcast16(nodes, box + 2 * WIDTH * k + WIDTH) * inverse
-        near = maximum(near, minimum(a, b) + load16(rows, NEAR + LANES * k))
-        far = minimum(far, maximum(a, b) + load16(rows, FAR + LANES * k))
-    return bits(near <= far)
+        t_near = maximum(t_near, minimum(a, b) + load16(rows, NEAR + LANES * k))
+        t_far = minimum(t_far, maximum(a, b) + load16(rows, FAR + LANES * k))
+    return bits(t_near <= t_far)
 
 
 @inlined
 def enter_alike(nodes, box, rows, packet):
-    """`enter_each` for a packet whose rays agree, along each axis, which of two planes is the near one."""
+    """`enter_each`, faster for a packet whose rays have the same near plane of each slab."""
     if packet.mixed:
         return enter_each(nodes, box, rows)
     r, (x, y, z) = rows, (box + packet.x.word, box + packet.y.word, box + packet.z.word)
@@ -244,41 +239,37 @@ def enter_alike(nodes, box, rows, packet):
     far_x = fma(broadcast16(nodes, x ^ WIDTH), ix, load16(r, FAR))
     far_y = fma(broadcast16(nodes, y ^ WIDTH), iy, load16(r, FAR + LANES))
     far_z = fma(broadcast16(nodes, z ^ WIDTH), iz, load16(r, FAR + 2 * LANES))
-    near = maximum(maximum(near_x, near_y), maximum(near_z, load16(r, TMIN)))
-    far = minimum(minimum(far_x, far_y), minimum(far_z, load16(r, LIMIT)))
-    return bits(near <= far)
+    t_near = maximum(maximum(near_x, near_y), maximum(near_z, load16(r, TMIN)))
+    t_far = minimum(minimum(far_x, far_y), minimum(far_z, load16(r, LIMIT)))
+    return bits(t_near <= t_far)
 
 
-# --- Rays that run close together, through a wide BVH as one: up to 64 for any-hit, sixteen for closest-hit -----------
-#
-# The packet visits inner nodes as a whole. `packetbox` bounds the t at which any of its rays may enter each of eight
-# boxes. It also tells boxes that all rays enter. For each other box left, any-hit queries test which rays enter it,
-# sixteen at a time. They push these rays with the box. Closest-hit queries make this test at leaves. At a leaf, the
-# loop is over the triangles or over the rays of a block, whichever are fewer. Each triangle is tested against all rays
-# at once, or each ray against all triangles. So a packet that falls apart ends as single rays.
+# --- Traversal of a packet --------------------------------------------------------------------------------------------
 
 
-_NEAR_ENDS = np.float32(1 / 32)  # largest extent of a packet's origins, or of its ends, as a share of the tree's reach
-_NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a share of their largest component
+_NEAR_ENDS = np.float32(
+    1 / 32
+)  # largest extent of a packet's origins, or of its ends, as a fraction of the tree's reach
+_NEAR_DIRECTIONS = np.float32(1 / 4)  # largest extent of its directions, as a fraction of their largest component
 
 
 class _Stack(NamedTuple):
-    """The boxes that any-hit rays wait for: pointers to scratch memory."""
+    """The stack of an any-hit traversal: pointers to scratch memory."""
 
     rays: I64Ptr  # int64 *: bits of the rays that enter the box
-    boxes: I32Ptr  # int32 *: word of its first plane
+    boxes: I32Ptr  # int32 *: word of the box's first plane
 
 
 @inlined
-def runs_along(rows, first, j, tree_reach, any_hit):
-    """Is it faster to trace the sixteen rays of prepared block j in a packet that begins with block `first`?
+def is_coherent_with(rows, first, j, tree_reach, any_hit):
+    """True if the sixteen rays of prepared block j are coherent with the packet that begins with block `first`.
 
-    Rays of a packet start close together and run in about one direction. They start within a 32nd of the tree's reach
-    from the packet's first ray. Components of their directions differ from its own by at most a quarter of its largest
-    one. Any-hit segments only need to end close together.
+    Their origins are within 1/32 of the tree's reach from that of the packet's first ray, and components of their
+    directions differ from its own by at most a quarter of its largest one. For any-hit segments, it is enough that they
+    end close together.
     """
     a, b = first * BLOCK_WORDS, j * BLOCK_WORDS
-    near, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
+    distance, limit = splat16(_NEAR_ENDS * tree_reach), load16(rows, LIMIT + b)
     widest, first_limit = np.float32(0.0), get(rows, LIMIT + a)
     for k in range(3):
         size = abs(get(rows, DX + LANES * k + a))
@@ -289,8 +280,8 @@ def runs_along(rows, first, j, tree_reach, any_hit):
     for k in range(3):
         o, d = load16(rows, OX + LANES * k + b), load16(rows, DX + LANES * k + b)
         o0, d0 = get(rows, OX + LANES * k + a), get(rows, DX + LANES * k + a)
-        start &= (absolute(o - o0) <= near) & (absolute(d - d0) <= turn)
-        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= near
+        start &= (absolute(o - o0) <= distance) & (absolute(d - d0) <= turn)
+        stop &= absolute(fma(d, limit, o) - (d0 * first_limit + o0)) <= distance
     return all_lanes(start) or all_lanes(stop)
 
 
@@ -304,17 +295,17 @@ def _push_entered(tree, rows, active, at, packet, limit, stack, height, counters
         box = at + k
         hits &= hits - 1
         inside = active & -((sure >> k) & 1)
-        left = active & ~inside
-        while left:
-            j = first_block(left)
-            left &= ~rays_of_block(j)
+        remaining = active & ~inside
+        while remaining:
+            j = first_block(remaining)
+            remaining &= ~rays_of_block(j)
             count(counters, BOX_TESTS, 1)
             inside |= enter_alike(tree.nodes, box, ptr_at(rows, j * BLOCK_WORDS), packet) << (j * LANES)
         inside &= active
         put(stack.rays, height, inside)
         put(stack.boxes, height, box)
         fetch(tree, np.int64(get(tree.links, box + LINKS)))
-        height += inside != 0  # without a branch, which often goes another way than predicted
+        height += inside != 0  # branchless, because a branch would often be mispredicted
     return height
 
 
@@ -346,78 +337,78 @@ def _triangle(groups, at):
 
 
 @inlined
-def _keep_each(tree, rays, hits, at, query, found):
-    """Keep the triangle in lane `at` for the rays that meet it (bits)."""
-    while hits:
-        i = lowest_bit(hits)
-        hits &= hits - 1
-        keep(tree, rays, i, at, query, found)
+def _keep_each(tree, rays, lanes, at, query, hits):
+    """Store the hits on the triangle in lane `at` of the rays that meet it (`lanes`, bits)."""
+    while lanes:
+        i = lowest_bit(lanes)
+        lanes &= lanes - 1
+        keep(tree, rays, i, at, query, hits)
 
 
 @inlined
-def _leaf_by_triangle(tree, rays, active, link, query, found, counters):
-    """Test each triangle of a leaf against all active rays. Return bits of the rays whose any-hit query is answered."""
+def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
+    """Test each triangle of a leaf against all active rays. Return bits of the rays that any-hit finds blocked."""
     (group, n), done = wide_leaf(link), np.int64(0)
     for k in range(n):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
-        hits, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
-        hits = facing(hits, positive, query.cull_faces) & todo
+        lanes, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        lanes = facing(lanes, positive, query.cull_faces) & todo
         unsure &= todo
-        if query.any_hit and hits:
+        if query.any_hit and lanes:
             prim = get(tree.prim_ids, get(tree.slots, at))
-            done |= hits & bits(load16(rays.skip, 0) != prim)
-        elif hits:
-            _keep_each(tree, rays, hits, at, query, found)
+            done |= lanes & bits(load16(rays.skip, 0) != prim)
+        elif lanes:
+            _keep_each(tree, rays, lanes, at, query, hits)
         if unsure:
-            defer(found, unsure, at)
+            defer(hits, unsure, at)
         if done == active:
             break
     return done
 
 
 @inlined
-def _leaf_by_ray(tree, rays, active, link, query, found, counters):
+def _leaf_by_ray(tree, rays, active, link, query, hits, counters):
     """Test each active ray against all triangles of a leaf. Return the same as `_leaf_by_triangle`."""
     done = np.int64(0)
     while active:
         i = lowest_bit(active)
         active &= active - 1
-        if visit_leaf(tree, rays, i, link, query, found, counters):
+        if visit_leaf(tree, rays, i, link, query, hits, counters):
             done |= 1 << i
     return done
 
 
 @inlined
-def _leaf(tree, rays, active, link, query, found, counters):
-    """Test a leaf against the active rays. Return bits of the rays whose any-hit query is answered."""
+def _leaf(tree, rays, active, link, query, hits, counters):
+    """Test a leaf against the active rays. Return bits of the rays that any-hit finds blocked."""
     if popcount(active) < wide_leaf(link).count:
-        return _leaf_by_ray(tree, rays, active, link, query, found, counters)
-    return _leaf_by_triangle(tree, rays, active, link, query, found, counters)
+        return _leaf_by_ray(tree, rays, active, link, query, hits, counters)
+    return _leaf_by_triangle(tree, rays, active, link, query, hits, counters)
 
 
 @inlined
-def _leaf_of_blocks(tree, rays, active, link, query, found, counters):
+def _leaf_of_blocks(tree, rays, active, link, query, hits, counters):
     """`_leaf` for the active rays of several blocks."""
     done = np.int64(0)
     while active:
         j = first_block(active)
         mine, block = rays_in(active, j), block_of(rays, j)
         active &= ~rays_of_block(j)
-        done |= _leaf(tree, block, mine, link, query, hits_of(found, j), counters) << (j * LANES)
+        done |= _leaf(tree, block, mine, link, query, hits_of(hits, j), counters) << (j * LANES)
     return done
 
 
 @inlined
-def _walk_any(tree, rays, alive, query, found, counters):
+def _walk_any(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive`, of several blocks. Return bits of the blocked rays."""
     stack, rows = _Stack(stack_i64(STACK), stack_i32(STACK)), rays.rows
     packet, limit = packet_of(tree, rows, alive)
     height, link, blocked, active = np.int64(0), np.int64(0), np.int64(0), alive
     while True:
         if link < 0:
-            blocked |= _leaf_of_blocks(tree, rays, active, link, query, found, counters)
+            blocked |= _leaf_of_blocks(tree, rays, active, link, query, hits, counters)
             if blocked == alive:
                 return blocked
         else:
@@ -437,8 +428,8 @@ def _walk_any(tree, rays, alive, query, found, counters):
 
 
 @inlined
-def _walk_nearest(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive`, and write their nearest hits to `found`."""
+def _walk_nearest(tree, rays, alive, query, hits, counters):
+    """Trace the rays in `alive` and write their nearest hits to `hits`."""
     stack, entry, nears, children = stack_i32(STACK), stack_f32(STACK), stack_f32(WIDTH), stack_i32(WIDTH)
     rows = rays.rows
     packet, limit = packet_of(tree, rows, np.int64(1))
@@ -448,13 +439,13 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
             count(counters, BOX_TESTS, 1)
             active = alive & enter_alike(tree.nodes, box, rows, packet)
             if active:
-                _leaf(tree, rays, active, link, query, found, counters)
+                _leaf(tree, rays, active, link, query, hits, counters)
                 limit = reduce_max(load16(rows, LIMIT))
         else:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, WIDTH)
-            entered, _, near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
-            store(nears, 0, near)
+            entered, _, t_near = enter_any(tree.nodes, link * NODE_WORDS, packet, limit)
+            store(nears, 0, t_near)
             store(children, 0, iota8() + np.int32(link * NODE_WORDS))
             height = push_sorted(stack, entry, height, children, nears, bits(entered))
         while height > 0 and get(entry, height - 1) > limit:
@@ -467,17 +458,17 @@ def _walk_nearest(tree, rays, alive, query, found, counters):
 
 
 @inlined
-def walk_packet(tree, rays, alive, query, found, counters):
+def walk_packet(tree, rays, alive, query, hits, counters):
     """Trace the rays in `alive` (bits) of several blocks, a coherent packet of up to 64.
 
-    For any-hit queries, return bits of the blocked rays. For closest-hit queries, write `found` as `walk_interleaved`
-    does, one block after the other.
+    Any-hit queries return bits of the blocked rays. Closest-hit queries write `hits` as `walk_interleaved` does, block
+    by block.
     """
     if query.any_hit:
-        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), found, counters)
+        return _walk_any(tree, rays, alive, Query(query.cull_faces, True), hits, counters)
     nearest = Query(query.cull_faces, False)
     while alive:
         j = first_block(alive)
-        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(found, j), counters)
+        _walk_nearest(tree, block_of(rays, j), rays_in(alive, j), nearest, hits_of(hits, j), counters)
         alive &= ~rays_of_block(j)
     return np.int64(0)

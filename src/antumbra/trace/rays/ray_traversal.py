@@ -1,12 +1,12 @@
 """Traversal of a binary BVH by one ray: one function for any-hit and closest-hit.
 
-Orders. An any-hit ray ends at its first hit, so the order of children decides how many nodes it visits. An order is a
-number. The any-hit walk (`walk`) passes it to `left_comes_first` at each node whose two boxes the ray enters. An order
-that is the same for all rays at a node costs nothing: the builder stores the first child as the left one. `rtsah` does
-so, and the builder `srdh` where it chooses a fixed order.
+Orders. An any-hit ray ends at its first hit, so the child order determines how many nodes it visits. An order is a
+number, which `walk` passes to `left_comes_first` at each node where the ray enters both boxes. An order that is the
+same for all rays at a node costs nothing, since the builder stores the first child as the left one. `rtsah` does so,
+and the builder `srdh` where it chooses a fixed order.
 
-Tests. Boxes are tested conservatively in float32. One instruction tests both children of a node, one 4-wide register an
-axis. Triangles are tested by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the
+Tests. Boxes are tested conservatively in float32, both children of a node at once, with one 4-wide register per axis.
+Triangles are tested by the filters of `antumbra.kernels.predicate`, which fall back to the exact predicate. So the
 answer is the contract's, and does not depend on the tree.
 """
 
@@ -59,16 +59,11 @@ from ...kernels.simd import (
 )
 from ..counters import BOX_TESTS, EXACT, NODES, TRIANGLE_TESTS, UNCERTAIN, count
 
-# --- Traversal orders: the child that an any-hit ray visits first [Feltman et al. 2012, Sec. 3.1] ---------------------
-#
-# An any-hit ray ends at its first hit, so the order of children decides how many nodes it visits. An order is a
-# number. The any-hit walk (`traverse.walk`) passes it to `left_comes_first` at each node whose two boxes the ray
-# enters. An order that is the same for all rays at a node costs nothing: the builder stores the first child as the
-# left one. `rtsah` does so, and the builder `srdh` where it chooses a fixed order.
+# --- Traversal orders [Feltman et al. 2012, Sec. 3.1] -----------------------------------------------------------------
 
 
-CLOSEST = -1  # not an any-hit order: the walk looks for the nearest hit
-BUILT = UNORDERED  # the builder's choice at each node; without a choice, the child whose box is entered first
+CLOSEST = -1  # instead of an any-hit order: find the nearest hit
+BUILT = UNORDERED  # the builder's choice at each node, or else the child whose box is entered first
 RANDOM, SRDH, NEAREST = 4, 5, 6  # besides LEFT_FIRST, FRONT_TO_BACK and BACK_TO_FRONT, by the children's centres
 
 
@@ -90,7 +85,7 @@ def _left_is_closer(nodes, node, o):
 
 @kernel
 def _toss(node, o, d):
-    """A coin toss that depends only on the ray and the node."""
+    """A pseudorandom bool that depends only on the ray and the node."""
     words = stack_f32(6)
     for k in range(3):
         put(words, k, o[k])
@@ -105,7 +100,7 @@ def _toss(node, o, d):
 
 @kernel
 def _by_ray(order, nodes, node, a, b, o, d):
-    """`left_comes_first` of an order that depends on the ray. Not inlined, because few walks need it."""
+    """`left_comes_first` of an order that depends on the ray. Not inlined, because it is rarely needed."""
     if order == FRONT_TO_BACK:
         return _left_is_closer(nodes, node, o)
     if order == BACK_TO_FRONT:
@@ -134,24 +129,20 @@ def left_comes_first(order, nodes, links, node, a, b, o, d):
 
 
 class Ordered(NamedTuple):
-    """The input of `single`: a BVH and the order in which its children are visited."""
+    """The input of the tracer `single`: a BVH and its child order."""
 
     bvh: Bvh
     order: int
 
 
-# --- One ray through a binary BVH: one function for any-hit and closest-hit -------------------------------------------
-#
-# Boxes are tested conservatively in float32. One instruction tests both children of a node, one 4-wide register an
-# axis. Triangles are tested by the filters of `antumbra.kernels.predicate`, which end in the exact predicate. So the
-# answer is the contract's, and does not depend on the tree.
+# --- One ray through a binary BVH -------------------------------------------------------------------------------------
 
 
 _STACK = 2 * MAX_DEPTH
-_TINY = np.float32(1e-20)  # a direction's component below this share of the largest one counts as zero
-_SHORT = np.float32(1e-15)  # directions shorter than this visit every node (their reciprocals could overflow)
+_TINY = np.float32(1e-20)  # a direction's component below this fraction of the largest one counts as zero
+_SHORT = np.float32(1e-15)  # rays with shorter directions visit every node, because the reciprocals could overflow
 _GROW = np.float32(1.0 + 2.0**-20)  # more than the 8 roundings between the two ends of a slab interval
-_PAD = np.float32(2.0**-21)  # share of the largest coordinate, see `_slab`
+_PAD = np.float32(2.0**-21)  # fraction of the largest coordinate, see `_slab`
 
 
 class BoxRay(NamedTuple):
@@ -170,9 +161,9 @@ class BoxRay(NamedTuple):
 def _slab(o, d, limit, pad):
     """(origin for lower planes, origin for upper planes, reciprocal) of one axis.
 
-    A ray that does not move along the axis must count as inside a slab whose boundary it touches. So its origin is
-    moved inwards by the tiny `pad`, which makes the boundary's t huge and of the right sign. The reciprocal is always
-    finite, so no NaN can arise.
+    A ray perpendicular to the axis must count as inside a slab whose boundary it touches. So its origin is moved
+    inwards by the tiny `pad`, which makes the boundary's t huge, with the right sign. The reciprocal is always finite,
+    so NaN cannot arise.
     """
     if abs(d) > limit:
         return o, o, np.float32(1.0) / d
@@ -217,7 +208,7 @@ def box_ray(nodes, ray):
 
 @kernel
 def settle(ray, corners, slot, counters):
-    """Decide whether a ray meets a triangle where float32 could not: by float64, then by exact arithmetic.
+    """Decide a ray-triangle test that is undecided in float32: in float64, then in exact arithmetic.
 
     Not inlined, to keep this code out of hot loops.
     """
@@ -231,7 +222,7 @@ def settle(ray, corners, slot, counters):
 
 @inlined
 def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
-    """Does the ray meet the triangle in `slot`? o, d: its origin and direction in float32."""
+    """True if the ray meets the triangle in `slot`; o, d: its origin and direction in float32."""
     count(counters, TRIANGLE_TESTS, 1)
     side = verdict(volumes32(o, d, corners, slot), single_end(ray.tmin), single_end(ray.tmax))
     if side == UNSURE:
@@ -249,28 +240,28 @@ def _enter(nodes, node, box, limit):
         (load4(nodes, b + 8) - box.z) * box.iz,
     )
     sx, sy, sz = swap_halves(tx), swap_halves(ty), swap_halves(tz)
-    near = maximum(maximum(minimum(tx, sx), minimum(ty, sy)), maximum(minimum(tz, sz), box.tmin))
-    far = minimum(minimum(maximum(tx, sx), maximum(ty, sy)), minimum(maximum(tz, sz), limit))
-    return bits(near <= far * _GROW) & 3, near
+    t_near = maximum(maximum(minimum(tx, sx), minimum(ty, sy)), maximum(minimum(tz, sz), box.tmin))
+    t_far = minimum(minimum(maximum(tx, sx), maximum(ty, sy)), minimum(maximum(tz, sz), limit))
+    return bits(t_near <= t_far * _GROW) & 3, t_near
 
 
 class HitList(NamedTuple):
-    """Where `walk` writes all triangles that a ray meets."""
+    """A hit filter that records all triangles that a ray meets."""
 
-    prims: I32Ptr  # int32 *: indices of triangles
-    count: I32Ptr  # int32 *, one: number of triangles
-    room: int  # most triangles; others are left out
+    prims: I32Ptr  # int32 *: triangle indices
+    count: I32Ptr  # int32 *: the number of triangles
+    room: int  # largest number of triangles; others are dropped
 
 
-def passed(listener, ray, corners, slot, prim):
-    """In kernels: True if the walk is to go on as if the ray did not meet the triangle in `slot`.
+def ignores_hit(hit_filter, ray, corners, slot, prim):
+    """In kernels: True if traversal continues as if the ray did not meet the triangle in `slot`.
 
-    The type of the listener decides. None: no triangle is passed. A `HitList` passes all, and notes them.
+    The type of the filter selects the implementation. None ignores no hit; a `HitList` records and ignores all.
     """
 
 
 @kernel
-def _noted(hits, prim):
+def _record_hit(hits, prim):
     n = np.int64(get(hits.count, 0))
     if n < hits.room:
         put(hits.prims, n, prim)
@@ -278,27 +269,27 @@ def _noted(hits, prim):
     return True
 
 
-@overload(passed)
-def _passed(listener, ray, corners, slot, prim):
-    if str(listener) == "none":
-        return lambda listener, ray, corners, slot, prim: False
-    if getattr(listener, "instance_class", None) is HitList:
-        return lambda listener, ray, corners, slot, prim: _noted(listener, prim)
+@overload(ignores_hit)
+def _ignores_hit(hit_filter, ray, corners, slot, prim):
+    if str(hit_filter) == "none":
+        return lambda hit_filter, ray, corners, slot, prim: False
+    if getattr(hit_filter, "instance_class", None) is HitList:
+        return lambda hit_filter, ray, corners, slot, prim: _record_hit(hit_filter, prim)
     return None
 
 
 @kernel
-def walk(tree, ray, skip, cull_faces, order, listener, counters):
+def walk(tree, ray, skip, cull_faces, order, hit_filter, counters):
     """(slot, t) of a triangle that the ray meets: any one, or the nearest (ties: the lowest triangle index).
 
-    slot is -1 on a miss. t is computed only for the nearest, by `rounded_t`.
+    slot is -1 on a miss. t is computed only for the nearest hit, by `rounded_t`.
 
-    skip : index of a triangle that does not count, or -1
-    order : CLOSEST for the nearest hit; otherwise any hit, with the children visited in an order of `orders`
-    listener : None, or what hears of all triangles that the ray meets and may pass them: see `passed`
+    skip : index of a triangle to ignore, or -1
+    order : CLOSEST for the nearest hit; otherwise any hit, with children visited in this order
+    hit_filter : None, or a filter that may ignore hits, see `ignores_hit`
 
-    One instruction tests both boxes of a node. For any-hit, box tests are counted one by one, when the walk comes to a
-    box. The second box counts only if the first one's subtree blocks nothing [Feltman et al. 2012, Sec. 3.1].
+    Both boxes of a node are tested at once. For any-hit, box tests are counted one by one, when the traversal reaches a
+    box. The second box counts only if the first one's subtree does not block the ray [Feltman et al. 2012, Sec. 3.1].
     """
     nodes, links = tree.nodes, tree.links
     stack, entry = stack_i32(_STACK), stack_f32(_STACK)
@@ -314,27 +305,30 @@ def walk(tree, ray, skip, cull_faces, order, listener, counters):
         if link >= 0:
             count(counters, NODES, 1)
             count(counters, BOX_TESTS, 1 if one_by_one else 2)
-            mask, near = _enter(nodes, link, box, splat4(limit))
+            mask, t_near = _enter(nodes, link, box, splat4(limit))
             if mask or one_by_one:
-                left, right = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
+                left_link, right_link = np.int64(get(links, link_at(link, 0))), np.int64(get(links, link_at(link, 1)))
                 if one_by_one:
-                    left, right = left if mask & 1 else np.int64(EMPTY), right if mask & 2 else np.int64(EMPTY)
+                    left_link, right_link = (
+                        left_link if mask & 1 else np.int64(EMPTY),
+                        right_link if mask & 2 else np.int64(EMPTY),
+                    )
                 if mask == 3 or one_by_one:
-                    a, b = extract(near, 0), extract(near, 1)
+                    a, b = extract(t_near, 0), extract(t_near, 1)
                     left_first = left_comes_first(order, nodes, links, link, a, b, o, d)
-                    put(stack, height, right if left_first else left)
+                    put(stack, height, right_link if left_first else left_link)
                     put(entry, height, b if left_first else a)
                     height += 1
-                    link = left if left_first else right
+                    link = left_link if left_first else right_link
                 else:
-                    link = left if mask == 1 else right
+                    link = left_link if mask == 1 else right_link
                 continue
-        elif link != EMPTY:  # EMPTY: the child does not exist, or tests are counted and the ray misses it
+        elif link != EMPTY:  # EMPTY: no such child, or tests are counted and the ray misses it
             leaf = bvh_leaf(link)
             for slot in range(leaf.first, leaf.first + leaf.count):
                 prim = np.int64(get(tree.prim_ids, slot))
                 if prim != skip and triangle_hit(tree.corners, slot, ray, o, d, cull_faces, counters):
-                    if passed(listener, ray, tree.corners, slot, prim):
+                    if ignores_hit(hit_filter, ray, tree.corners, slot, prim):
                         continue
                     if order != CLOSEST:
                         return slot, best_t

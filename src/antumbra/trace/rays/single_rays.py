@@ -1,25 +1,28 @@
-"""Rays one at a time: interleaved any-hit rays, the tracers `single` and `wide`, and exact step counts.
+"""Rays one at a time: interleaved rays, the tracers `single` and `wide`, and exact step counts.
 
-Interleaving. A single ray waits for memory at nearly every step, because each step decides which node comes next. So a
-step prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
-share only the first step. Any-hit queries take it together, one ray to a lane.
+Interleaving. A single ray stalls on memory at nearly every step, because each step determines the next node. So
+incoherent rays take turns: each takes one step through the wide BVH, a node or a leaf, and prefetches its next node,
+which is in the cache at the ray's next turn. The first step is the same for all rays, and any-hit queries take it
+together, with one ray per lane.
 
-Tracers. `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random`
-differ only in the order of children (see below).
+Tracers. `single` (binary BVH) and `wide` (wide BVH) trace one shadow ray at a time by the same loop. `single` is the
+baseline, with which every other tracer must agree bit for bit. Variants such as `single:random` differ only in the
+child order (`ray_traversal`).
 
-Steps. A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There
-are three classes of steps:
+Steps [Feltman et al. 2012, Sec. 4.1]. A step is a test of a ray against the box of a child that the traversal reaches.
+The root's box is not tested. There are three classes of steps:
 
 - path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
 - false hits (faux hits): for a blocked ray, all other steps
-- unoccluded: the steps of rays that nothing blocks
+- unoccluded: the steps of unoccluded rays
 
-Rays are walked one by one, and the last blocker is not tested first.
+Rays are traced one by one, and the last blocker is not tested first.
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.nodes import (
     LINK,
@@ -63,7 +66,7 @@ from ...kernels.simd import (
 )
 from ...kernels.vec3 import scalars
 from ...query.receivers import NOTHING
-from ...query.shadow_query import horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
+from ...query.shadow_query import ShadowQuery, horizon_of, is_above, patch_of, query_pointers, sample_of, set_bit
 from ..counters import (
     BELOW_HORIZON,
     BOX_TESTS,
@@ -72,6 +75,7 @@ from ..counters import (
     RAYS,
     REPEAT_HITS,
     TRIANGLE_TESTS,
+    Progress,
     add_counters,
     cleared_if,
     count,
@@ -82,17 +86,17 @@ from .ray_traversal import BUILT, Ordered, triangle_hit, walk
 from .wide_traversal import (
     BLOCK_WORDS,
     DEFERRED_WORDS,
+    DIRECTION,
     DX,
     ENDS,
     LANES,
     LIMIT,
     OX,
     PRECISE_WORDS,
-    REST,
+    REMAINDER,
     STACK,
     TMAX,
     TMIN,
-    WAY,
     Query,
     RayBlock,
     WideHit,
@@ -107,11 +111,7 @@ from .wide_traversal import (
     visit_leaf,
 )
 
-# --- Interleaved rays: incoherent rays take turns, and each takes one step down the wide BVH, a node or a leaf --------
-#
-# A single ray waits for memory at nearly every step, because each step decides which node comes next. So a step
-# prefetches the node that its ray visits next. The node is in the cache when the ray's turn comes again. All rays
-# share only the first step. Any-hit queries take it together, one ray to a lane.
+# --- Interleaved rays -------------------------------------------------------------------------------------------------
 
 
 _STACKS = LANES * STACK
@@ -119,22 +119,22 @@ _STACKS = LANES * STACK
 
 @inlined
 def _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters):
-    """Push the children that ray i enters, the first one to visit on top. Return the new height."""
+    """Push the children that ray i enters, with the first one to visit on top. Return the new height."""
     count(counters, NODES, 1)
     count(counters, BOX_TESTS, WIDTH)
     at = link * NODE_WORDS
-    entered, near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
-    hits = bits(entered)
+    entered, t_near = enter(tree.nodes, at, slabs_of(rays.rows, i), broadcast8(rays.rows, LIMIT + i))
+    boxes = bits(entered)
     if query.any_hit:
-        store_compressed(stack, height, mask_from_bits8(hits), load8(tree.links, at + LINKS))
-        return height + popcount(hits)
-    store(nears, 0, near)
-    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, hits)
+        store_compressed(stack, height, mask_from_bits8(boxes), load8(tree.links, at + LINKS))
+        return height + popcount(boxes)
+    store(nears, 0, t_near)
+    return push_sorted(stack, entry, height, ptr_at(tree.links, at + LINKS), nears, boxes)
 
 
 @inlined
 def _open_root(tree, rays, alive, stacks, heights, counters):
-    """For any-hit, push the root's children that each ray enters, all rays at once. Return bits of rays that enter."""
+    """For any-hit, push the root's children that each ray enters, for all rays at once. Return bits of these rays."""
     entered, n = splat16(np.int32(0)), 0
     while n < WIDTH and get(tree.links, LINKS + n) != NO_CHILD:
         inside = mask_from_bits16(enter_each(tree.nodes, n, rays.rows))
@@ -158,8 +158,8 @@ def _open_root(tree, rays, alive, stacks, heights, counters):
 
 
 @inlined
-def walk_interleaved(tree, rays, alive, query, found, counters):
-    """Trace the rays in `alive` (bits) of a prepared block, and write their hits, any or nearest, to `found`."""
+def walk_interleaved(tree, rays, alive, query, hits, counters):
+    """Trace the rays in `alive` (bits) of a prepared block and write their hits, any or nearest, to `hits`."""
     stacks, entries, heights = stack_i32(_STACKS), stack_f32(_STACKS), stack_i32(LANES)
     nears = stack_f32(WIDTH)
     if query.any_hit and alive & (alive - 1):  # two or more rays
@@ -179,7 +179,7 @@ def walk_interleaved(tree, rays, alive, query, found, counters):
             link = np.int64(get(stack, height))
             if link >= 0:
                 height = _open_node(tree, rays, i, link, query, stack, entry, height, nears, counters)
-            elif visit_leaf(tree, rays, i, link, query, found, counters):
+            elif visit_leaf(tree, rays, i, link, query, hits, counters):
                 height = np.int64(0)
             while not query.any_hit and height > 0 and get(entry, height - 1) > get(rays.rows, LIMIT + i):
                 height -= 1
@@ -205,52 +205,49 @@ def any_hit_wide(tree, ray, skip, cull_faces, counters):
     store(rows, TMAX, splat16(f(ray.tmax)))
     put(precise, ENDS, ray.tmin)
     put(precise, ENDS + LANES, ray.tmax)
-    put(precise, WAY, ray.dx)
-    put(precise, WAY + LANES, ray.dy)
-    put(precise, WAY + 2 * LANES, ray.dz)
-    put(precise, REST, ray.rx)
-    put(precise, REST + LANES, ray.ry)
-    put(precise, REST + 2 * LANES, ray.rz)
+    put(precise, DIRECTION, ray.dx)
+    put(precise, DIRECTION + LANES, ray.dy)
+    put(precise, DIRECTION + 2 * LANES, ray.dz)
+    put(precise, REMAINDER, ray.rx)
+    put(precise, REMAINDER + LANES, ray.ry)
+    put(precise, REMAINDER + 2 * LANES, ray.rz)
     put(skips, 0, skip)
-    found = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
+    hits = WideHit(stack_i32(LANES), stack_i64(LANES), stack_f64(LANES), stack_i32(DEFERRED_WORDS))
     prepare(rows, tree.reach)
     block, query = RayBlock(rows, precise, skips, True), Query(cull_faces, True)
-    start(found, block)
-    walk_interleaved(tree, block, np.int64(1), query, found, counters)
-    if get(found.deferred, 0) > 0:
-        settle_block(tree, block, query, found, counters)
-    return slot_of(tree, found, 0)
+    start(hits, block)
+    walk_interleaved(tree, block, np.int64(1), query, hits, counters)
+    if get(hits.deferred, 0) > 0:
+        settle_block(tree, block, query, hits, counters)
+    return slot_of(tree, hits, 0)
 
 
-# --- `single` and `wide`: one shadow ray at a time, over the binary BVH or a wide one, by the same loop ---------------
-#
-# `single` is the baseline. Every other tracer must agree with it bit for bit. Variants such as `single:random` differ
-# only in the order of children (`orders`).
+# --- The tracers `single` and `wide` ----------------------------------------------------------------------------------
 
 
-TILE = 16  # side of a tile in pixels; one thread traces a tile's pixels one after the other
+TILE = 16  # side of a tile in pixels; a tile is traced by one thread
 
 
-def as_built(bvh, threads=None) -> Ordered:
-    """A `Bvh` whose children are visited as its builder chose."""
+def as_built(bvh: Bvh, threads: int | None = None) -> Ordered:
+    """A `Bvh` with the child order of its builder."""
     return Ordered(bvh, BUILT)
 
 
 class OrderedTree(NamedTuple):
-    """Pointers to the arrays of an `Ordered`'s BVH, and its order."""
+    """Pointers to the arrays of an `Ordered`'s BVH, and its child order."""
 
     tree: Tree
     prim_ids: I32Ptr  # int32 *
-    corners: F32Ptr  # float32 *, 9 a triangle
+    corners: F32Ptr  # float32 *, 9 per triangle
     order: int
 
 
 def pointers(prepared):
-    """In kernels: the `OrderedTree` of an `Ordered`, the `WideTree` of a `WideBvh`."""
+    """In kernels: the `OrderedTree` of an `Ordered`, or the `WideTree` of a `WideBvh`."""
 
 
 def any_hit(tree, ray, skip, cull_faces, counters):
-    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree chooses the walk."""
+    """In kernels: the slot of a triangle that the ray meets, or -1. The type of the tree selects the traversal."""
 
 
 @inlined
@@ -277,7 +274,7 @@ def _any_hit(tree, ray, skip, cull_faces, counters):
 
 @inlined
 def _blocked(tree, ray, skip, cull_faces, last, counters):
-    """Slot of a triangle that blocks the ray, or -1. `last`, the slot that blocked the ray before, is tested first."""
+    """Slot of a triangle that blocks the ray, or -1; `last`, which blocked the previous ray, is tested first."""
     if last >= 0 and get(tree.prim_ids, last) != skip:
         o = (np.float32(ray.ox), np.float32(ray.oy), np.float32(ray.oz))
         d = (np.float32(ray.dx), np.float32(ray.dy), np.float32(ray.dz))
@@ -299,7 +296,7 @@ def _shadow_pixel(tree, query, i, bits, last, counters):
             count(counters, BELOW_HORIZON, 1)
         else:
             ray = segment(o.x, o.y, o.z, lx, ly, lz)
-            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment, which float32 could not decide
+            if ray.dx == 0.0 and ray.dy == 0.0 and ray.dz == 0.0:  # an empty segment is not blocked
                 continue
             slot = _blocked(tree, ray, skip, query.facing, last, counters)
             if slot < 0:
@@ -325,14 +322,21 @@ def _shadow_tiles(ticket, prepared, query, bits, counters):
     add_counters(counters, mine)
 
 
-def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    prepared: Ordered | WideBvh,
+    query: ShadowQuery,
+    bits: NDArray[np.uint64],
+    threads: int | None = None,
+    counters: NDArray[np.int64] | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery over an `Ordered` or a `WideBvh`: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
     counters : from `new_counters`, or None
     """
     if counters is None and isinstance(prepared, WideBvh):
-        counters = new_counters()  # counting is free here; the binary walk takes twice as long when it counts
+        counters = new_counters()  # counting is free here, but doubles the time of the binary traversal
     h, w = query.sides.shape
     tiles = -(-h // TILE) * -(-w // TILE)
     run(
@@ -347,16 +351,7 @@ def trace_shadow(prepared, query, bits, threads=None, counters=None, progress=No
     )
 
 
-# --- Exact step counts of any-hit rays, by class and receiver [Feltman et al. 2012, Sec. 4.1] -------------------------
-#
-# A step is a test of a ray against the box of a child that the walk comes to. The root's box is not tested. There are
-# three classes of steps:
-#
-# - path to the hit: for a blocked ray, the steps from the root to the leaf of its blocker
-# - false hits (faux hits): for a blocked ray, all other steps
-# - unoccluded: the steps of rays that nothing blocks
-#
-# Rays are walked one by one, and the last blocker is not tested first.
+# --- Step counts of any-hit rays [Feltman et al. 2012, Sec. 4.1] ------------------------------------------------------
 
 
 CLASSES = ("path to the hit", "false hits", "unoccluded")
@@ -364,18 +359,18 @@ PATH, FALSE, UNOCCLUDED = range(3)
 
 
 class Steps(NamedTuple):
-    """The steps of the rays of a query with (H, W) receivers."""
+    """Step counts of a query with (H, W) receivers."""
 
     boxes: np.ndarray  # (H, W, 3) int64, boxes tested, by class
     triangles: np.ndarray  # (H, W) int64, triangles tested
-    rays: np.ndarray  # (H, W) int64, rays walked: samples above the horizon
-    blocked: np.ndarray  # (H, W) int64, walked rays that are blocked
-    hits: np.ndarray  # (n,) int64, for each triangle of the scene, rays whose blocker it was
+    rays: np.ndarray  # (H, W) int64, rays traced: samples above the horizon
+    blocked: np.ndarray  # (H, W) int64, traced rays that are blocked
+    hits: np.ndarray  # (n,) int64, for each triangle of the scene, the number of rays that it blocked
 
 
 @kernel
 def _count_boxes(bvh, order, inner, depths):
-    """Fill `leaf_depths`; `order`: parents first, `inner`: zeros for the depth of each node."""
+    """Fill `leaf_depths`; order: nodes with parents first; inner: zeros, for the depth of each node."""
     for node in order:
         for side in range(2):
             link, depth = bvh.links[node, LINK + side], inner[node] + 1
@@ -387,8 +382,8 @@ def _count_boxes(bvh, order, inner, depths):
                     depths[slot] = depth
 
 
-def leaf_depths(bvh: Bvh) -> np.ndarray:
-    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, with the leaf's own."""
+def leaf_depths(bvh: Bvh) -> NDArray[np.int32]:
+    """(n,) int32: for each slot, the number of boxes on the path from the root to its leaf, including the leaf's."""
     depths = np.zeros(len(bvh.prim_ids), np.int32)
     _count_boxes(bvh, parents_first(bvh.links), np.zeros(len(bvh.nodes), np.int32), depths)
     return depths
@@ -396,7 +391,7 @@ def leaf_depths(bvh: Bvh) -> np.ndarray:
 
 @inlined
 def _walk_pixel(bvh, order, query, y, x, depths, counters, steps):
-    """Walk the rays to all samples of one receiver, and count their steps."""
+    """Trace the rays to all samples of one receiver and count their steps."""
     tree, i = tree_of(bvh), y * query.w + x
     o, skip = scalars(query.origins, 3 * i, 1), np.int64(get(query.ids, i))
     patch, horizon = patch_of(query, i), horizon_of(query, i)
@@ -428,11 +423,17 @@ def _walk_rows(ticket, bvh, order, query, depths, steps):
                 _walk_pixel(bvh, order, chunk, y, x, depths, counters, steps)
 
 
-def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progress=None) -> Steps:
-    """Walk all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
+def count_steps(
+    ordered: Ordered,
+    query: ShadowQuery,
+    n_triangles: int,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Steps:
+    """Trace all rays of a ShadowQuery and count their steps. The BVH holds some of the scene's `n_triangles`."""
     bvh, shape = ordered.bvh, query.sides.shape
-    planes = [np.zeros((*shape, 3), np.int64), *(np.zeros(shape, np.int64) for _ in range(3))]
-    steps = Steps(*planes, np.zeros(n_triangles, np.int64))
+    triangles, rays, blocked = (np.zeros(shape, np.int64) for _ in range(3))
+    steps = Steps(np.zeros((*shape, 3), np.int64), triangles, rays, blocked, np.zeros(n_triangles, np.int64))
     ticket = new_ticket(shape[0], 1)
     order, depths = np.int64(ordered.order), leaf_depths(bvh)
     run(_walk_rows, thread_count(threads), ticket, bvh, order, query, depths, steps, progress=progress)
@@ -440,11 +441,11 @@ def count_steps(ordered: Ordered, query, n_triangles: int, threads=None, progres
 
 
 def add_steps(all_steps: list[Steps]) -> Steps:
-    """The sums of the steps of several queries with the same receivers."""
+    """The sum of the step counts of several queries with the same receivers."""
     return Steps(*(np.sum(arrays, axis=0) for arrays in zip(*all_steps)))
 
 
-def hit_depths(bvh: Bvh, hits: np.ndarray) -> np.ndarray:
-    """(k,) int64: the number of rays blocked at each depth of the BVH; `hits` as in `Steps`."""
+def hit_depths(bvh: Bvh, hits: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(k,) int64: the number of rays blocked at each depth of the BVH; hits: as in `Steps`."""
     depths = leaf_depths(bvh)
     return np.bincount(depths, weights=hits[bvh.prim_ids]).astype(np.int64)

@@ -1,9 +1,10 @@
 """Traversal of a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries.
 
-Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
-directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c * inverse
-+ offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the offsets move the
-planes outwards by more than this error, both where a ray enters and where it leaves. docs/design/wide.md has the proof.
+Ray blocks. A *block* is scratch memory of 20 rows of 16 float32, with one column per ray. The caller fills origins,
+directions, tmin and tmax, rounded to nearest; `prepare` fills the remaining rows. A ray reaches a plane x = c at t = c
+* inverse + offset, in one instruction. The error is absolute, a fraction of the largest coordinate involved. So the
+offsets move the planes outwards by more than this error, both where a ray enters and where it leaves. Proof:
+docs/design/wide.md.
 """
 
 from typing import NamedTuple
@@ -34,27 +35,25 @@ from ...kernels.simd import (
 from ..counters import TRIANGLE_TESTS, count
 from .ray_traversal import BUILT, CLOSEST, settle, walk
 
-# --- Sixteen rays side by side, with the numbers that box and triangle tests need, computed once for all sixteen ------
-#
-# A *block* is scratch memory of 20 rows of 16 float32, with a column for each ray. The caller fills origins,
-# directions, tmin and tmax, rounded to nearest. `prepare` fills the rest. A ray reaches a plane x = c at t = c *
-# inverse + offset, in one instruction. Its error is absolute: a share of the largest coordinate in play. So the
-# offsets move the planes outwards by more than this error, both where a ray enters and where it leaves.
-# docs/design/wide.md has the proof.
+# --- Ray blocks -------------------------------------------------------------------------------------------------------
 
 
 LANES = 16
-BLOCKS = 4  # blocks that lie one after the other
+BLOCKS = 4  # consecutive blocks in memory
 OX, OY, OZ, DX, DY, DZ, TMIN, TMAX = (LANES * k for k in range(8))  # filled by the caller
 INVERSE, NEAR, FAR = 8 * LANES, 11 * LANES, 14 * LANES  # three rows each: x, y, z
 LIMIT, UNIT, FLOOR = 17 * LANES, 18 * LANES, 19 * LANES
 BLOCK_WORDS = 20 * LANES
-ENDS, WAY, REST = 0, 2 * LANES, 5 * LANES  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
+ENDS, DIRECTION, REMAINDER = (
+    0,
+    2 * LANES,
+    5 * LANES,
+)  # float64 rows of `RayBlock.precise`: tmin, tmax; three rows each: x, y, z
 PRECISE_WORDS = 8 * LANES
 
 _SMALL, LARGE = np.float32(2.0**-40), np.float32(2.0**40)
-_ALONG = np.float32(2.0**-40)  # a direction's component below this share of the largest one counts as this share
-_PAD = np.float32(2.0**-20)  # planes are moved outwards by this share of the largest coordinate in play
+_ALONG = np.float32(2.0**-40)  # a direction's components are raised to at least this fraction of the largest one
+_PAD = np.float32(2.0**-20)  # planes are moved outwards by this fraction of the largest coordinate involved
 _INF = np.float32(np.inf)
 
 
@@ -63,32 +62,32 @@ class RayBlock(NamedTuple):
 
     rows: F32Ptr  # float32 *, BLOCK_WORDS
     precise: F64Ptr  # float64 *, PRECISE_WORDS: tmin and tmax; for segments also the direction and its remainder
-    skip: I32Ptr  # int32 *, 16: a triangle index that does not count, or -1
+    skip: I32Ptr  # int32 *, 16: index of a triangle to ignore, or -1
     segments: bool  # the rays are segments between float32 points; False: the float32 direction is exact
 
 
 @inlined
 def block_of(rays, j):
-    """Block j of a `RayBlock` that holds several blocks, one after the other."""
+    """Block j of a `RayBlock` that holds several consecutive blocks."""
     rows, precise = ptr_at(rays.rows, j * BLOCK_WORDS), ptr_at(rays.precise, j * PRECISE_WORDS)
     return RayBlock(rows, precise, ptr_at(rays.skip, j * LANES), rays.segments)
 
 
 @inlined
 def first_block(rays):
-    """The block of the first of some rays (bits) of several blocks."""
+    """The block of the first ray in `rays` (bits) of several blocks."""
     return lowest_bit(rays) // LANES
 
 
 @inlined
 def rays_of_block(j):
-    """Bits of the rays of block j among several blocks."""
+    """Bits of the rays of block j, among those of several blocks."""
     return np.int64((1 << LANES) - 1) << (j * LANES)
 
 
 @inlined
 def rays_in(rays, j):
-    """Those of some rays (bits) of several blocks that are in block j, as bits of this block."""
+    """The rays in `rays` (bits) of several blocks that are in block j, as bits of this block."""
     return (rays >> (j * LANES)) & ((1 << LANES) - 1)
 
 
@@ -100,14 +99,14 @@ def ray_of(rays, i):
     if not rays.segments:
         return ray_along(ox, oy, oz, get(b, DX + i), get(b, DY + i), get(b, DZ + i), tmin, tmax)
     return Ray(
-        f(ox), f(oy), f(oz), get(p, WAY + i), get(p, WAY + LANES + i), get(p, WAY + 2 * LANES + i),
-        get(p, REST + i), get(p, REST + LANES + i), get(p, REST + 2 * LANES + i), tmin, tmax, 1.0,
+        f(ox), f(oy), f(oz), get(p, DIRECTION + i), get(p, DIRECTION + LANES + i), get(p, DIRECTION + 2 * LANES + i),
+        get(p, REMAINDER + i), get(p, REMAINDER + LANES + i), get(p, REMAINDER + 2 * LANES + i), tmin, tmax, 1.0,
     )  # fmt: skip
 
 
 @inlined
 def prepare(block, tree_reach):
-    """Fill the rows from INVERSE on. Rays too long, short or far for float32's range enter every box."""
+    """Fill the rows from INVERSE on. Rays too long, too short or too far away for float32 enter every box."""
     ox, oy, oz = load16(block, OX), load16(block, OY), load16(block, OZ)
     dx, dy, dz = load16(block, DX), load16(block, DY), load16(block, DZ)
     largest = maximum(maximum(absolute(dx), absolute(dy)), absolute(dz))
@@ -149,93 +148,93 @@ def filter_rays16(block):
     )  # fmt: skip
 
 
-# --- One ray and a wide BVH: tests of eight boxes or eight triangles at a time, and the results of queries ------------
+# --- Tests of boxes and triangles -------------------------------------------------------------------------------------
 
 
 STACK = (MAX_DEPTH + 2) * WIDTH
-DEFERRED = 128  # most tests that can be deferred for a block of rays
+DEFERRED = 128  # largest number of deferred tests per block of rays
 DEFERRED_WORDS = 2 + 2 * DEFERRED
 NONE = -1
 _LINE = 16  # float32 of a cache line
 
 
 class Query(NamedTuple):
-    """The kind of a query."""
+    """The kind of query."""
 
     cull_faces: int  # a value of CULL_FACES
     any_hit: bool  # any hit, not the nearest
 
 
 class WideHit(NamedTuple):
-    """Pointers to the hit of each ray of a block, and to the tests that are settled after the walk."""
+    """Pointers to the hit of each ray of a block, and to the deferred tests."""
 
     lane: I32Ptr  # int32 *: group * 8 + lane of the triangle; NONE: no hit; below NONE: -2 - its slot
-    prim: I64Ptr  # int64 *: index of the triangle; only for the nearest hit
-    t: F64Ptr  # float64 *: `hit_t` of the hit; only for the nearest hit
-    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: number of tests; bits of rays that lost tests; each test's ray and lane
+    prim: I64Ptr  # int64 *: index of the triangle; only for closest-hit queries
+    t: F64Ptr  # float64 *: `hit_t` of the hit; only for closest-hit queries
+    deferred: I32Ptr  # int32 *, DEFERRED_WORDS: count; bits of rays whose tests overflowed; each test's ray and lane
 
 
 @inlined
-def hits_of(found, j):
-    """The `WideHit` of block j, where `found` has memory for several blocks, one after the other."""
+def hits_of(hits, j):
+    """The `WideHit` of block j, where `hits` has memory for several consecutive blocks."""
     at = j * LANES
-    lane, prim, t = ptr_at(found.lane, at), ptr_at(found.prim, at), ptr_at(found.t, at)
-    return WideHit(lane, prim, t, ptr_at(found.deferred, j * DEFERRED_WORDS))
+    lane, prim, t = ptr_at(hits.lane, at), ptr_at(hits.prim, at), ptr_at(hits.t, at)
+    return WideHit(lane, prim, t, ptr_at(hits.deferred, j * DEFERRED_WORDS))
 
 
 @inlined
-def slot_of(tree, found, i):
-    """Slot of the triangle found for ray i, or -1."""
-    lane = np.int64(get(found.lane, i))
+def slot_of(tree, hits, i):
+    """Slot of the triangle that ray i hits, or -1."""
+    lane = np.int64(get(hits.lane, i))
     return np.int64(get(tree.slots, lane)) if lane >= 0 else -2 - lane
 
 
 @inlined
-def start(found, rays):
-    """Reset `found`: no ray of a block has a hit."""
-    put(found.deferred, 0, 0)
-    put(found.deferred, 1, 0)
+def start(hits, rays):
+    """Reset `hits` for the rays of a block."""
+    put(hits.deferred, 0, 0)
+    put(hits.deferred, 1, 0)
     for i in range(LANES):
-        put(found.lane, i, NONE)
-        put(found.t, i, np.float64(get(rays.rows, TMAX + i)))
+        put(hits.lane, i, NONE)
+        put(hits.t, i, np.float64(get(rays.rows, TMAX + i)))
 
 
 @inlined
-def _defer_lanes(found, i, first, lanes):
-    """Note that ray i may meet the triangles in some lanes (bits) of a group; `first`: the group's first lane."""
-    n = np.int64(get(found.deferred, 0))
+def _defer_lanes(hits, i, first, lanes):
+    """Defer the tests of ray i against the triangles in `lanes` (bits) of a group; `first`: the group's first lane."""
+    n = np.int64(get(hits.deferred, 0))
     while lanes:
         k = lowest_bit(lanes)
         lanes &= lanes - 1
         if n == DEFERRED:
-            put(found.deferred, 1, np.int64(get(found.deferred, 1)) | np.int64(1) << i)
+            put(hits.deferred, 1, np.int64(get(hits.deferred, 1)) | np.int64(1) << i)
             break
-        put(found.deferred, 2 + 2 * n, i)
-        put(found.deferred, 3 + 2 * n, first + k)
+        put(hits.deferred, 2 + 2 * n, i)
+        put(hits.deferred, 3 + 2 * n, first + k)
         n += 1
-    put(found.deferred, 0, n)
+    put(hits.deferred, 0, n)
 
 
 @inlined
-def keep(tree, rays, i, at, query, found):
-    """Keep the triangle in lane `at`, which ray i meets: for the nearest, only if it is nearer than the best so far.
+def keep(tree, rays, i, at, query, hits):
+    """Store the hit of ray i on the triangle in lane `at`; for closest-hit, only if it is nearer than the best so far.
 
-    Return whether an any-hit query is answered.
+    Return whether this ends the ray's any-hit query.
     """
     slot = np.int64(get(tree.slots, at))
     prim = np.int64(get(tree.prim_ids, slot))
     if prim == get(rays.skip, i):
         return False
     if query.any_hit:
-        put(found.lane, i, at)
+        put(hits.lane, i, at)
         return True
     ray = ray_of(rays, i)
-    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, found, i)
-    best_prim, best_t = get(found.prim, i), get(found.t, i)
+    t, best = hit_t(ray, tree.corners, slot), slot_of(tree, hits, i)
+    best_prim, best_t = get(hits.prim, i), get(hits.t, i)
     if best < 0 or comes_first(ray, tree.corners, slot, prim, t, best, best_prim, best_t):
-        put(found.lane, i, at)
-        put(found.prim, i, prim)
-        put(found.t, i, t)
+        put(hits.lane, i, at)
+        put(hits.prim, i, prim)
+        put(hits.t, i, t)
         limit = np.float32(t * BEYOND)
         if limit < get(rays.rows, LIMIT + i):
             put(rays.rows, LIMIT + i, limit)
@@ -243,25 +242,25 @@ def keep(tree, rays, i, at, query, found):
 
 
 @kernel
-def settle_block(tree, rays, query, found, counters):
-    """Settle the deferred tests. Rays that lost tests are traced again, by the exact walk over the binary BVH."""
-    lost, order = np.int64(get(found.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
-    for k in range(get(found.deferred, 0)):
-        i, at = np.int64(get(found.deferred, 2 + 2 * k)), np.int64(get(found.deferred, 3 + 2 * k))
-        if lost >> i & 1 or (query.any_hit and get(found.lane, i) != NONE):
+def settle_block(tree, rays, query, hits, counters):
+    """Settle the deferred tests. Rays whose tests overflowed are traced again, through the binary BVH."""
+    overflowed, order = np.int64(get(hits.deferred, 1)), np.int64(BUILT if query.any_hit else CLOSEST)
+    for k in range(get(hits.deferred, 0)):
+        i, at = np.int64(get(hits.deferred, 2 + 2 * k)), np.int64(get(hits.deferred, 3 + 2 * k))
+        if overflowed >> i & 1 or (query.any_hit and get(hits.lane, i) != NONE):
             continue
         side = settle(ray_of(rays, i), tree.corners, np.int64(get(tree.slots, at)), counters)
         if side != 0 and side != query.cull_faces:
-            keep(tree, rays, i, at, query, found)
-    while lost:
-        i = lowest_bit(lost)
-        lost &= lost - 1
+            keep(tree, rays, i, at, query, hits)
+    while overflowed:
+        i = lowest_bit(overflowed)
+        overflowed &= overflowed - 1
         skip = np.int64(get(rays.skip, i))
         slot, t = walk(tree.binary, ray_of(rays, i), skip, query.cull_faces, order, None, counters)
-        put(found.lane, i, -2 - slot)
-        put(found.t, i, t)
+        put(hits.lane, i, -2 - slot)
+        put(hits.t, i, t)
         if slot >= 0:
-            put(found.prim, i, np.int64(get(tree.prim_ids, slot)))
+            put(hits.prim, i, np.int64(get(tree.prim_ids, slot)))
 
 
 @inlined
@@ -276,41 +275,41 @@ def group_of(groups, at):
 
 @inlined
 def facing(hits, positive, cull_faces):
-    """The hits that are not culled."""
+    """The hits that face culling keeps."""
     if cull_faces == 0:
         return hits
     return hits & (~positive if cull_faces > 0 else positive)
 
 
 @inlined
-def visit_leaf(tree, rays, i, link, query, found, counters):
-    """Test ray i against the triangles of a leaf. Return whether an any-hit query is answered."""
+def visit_leaf(tree, rays, i, link, query, hits, counters):
+    """Test ray i against the triangles of a leaf. Return whether this ends the ray's any-hit query."""
     group, n = wide_leaf(link)
     count(counters, TRIANGLE_TESTS, n)
-    hits, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    lanes, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
     there = (1 << n) - 1
-    hits = facing(hits, positive, query.cull_faces) & there
-    if query.any_hit and hits and get(rays.skip, i) < 0:
-        put(found.lane, i, group * WIDTH + lowest_bit(hits))
+    lanes = facing(lanes, positive, query.cull_faces) & there
+    if query.any_hit and lanes and get(rays.skip, i) < 0:
+        put(hits.lane, i, group * WIDTH + lowest_bit(lanes))
         return True
-    while hits:
-        k = lowest_bit(hits)
-        hits &= hits - 1
-        if keep(tree, rays, i, group * WIDTH + k, query, found):
+    while lanes:
+        k = lowest_bit(lanes)
+        lanes &= lanes - 1
+        if keep(tree, rays, i, group * WIDTH + k, query, hits):
             return True
     unsure &= there
     if unsure:
-        _defer_lanes(found, i, group * WIDTH, unsure)
+        _defer_lanes(hits, i, group * WIDTH, unsure)
     return False
 
 
 @inlined
-def defer(found, rays, at):
-    """Note that some rays (bits) may meet the triangle in lane `at`."""
+def defer(hits, rays, at):
+    """Defer the tests of some rays (bits) against the triangle in lane `at`."""
     while rays:
         i = lowest_bit(rays)
         rays &= rays - 1
-        _defer_lanes(found, i, at, np.int64(1))
+        _defer_lanes(hits, i, at, np.int64(1))
 
 
 @inlined
@@ -325,7 +324,7 @@ def fetch(tree, link):
 
 
 class WideSlabs(NamedTuple):
-    """A ray prepared for eight boxes: broadcast rows of its block, and the words of the planes where it enters."""
+    """A ray prepared for eight boxes: broadcast rows of its block, and words of the planes through which it enters."""
 
     ix: F32x8
     iy: F32x8
@@ -361,10 +360,10 @@ def slabs_of(block, i):
 def enter(nodes, at, r, limit):
     """Test the eight boxes of the node at word `at`: (mask of the boxes entered before `limit`, vector of entry t)."""
     x, y, z = load8(nodes, at + r.x), load8(nodes, at + r.y), load8(nodes, at + r.z)
-    near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
+    t_near = maximum(maximum(fma(x, r.ix, r.near_x), fma(y, r.iy, r.near_y)), maximum(fma(z, r.iz, r.near_z), r.tmin))
     x, y, z = load8(nodes, at + (r.x ^ WIDTH)), load8(nodes, at + (r.y ^ WIDTH)), load8(nodes, at + (r.z ^ WIDTH))
-    far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
-    return near <= far, near
+    t_far = minimum(minimum(fma(x, r.ix, r.far_x), fma(y, r.iy, r.far_y)), minimum(fma(z, r.iz, r.far_z), limit))
+    return t_near <= t_far, t_near
 
 
 @inlined

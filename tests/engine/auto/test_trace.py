@@ -28,7 +28,7 @@ def scene():
 
 def _forced(monkeypatch, way):
     """Make a way look far faster than the others."""
-    monkeypatch.setattr(choose, "rate", lambda name, facts: 1e-12 if name == way else 1.0)
+    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-12 if name == way else 1.0)
     monkeypatch.setattr(choose, "_TRY", 1e9)
 
 
@@ -55,14 +55,14 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
     monkeypatch.setattr(choose, "_SORT", -1.0)
     seen = at.visibility(scene, points, LAMP, spp=spp, plan="auto")
     np.testing.assert_array_equal(seen.bits, plain.bits)
-    chosen = scene.engine._trees._made[parse_plan("auto")].chosen
+    chosen = scene.engine._trees._accelerated[parse_plan("auto")].chosen
     assert [c.sorted for c in chosen.choices] == [True] and 0.1 < plain.fraction.mean() < 0.99
 
 
 def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, monkeypatch):
     monkeypatch.setattr(choose, "_TRY", 1e-9)
     monkeypatch.setattr(choose, "_MAKING", 1e9)
-    monkeypatch.setattr(choose, "rate", lambda name, facts: 1e-7)
+    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-7)
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
     (choice,) = first.choices
@@ -84,7 +84,7 @@ def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
         clock[0] += 1e-4 if name in called else 100.0
         called.append(name)
 
-    monkeypatch.setattr(choose, "answer", first_takes_long)
+    monkeypatch.setattr(choose, "answer_query", first_takes_long)
     monkeypatch.setattr(choose, "perf_counter", lambda: clock[0])
     triangles, query = query_of(scene, scene.cameras[0].resized(64, 48), LAMP, 4)
     auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
@@ -96,7 +96,7 @@ def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
 def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
     monkeypatch.setattr(choose, "_TRY", 1e-9)
     monkeypatch.setattr(choose, "_MAKING", 1e9)
-    monkeypatch.setattr(choose, "rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
+    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
     frame = at.render(scene, scene.cameras[0].resized(64, 48), [LAMP], spp=4)
     assert set(frame.choices[0].tried) <= {"wide", "packet16"}
 

@@ -151,7 +151,7 @@ def test_rays_that_are_right_again_are_named(tmp_path, monkeypatch, stored):
     monkeypatch.setattr(RayArrays, "check", lambda self: None)  # as if they were right when it looks
     for query in scene.occluded, scene.closest_hit:
         assert query(rays(), DOWN) is not None
-        with pytest.raises(at.InputError, match="changed while they were traced; give copies"):
+        with pytest.raises(at.InputError, match="changed during tracing; pass copies"):
             query(bad, DOWN)
 
 
