@@ -6,7 +6,7 @@ same for all rays at a node costs nothing, since the builder stores the first ch
 and the builder `srdh` where it chooses a fixed order.
 
 Tests. Boxes are tested conservatively in float32, both children of a node at once, with one 4-wide register per axis.
-Triangles are tested by the filters of `antumbra.kernels.predicate`, which fall back to the exact predicate. So the
+Triangles are tested by the filters of `antumbra.kernels.exact`, which fall back to the exact predicate. So the
 answer is the contract's, and does not depend on the tree.
 """
 
