@@ -113,7 +113,7 @@ def test_other_settings_are_other_pictures(film):
         film("--quiet")
         other = film("--json", *option)
         assert states(other) == ["rendered"] * 4
-        assert f"f.00.png is there, with other settings ({name}" in other.err and other.err.count("\n") == 1
+        assert f"f.00.png exists, with other settings ({name}" in other.err and other.err.count("\n") == 1
         assert states(film("--json", *option)) == ["finished"] * 4
     assert film("--quiet", "--spp", 8) == (0, "", "")
 
@@ -131,7 +131,7 @@ def test_files_that_are_no_frames_of_ours_are_replaced(film, content):
     with open("f.01.png", "wb") as file:
         file.write(content)
     done = film("--json")
-    assert states(done) == ["rendered"] * 4 and "f.01.png is there, but not of an animation" in done.err
+    assert states(done) == ["rendered"] * 4 and "f.01.png exists, not from an animation" in done.err
     with Image.open("f.01.png") as image:
         assert image.size == (24, 24) and json.loads(note_of(Path("f.01.png")))["spp"] == 4
 

@@ -410,9 +410,8 @@ def _times(report: ComparisonReport) -> Iterator[tuple[str, list[str]]]:
 def compare(args: CompareArguments) -> int:
     """Measure plans on the same picture of SCENE, side by side.
 
-    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. As in
-    antumbra render, each frame starts from scratch and reuses nothing from earlier frames. The counters come from a
-    separate, untimed frame.
+    The plans take turns, and the medians of their frames are shown, phase by phase. Compilation is never timed. Each
+    frame starts from scratch and reuses nothing from earlier frames. The counters come from a separate, untimed frame.
 
     All exact plans must give the same bits. If one differs from the first exact plan, the exit code is 1.
 

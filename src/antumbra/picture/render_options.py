@@ -122,7 +122,7 @@ class RenderOptions:
             "A name in `antumbra.query.light_samples.SAMPLERS`.",
             (
                 CommandOption(
-                    "Sample points on lights: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
+                    "Light samples: larcher-pillichshammer, hammersley, sobol or halton[:0|:18|:36|:full].",
                     metavar="NAME",
                 ),
             ),
