@@ -10,7 +10,7 @@ from functools import cache
 from importlib.resources import files
 from math import inf, log2
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ def terms(features: QueryFeatures) -> NDArray[np.float64]:
 
 @cache
 def _shipped() -> dict[str, Any]:
-    return json.loads(files(__package__).joinpath("rates.json").read_text())
+    return cast(dict[str, Any], json.loads(files(__package__).joinpath("rates.json").read_text()))
 
 
 @cache
@@ -60,7 +60,7 @@ def weights() -> dict[str, NDArray[np.float64]]:
 
 def reference() -> dict[str, float]:
     """Strategy -> nanoseconds per ray by `engine.calibration.ray_times`, on the machine used for the fit."""
-    return _shipped()["reference"]
+    return cast(dict[str, float], _shipped()["reference"])
 
 
 class MachineRates(NamedTuple):

@@ -149,8 +149,10 @@ def halves_of(sample: ShadowQuery) -> list[ShadowQuery]:
     middle = length // side // 2 * side
     if middle == 0:
         return [sample]
-    cut = (lambda piece: lambda a: a[piece]) if h > 1 else (lambda piece: lambda a: a[:, piece])
-    return [with_receivers(sample, cut(piece)) for piece in (slice(0, middle), slice(middle, length))]
+    pieces = slice(0, middle), slice(middle, length)
+    if h > 1:
+        return [with_receivers(sample, lambda array, piece=piece: array[piece]) for piece in pieces]
+    return [with_receivers(sample, lambda array, piece=piece: array[:, piece]) for piece in pieces]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:

@@ -390,7 +390,8 @@ def trace_shadow(
     rays = query.sides.size * query.samples.shape[1]
     if rays <= _FEW_RAYS:
         start = perf_counter()
-        single.trace_shadow(forms.packed_single, query, bits, threads, counters, progress)
+        trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
+        trace_single(forms.packed_single, query, bits, threads, counters, progress)
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
         memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
