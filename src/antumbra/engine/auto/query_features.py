@@ -4,6 +4,7 @@ The module also sorts scattered receivers spatially, so that packets and shafts 
 small samples from a query. Strategies are timed on such a sample because their rates depend on the scene.
 """
 
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -149,10 +150,9 @@ def halves_of(sample: ShadowQuery) -> list[ShadowQuery]:
     middle = length // side // 2 * side
     if middle == 0:
         return [sample]
-    pieces = slice(0, middle), slice(middle, length)
-    if h > 1:
-        return [with_receivers(sample, lambda array, piece=piece: array[piece]) for piece in pieces]
-    return [with_receivers(sample, lambda array, piece=piece: array[:, piece]) for piece in pieces]
+    first, second = slice(0, middle), slice(middle, length)
+    indices = [np.s_[first], np.s_[second]] if h > 1 else [np.s_[:, first], np.s_[:, second]]
+    return [with_receivers(sample, itemgetter(index)) for index in indices]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:
