@@ -359,12 +359,10 @@ class AutoTracer:
         if self._better is None:
             return
         strategy, triangles = choice.strategy, self.forms.triangles
-        seconds = choice.predicted
-        if not choice.tried and lost_in_quick(strategy, seconds, triangles) * _DOUBT > upgrade_seconds(
-            strategy, triangles
-        ):
+        seconds, upgrade = choice.predicted, upgrade_seconds(strategy, triangles)
+        if not choice.tried and lost_in_quick(strategy, seconds, triangles) * _DOUBT > upgrade:
             seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
-        if lost_in_quick(strategy, seconds, triangles) > upgrade_seconds(strategy, triangles):
+        if lost_in_quick(strategy, seconds, triangles) > upgrade:
             self.forms, self.builder, self._better = TreeForms(self._better(), self.forms.threads), GOOD, None
 
     @property

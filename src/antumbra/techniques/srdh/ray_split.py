@@ -69,8 +69,8 @@ GROW = np.float32(1.0 + 2.0**-20)  # margin of the slab test: a ray that hits a 
 class RayHitSet(NamedTuple):
     """Rays and their hits."""
 
-    rays: np.ndarray  # (m, RAY) float32; its last two words are int32
-    hits: np.ndarray  # (h, HIT) float32
+    rays: NDArray[np.float32]  # (m, RAY) float32; its last two words are int32
+    hits: NDArray[np.float32]  # (h, HIT) float32
 
 
 class RayHitSetPointers(NamedTuple):
@@ -237,7 +237,7 @@ class HeuristicSettings(NamedTuple):
     """Settings of the heuristic for all ranges."""
 
     scale: np.float32  # a power of two: scales the largest coordinate to about 1, so no area overflows
-    kernels: int  # CONSTANT, DISTANCE, or both
+    kernels: np.int64  # CONSTANT, DISTANCE, or both
     prior: np.float64  # number of uniformly distributed rays, as the SAH assumes, added to the counted rays
     linear: bool  # whether a subtree of n triangles costs n, as published; else n to the power of 3/4
 

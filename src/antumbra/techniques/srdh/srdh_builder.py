@@ -145,12 +145,12 @@ _LEVELS = MAX_DEPTH + 2
 class _Frames(NamedTuple):
     """The nodes on the path from the root to a ray's current node, (_LEVELS,) int64 each."""
 
-    node: np.ndarray  # index of the node
-    entered: np.ndarray  # bits of the children whose boxes the ray enters
-    side: np.ndarray  # next child to visit; 2: none
-    comes: np.ndarray  # 1 if the ray reaches the node in the old orders
-    cost: np.ndarray  # cost of the left child
-    hits: np.ndarray  # 1 if the ray hits a triangle in the left child
+    node: NDArray[np.int64]  # index of the node
+    entered: NDArray[np.int64]  # bits of the children whose boxes the ray enters
+    side: NDArray[np.int64]  # next child to visit; 2: none
+    comes: NDArray[np.int64]  # 1 if the ray reaches the node in the old orders
+    cost: NDArray[np.int64]  # cost of the left child
+    hits: NDArray[np.int64]  # 1 if the ray hits a triangle in the left child
 
 
 @inlined
@@ -413,15 +413,15 @@ _MAX_WAITING_RAYS = 1 << 25  # a GiB
 class RaySettings(NamedTuple):
     """The settings and rays of all ranges below the upper levels."""
 
-    max_leaf: int
+    max_leaf: np.int64
     scale: np.float32  # this and the next three as in `HeuristicSettings`
-    kernels: int
+    kernels: np.int64
     prior: np.float64
     linear: bool
-    rays: np.ndarray  # (m, RAY) float32: the rays of all ranges built by one thread each, concatenated
-    hits: np.ndarray  # (h, HIT) float32: their hits, concatenated
-    spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
-    rooms: np.ndarray  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
+    rays: NDArray[np.float32]  # (m, RAY) float32: the rays of all ranges built by one thread each, concatenated
+    hits: NDArray[np.float32]  # (h, HIT) float32: their hits, concatenated
+    spans: NDArray[np.int64]  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
+    rooms: NDArray[np.int64]  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
 
 
 def _rooms_for(n_rays: NDArray[np.int64]) -> NDArray[np.int64]:
