@@ -62,9 +62,11 @@ def _queries(triangles: Triangles, camera: Camera, threads: int) -> list[ShadowQ
     """Queries of one scene for several kinds of light."""
     overhead = np.array([0.0, 7.0, 0.0])
     lights = [
-        QuadLight(overhead, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])), DirectionalLight(np.array([0.3, -1.0, 0.2])),
-        PointLight(overhead), AmbientOcclusion(),
-    ]  # fmt: skip
+        QuadLight(overhead, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])),
+        DirectionalLight(np.array([0.3, -1.0, 0.2])),
+        PointLight(overhead),
+        AmbientOcclusion(),
+    ]
     gbuffer = primary_visibility(triangles, camera, None, threads)
     return shadow_queries(triangles, gbuffer, lights, [light_samples(light, _SPP) for light in lights], 0, threads)
 

@@ -341,9 +341,13 @@ class AutoTracer:
     """
 
     def __init__(
-        self, bvh: Bvh, threads: int | None = None, memory: StrategyMemory | None = None, builder: str | None = None,
+        self,
+        bvh: Bvh,
+        threads: int | None = None,
+        memory: StrategyMemory | None = None,
+        builder: str | None = None,
         better: Callable[[], Bvh] | None = None,
-    ):  # fmt: skip
+    ) -> None:
         self.forms, self.memory = TreeForms(bvh, thread_count(threads)), memory or StrategyMemory()
         self.builder, self._better = builder, better
 
