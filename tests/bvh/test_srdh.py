@@ -123,7 +123,7 @@ def test_ranges_that_find_no_room_for_their_rays_go_on_by_the_sah(monkeypatch):
     rays = met(vertices, np.concatenate([origins, origins - shift]), np.concatenate([ends, ends - shift]))
     assert len(rays.prims) == 60 * n
     roomy = srdh.build(vertices, 1, rays=rays)
-    monkeypatch.setattr(srdh, "_MOST", 0)
+    monkeypatch.setattr(srdh, "_MAX_WAITING_RAYS", 0)
     cramped = srdh.build(vertices, 1, rays=rays)
     validate(cramped, vertices)
     assert not same(cramped, roomy) and words(cramped) == words(roomy) == {UNORDERED, LEFT_FIRST}

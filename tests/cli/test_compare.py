@@ -164,7 +164,7 @@ def test_bits_that_differ(compare, monkeypatch, tmp_path, plan, code):
         (("--plan", "bsah+single"), ["named twice"]),
         (("--plan", "nothing+single"), ["'nothing'"]),
         (("--rounds", "0"), ["--rounds"]),
-        (("--srdh-rays", "8"), ["wants rays"]),
+        (("--srdh-rays", "8"), ["is ray-guided"]),
         (("--plan", "srdh+single", "--srdh-rays", "last-frame"), ["last-frame", "animations"]),
         (("--ao", "1", "--bounce", "2"), ["--ao", "--bounce"]),
         (("--exposure", "-1"), ["exposure"]),

@@ -99,7 +99,7 @@ def test_plans_that_differ_are_a_bug_and_leave_no_picture(explain, monkeypatch, 
         (("--plan", "bsah+single", "--plan", "grid32+cones"), ["'grid32+cones'", "no BVH"]),
         (("--srdh-rays", "0"), ["--srdh-rays 0", "1"]),
         (("--srdh-rays", "many"), ["'many'", "16, 32 or all"]),
-        (("--srdh-rays", "32", "--plan", "bsah+single"), ["bsah+single", "wants rays"]),
+        (("--srdh-rays", "32", "--plan", "bsah+single"), ["bsah+single", "is ray-guided"]),
         (("--srdh-rays", "last-frame"), ["last-frame", "--before"]),
         (("--before", "0"), ["--before is 0"]),
         (("--before", "nan"), ["--before is nan"]),
@@ -117,4 +117,4 @@ def test_what_is_wrong_is_said(explain, tmp_path, arguments, words):
 
 
 def test_the_plan_is_checked_before_the_scene_is_read(explain):
-    explain("--srdh-rays", "32", "--plan", "bsah+single", scene="not_there.glb").refused("wants rays")
+    explain("--srdh-rays", "32", "--plan", "bsah+single", scene="not_there.glb").refused("is ray-guided")

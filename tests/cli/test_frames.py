@@ -280,7 +280,7 @@ def test_what_people_are_told(film):
         (("-o", "f.####.png"), ["f.####.png", "--frames"]),
         (("--fps", "24"), ["--fps", "--frames"]),
         (("--plan", "srdh+single", "--srdh-rays", "last-frame"), ["last-frame", "--frames"]),
-        (("--frames", "0:5", "--srdh-rays", "last-frame"), ["auto", "wants rays"]),
+        (("--frames", "0:5", "--srdh-rays", "last-frame"), ["auto", "is ray-guided"]),
     ],
 )
 def test_bad_options(render, tmp_path, arguments, words):

@@ -125,7 +125,10 @@ def test_orders_have_a_part_each():
 @pytest.mark.parametrize(
     "make, words",
     [
-        (lambda: Plan("bsah+wide"), r"it takes cull=.* one by one; a whole plan is a text, as in plan='bsah\+wide'"),
+        (
+            lambda: Plan("bsah+wide"),
+            r"it takes cull=.* one by one; write a whole plan as a string, as in plan='bsah\+wide'",
+        ),
         (lambda: Plan(trace="bsah"), "Plan has no tracer 'bsah': it takes cull="),
         (lambda: Plan(build="bsha"), "Plan has no builder 'bsha'; did you mean 'bsah'"),
         (lambda: parse_plan("bsah+multifrustra"), "unknown part 'multifrustra'; did you mean 'multifrusta'"),

@@ -360,7 +360,7 @@ def test_mistakes_are_named(values, says):
 
 
 def test_rays_for_a_plan_that_wants_none(scene, camera):
-    with pytest.raises(at.InputError, match=r"srdh_rays is given, but nothing in bsah\+multifrusta wants rays"):
+    with pytest.raises(at.InputError, match=r"srdh_rays is given, but no method in bsah\+multifrusta is ray-guided"):
         render(scene, camera, "bsah+multifrusta", srdh_rays=at.SrdhRays())
     with pytest.raises(at.InputError, match="leave it out, or build by srdh"):
         at.visibility(scene, np.zeros((1, 3)), scene.lights[0], plan=sampled("lbvh+single", at.SrdhRays()))

@@ -184,7 +184,7 @@ def test_what_is_wrong_is_said_before_anything_is_drawn(scene, moment, monkeypat
     ):
         with pytest.raises(at.InputError, match=words):
             compare(scene, moment, plans)
-    with pytest.raises(at.InputError, match="wants rays"):
+    with pytest.raises(at.InputError, match="is ray-guided"):
         at.Plan(trace="wide", sample=at.SrdhRays(2))
     with pytest.raises(at.InputError, match="rounds"):
         compare(scene, moment, PLANS[:2], rounds=0)

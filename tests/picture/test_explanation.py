@@ -162,5 +162,5 @@ def test_plans_that_differ_are_reported(scene, moment, monkeypatch):
 
 
 def test_rays_for_builders_that_want_none(scene, moment):
-    with pytest.raises(at.InputError, match=r"nothing in bsah\+single wants rays"):
+    with pytest.raises(at.InputError, match=r"no method in bsah\+single is ray-guided"):
         at.Plan(trace="single", sample=at.SrdhRays())

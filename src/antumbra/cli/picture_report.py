@@ -278,7 +278,7 @@ def print_choices(shot: "Shot", triangles: int) -> None:
     names = [type(light).__name__ for light in shot.lights]
     for i, choice in enumerate(frame.choices):
         times = console.duration(choice.predicted), console.duration(choice.seconds)
-        strategy = choice.way + ", sorted" * choice.sorted
+        strategy = choice.strategy + ", sorted" * choice.sorted
         rows.append(
             (names[i] if i < len(names) else "more rays", f"{choice.rays:,}", strategy, _reason(choice), *times)
         )

@@ -287,7 +287,7 @@ class AutoAccelerator(Accelerator):
 
     def executed_plan(self, accelerated: Accelerated) -> Plan:
         assert accelerated.chosen is not None
-        tracers = {choice.way if choice.way in TRACERS else "multifrusta" for choice in self.memory.choices}
+        tracers = {choice.strategy if choice.strategy in TRACERS else "multifrusta" for choice in self.memory.choices}
         tree = parse_plan(f"{accelerated.chosen.builder}+{self.plan.trace}")
         return replace(tree, trace=tracers.pop() if len(tracers) == 1 else self.plan.trace)
 

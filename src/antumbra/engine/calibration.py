@@ -1,4 +1,4 @@
-"""Calibrate the cost model of the plan `auto` on this machine; ``antumbra warmup`` runs it once, for some seconds."""
+"""Calibration of the cost model of the plan `auto` on this machine, in some seconds; ``antumbra warmup`` runs it."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,6 +11,7 @@ from ..bvh.nodes import Bvh
 from ..kernels.parallel import thread_count
 from ..query.light_samples import light_samples
 from ..query.shadow_query import ShadowQuery, ray_count, shadow_queries
+from ..scene.camera import Camera
 from ..scene.lights import AmbientOcclusion, DirectionalLight, PointLight, QuadLight
 from ..scene.triangles import Triangles
 from .accelerator import best_tree
@@ -20,49 +21,52 @@ from .method_registry import BUILDERS
 from .primary_visibility import primary_visibility
 from .scene import procedural
 
-_TRIANGLES, _SIZE, _SPP, _TIMES = 60_000, (160, 128), 16, 2
+_TRIANGLES, _SIZE, _SPP, _REPETITIONS = 60_000, (160, 128), 16, 2
 
 
 def calibrate() -> MachineRates:
-    """Measure the rates of all ways, and the times to build trees; keep them beside the kernels."""
+    """Measure the rates of all strategies and the times to build trees, and store them beside the kernels."""
     scene, threads = procedural("atrium", triangles=_TRIANGLES), thread_count(None)
     triangles = scene.triangles(0.0, threads)
     n = len(triangles.vertices)
     builds = {
-        name: 1e9 * _seconds(lambda name=name: BUILDERS[name].build(triangles.vertices, threads)) / n
-        for name in (QUICK, GOOD)
+        name: 1e9 * _seconds(partial(BUILDERS[name].build, triangles.vertices, threads)) / n for name in (QUICK, GOOD)
     }
     builds[BEST] = 1e9 * _seconds(lambda: best_tree(triangles.vertices, threads)) / n
     bvh = BUILDERS[QUICK].build(triangles.vertices, threads)
-    forms = {
-        name: 1e9 * _form_seconds(name, bvh, threads) / n for name, way in STRATEGIES.items() if way.form is not None
+    form_times = {
+        name: 1e9 * _form_seconds(name, bvh, threads) / n
+        for name, strategy in STRATEGIES.items()
+        if strategy.form is not None
     }
     queries = _queries(triangles, scene.cameras[0].resized(*_SIZE), threads)
-    made = TreeForms(bvh, threads)
-    slower = {name: of_ray / reference()[name] for name, of_ray in ray_times(made, queries).items()}
-    measured = MachineRates(slower, forms, builds)
-    store_machine_rates(measured)
-    return measured
+    times = ray_times(TreeForms(bvh, threads), queries)
+    slower = {name: nanoseconds / reference()[name] for name, nanoseconds in times.items()}
+    rates = MachineRates(slower, form_times, builds)
+    store_machine_rates(rates)
+    return rates
 
 
 def ray_times(forms: TreeForms, queries: list[ShadowQuery]) -> dict[str, float]:
-    """Way -> nanoseconds of one thread for a ray, on average over the queries that it can answer."""
-    found = {}
-    for name, way in STRATEGIES.items():
-        suited = [query for query in queries if way.suits(query, forms.box)]
+    """Strategy -> nanoseconds per ray on one thread, the geometric mean over the queries that it can answer."""
+    means = {}
+    for name, strategy in STRATEGIES.items():
+        suited = [query for query in queries if strategy.suits(query, forms.box)]
         rays = [ray_count(query) for query in suited]
         times = [_seconds(partial(answer_query, name, forms, query, 1), thread_time) for query in suited]
-        found[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
-    return found
+        means[name] = geometric_mean(1e9 * seconds / n for seconds, n in zip(times, rays))
+    return means
 
 
-def _queries(triangles: Triangles, camera, threads: int) -> list[ShadowQuery]:
-    """Queries of one scene by several kinds of light."""
-    over = np.array([0.0, 7.0, 0.0])
+def _queries(triangles: Triangles, camera: Camera, threads: int) -> list[ShadowQuery]:
+    """Queries of one scene for several kinds of light."""
+    overhead = np.array([0.0, 7.0, 0.0])
     lights = [
-        QuadLight(over, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])), DirectionalLight(np.array([0.3, -1.0, 0.2])),
-        PointLight(over), AmbientOcclusion(),
-    ]  # fmt: skip
+        QuadLight(overhead, np.array([1.0, 0, 0]), np.array([0, 0, 1.0])),
+        DirectionalLight(np.array([0.3, -1.0, 0.2])),
+        PointLight(overhead),
+        AmbientOcclusion(),
+    ]
     gbuffer = primary_visibility(triangles, camera, None, threads)
     return shadow_queries(triangles, gbuffer, lights, [light_samples(light, _SPP) for light in lights], 0, threads)
 
@@ -72,10 +76,10 @@ def _form_seconds(name: str, bvh: Bvh, threads: int) -> float:
 
 
 def _seconds(work: Callable[[], object], clock: Callable[[], float] = perf_counter) -> float:
-    """The least seconds of some times."""
-    found = []
-    for _ in range(_TIMES):
+    """The shortest of `_REPETITIONS` measured times, in seconds."""
+    times = []
+    for _ in range(_REPETITIONS):
         start = clock()
         work()
-        found.append(clock() - start)
-    return min(found)
+        times.append(clock() - start)
+    return min(times)

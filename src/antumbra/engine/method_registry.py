@@ -1,36 +1,42 @@
 """The registries of methods: cullers, builders, optimisers, updaters and tracers that a plan can name.
 
-This module holds the library's own methods. Other packages add methods with `register`. Such a package announces a
-function under the entry point ``antumbra.engine.method_registry``; the first lookup of an unknown name calls it.
+This module defines the library's own methods. Other packages add methods with `register`. Such a package declares a
+function under the entry point group ``antumbra.methods``; the first lookup of an unknown name calls it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from .. import extras as plugins
 from ..bvh import binned_sah, lbvh, refit, reinsertion, sweep_sah, tl_lbvh
 from ..bvh.block_tree import block_tree
+from ..bvh.nodes import Bvh
 from ..bvh.wide_bvh import widen
-from ..techniques.culling.pre_bvh_culling import cull
+from ..query.shadow_query import ShadowQuery
+from ..techniques.culling.pre_bvh_culling import CullResult, Soup, cull
 from ..techniques.srdh import srdh_builder as rayorder
 from ..techniques.srdh import srdh_builder as srdh
 from ..techniques.tracer_options import FASTEST_RAY_HIERARCHY
 from ..techniques.tracer_options import ChcRtOptions as CullingOptions
 from ..techniques.tracer_options import RayHierarchyOptions as ConeOptions
+from ..trace.counters import Progress
 from ..trace.frusta import multi_frusta as multifrusta
 from ..trace.packets import packet16
 from ..trace.rays import single_rays as single
 from .auto import strategies as auto
+from .auto.strategies import Bits, Counters
+
+T = TypeVar("T")
 
 
 class Culler(NamedTuple):
-    """A method that drops triangles before a BVH is built: ``cull(triangles, queries, threads) -> Culled``.
+    """A method that drops triangles before a BVH is built: ``cull(triangles, queries, threads) -> CullResult``.
 
-    It keeps every triangle that a shadow ray of the queries can meet.
+    It keeps every triangle that a shadow ray of the queries can hit.
     """
 
-    cull: Callable
+    cull: Callable[..., CullResult]
     description: str  # one line, for `antumbra plans`
     paper: str  # citation
 
@@ -38,10 +44,10 @@ class Culler(NamedTuple):
 class Builder(NamedTuple):
     """A method that builds a BVH: ``build(vertices, threads=None, ...) -> Bvh``.
 
-    A ray-guided builder also takes `rayset.Intersections` as ``rays``. All builders make a valid BVH of the same form.
+    A ray-guided builder also takes `ray_hits.Intersections` as ``rays``. All builders return a valid `Bvh`.
     """
 
-    build: Callable
+    build: Callable[..., Bvh]
     description: str
     paper: str
     wants_rays: bool = False
@@ -50,24 +56,24 @@ class Builder(NamedTuple):
 class Optimiser(NamedTuple):
     """A method that improves a BVH: ``optimise(bvh, threads=None, ...) -> Bvh``.
 
-    It works on the BVH of any builder that is not ray-guided. A ray-guided optimiser also takes `rayset.Intersections`
-    as ``rays``. The surface area cost never rises.
+    It works on the BVH of any builder that is not ray-guided. A ray-guided optimiser also takes
+    `ray_hits.Intersections` as ``rays``. The surface area cost never increases.
     """
 
-    optimise: Callable
+    optimise: Callable[..., Bvh]
     description: str
     paper: str
     wants_rays: bool = False
 
 
 class Updater(NamedTuple):
-    """A method that derives the BVH of a frame from the last frame's BVH, if that pays off.
+    """A method that derives a frame's BVH from the previous frame's, if that pays off.
 
-    It works with any builder. ``keep(build)`` returns an object that lasts from frame to frame and has a method
+    It works with any builder. ``keep(build)`` returns an object that persists across frames and has a method
     ``update(vertices, threads) -> Bvh``. Its argument ``build(vertices, threads)`` builds a new BVH.
     """
 
-    keep: Callable
+    keep: Callable[..., Any]
     description: str
     paper: str
 
@@ -75,23 +81,24 @@ class Updater(NamedTuple):
 class Tracer(NamedTuple):
     """A method that answers a shadow query.
 
-    ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree.
-    ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer without a BVH prepares a
-    `techniques.culling.pre_bvh_culling.Soup` instead. A tracer may also take several queries of receivers of the same
-    shape: ``trace_all(prepared, queries, bits, threads, counters, progress)``.
+    ``prepare(bvh, threads)`` converts a BVH to the tracer's own structure, once per tree. A tracer without a BVH
+    prepares a `techniques.culling.pre_bvh_culling.Soup` instead.
+    ``trace(prepared, query, bits, threads, counters, progress)`` sets the bits. A tracer may also trace several queries
+    together, if their receivers have the same shape:
+    ``trace_all(prepared, queries, bits, threads, counters, progress)``.
     """
 
-    prepare: Callable
-    trace: Callable
+    prepare: Callable[..., Any]
+    trace: Callable[..., None]
     description: str
-    paper: str  # empty: there is none
-    builds: bool = True  # True: the tracer walks a BVH
-    chooses: bool = False  # True: a plan of this tracer alone chooses the builder, too
-    keeps: bool = False  # True: the prepared structure remembers earlier frames, and has `begin()` to call in each
+    paper: str  # empty: none
+    builds: bool = True  # True: the tracer traverses a BVH
+    chooses: bool = False  # True: a plan that names only this tracer lets it choose the builder, too
+    keeps: bool = False  # True: the prepared structure has state from earlier frames, and `begin()` starts each frame
     exact: bool = True  # True: the tracer gives the same bits as all other exact tracers
-    counts_apart: bool = False  # True: separate kernels count tests
-    trace_all: Callable | None = None
-    culling: CullingOptions | None = None  # of tracers with occlusion queries, which can also trace stores
+    counts_apart: bool = False  # True: tests are counted by separate kernels
+    trace_all: Callable[..., None] | None = None
+    culling: CullingOptions | None = None  # only for tracers with occlusion queries, which can also trace stores
 
 
 SELGRAD = (
@@ -103,10 +110,12 @@ OLSSON = "Olsson and Assarsson 2011, Improved ray hierarchy alias free shadows"
 MATTAUSCH = "Mattausch et al. 2015, CHC+RT: coherent hierarchical culling for ray tracing"
 
 
-# --- culling, and trees ------------------------------------------------------------------------------------------
+# --- cullers, builders, optimisers and updaters -----------------------------------------------------------------------
 
 CULLERS: dict[str, Culler] = {
-    f"grid{n}": Culler(partial(cull, n=n), f"a grid of {n} x {n} x {n} cells between receivers and lights", SELGRAD)
+    f"grid{n}": Culler(
+        partial(cull, n=n), f"drops triangles by a grid of {n} x {n} x {n} cells between receivers and lights", SELGRAD
+    )
     for n in (32, 16, 64, 128, 256)
 }
 """Name -> culler."""
@@ -119,27 +128,27 @@ BUILDERS: dict[str, Builder] = {
     ),
     "sweep-sah": Builder(
         sweep_sah.build,
-        "full sweep surface area heuristic: the reference of quality",
+        "full sweep surface area heuristic: the quality reference",
         "MacDonald and Booth 1990, Heuristics for ray tracing using space subdivision",
     ),
     "lbvh": Builder(
         lbvh.build,
-        "Morton codes of 30 bits: the fastest to build",
+        "30-bit Morton codes: the fastest build",
         "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
     "lbvh63": Builder(
         lbvh.build63,
-        "Morton codes of 63 bits: for scenes with fine detail in a small part",
+        "63-bit Morton codes: for scenes with fine detail in a small region",
         "Karras 2012, Maximizing parallelism in the construction of BVHs, octrees, and k-d trees",
     ),
     "tl-lbvh": Builder(
         tl_lbvh.build,
-        "lbvh with its treelets restructured: as fast as bsah, and better in most scenes",
+        "lbvh with restructured treelets: builds as fast as bsah, and better trees in most scenes",
         "Karras and Aila 2013, Fast parallel construction of high-quality bounding volume hierarchies",
     ),
     "srdh": Builder(
         srdh.build,
-        "built, and children ordered, for shadow rays like those of a sparse sample",
+        "tree and child order optimised for a sparse sample of the shadow rays",
         f"{FELTMAN}, Sec. 3.4",
         wants_rays=True,
     ),
@@ -149,12 +158,12 @@ BUILDERS: dict[str, Builder] = {
 OPTIMISERS: dict[str, Optimiser] = {
     "reinsert": Optimiser(
         reinsertion.reinsert,
-        "subtrees move to where they cost less: the best trees, for twice the time of bsah and more",
+        "moves subtrees to where they cost less: the best trees, for at least twice the build time of bsah",
         "Meister and Bittner 2018, Parallel reinsertion for bounding volume hierarchy optimization",
     ),
     "srdh-order": Optimiser(
         rayorder.order_by_rays,
-        "children ordered for shadow rays like those of a sparse sample, in the tree of any other builder",
+        "child order optimised for a sparse sample of the shadow rays, in the tree of any other builder",
         f"{FELTMAN}, Sec. 3.2",
         wants_rays=True,
     ),
@@ -164,25 +173,32 @@ OPTIMISERS: dict[str, Optimiser] = {
 UPDATERS: dict[str, Updater] = {
     "refit": Updater(
         refit.DeformingTree,
-        "the last frame's tree with new boxes, until that costs a tenth more than when it was built",
+        "refits the previous frame's tree, until its cost exceeds that of its build by a tenth",
         "Lauterbach et al. 2006, RT-DEFORM: interactive ray tracing of dynamic scenes using BVHs",
     ),
 }
 """Name -> updater."""
 
 
-# --- tracing -----------------------------------------------------------------------------------------------------
+# --- tracers ----------------------------------------------------------------------------------------------------------
 
 
-def unchanged(made, threads=None):
-    """The `prepare` of tracers that need no conversion of the BVH or of the triangles."""
-    return made
+def unchanged(structure: T, threads: int | None = None) -> T:
+    """The `prepare` of tracers that use the BVH or the triangles without conversion."""
+    return structure
 
 
 def by_cones(options: ConeOptions, description: str) -> Tracer:
     """A tracer with a hierarchy over the rays instead of a BVH over the triangles."""
 
-    def trace(soup, query, bits, threads, counters, progress):
+    def trace(
+        soup: Soup,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None,
+        counters: Counters | None,
+        progress: Progress | None,
+    ) -> None:
         from ..techniques.rayhierarchy.ray_hierarchy import trace_shadow
 
         trace_shadow(soup, query, bits, threads, counters, progress, options)
@@ -193,17 +209,31 @@ def by_cones(options: ConeOptions, description: str) -> Tracer:
 def by_culling(options: CullingOptions, description: str) -> Tracer:
     """A tracer with occlusion queries (CHC+RT)."""
 
-    def prepare(bvh, threads=None):  # imported on first use: other plans start sooner
+    def prepare(bvh: Bvh, threads: int | None = None) -> Any:  # late imports: other plans start sooner
         from ..techniques.chcrt.chc_rt import prepare
 
         return prepare(bvh, options, threads)
 
-    def trace_all(prepared, queries, bits, threads, counters, progress):
+    def trace_all(
+        prepared: Any,
+        queries: Sequence[ShadowQuery],
+        bits: Sequence[Bits],
+        threads: int | None,
+        counters: Counters | None,
+        progress: Progress | None,
+    ) -> None:
         from ..techniques.chcrt.chc_rt import trace_shadows
 
         trace_shadows(prepared, queries, bits, threads, counters, progress)
 
-    def trace(prepared, query, bits, threads, counters, progress):
+    def trace(
+        prepared: Any,
+        query: ShadowQuery,
+        bits: Bits,
+        threads: int | None,
+        counters: Counters | None,
+        progress: Progress | None,
+    ) -> None:
         trace_all(prepared, [query], [bits], threads, counters, progress)
 
     exact = options.threshold == 0
@@ -214,7 +244,7 @@ TRACERS: dict[str, Tracer] = {
     "auto": Tracer(
         auto.AutoTracer,
         auto.trace_shadow,
-        "the tracer that should be fastest for each query, and without a builder the builder for its rays",
+        "the fastest tracer for each query by predicted and measured times; alone, it chooses the builder, too",
         "",
         chooses=True,
         keeps=True,
@@ -223,20 +253,20 @@ TRACERS: dict[str, Tracer] = {
     "single": Tracer(
         single.as_built,
         single.trace_shadow,
-        "one ray at a time, children as the builder ordered them, else nearest first; the last blocker tried first",
+        "one ray at a time, children in the builder's order, else nearest first; tests the last blocker first",
         "Ize 2013, Robust BVH ray traversal",
         counts_apart=True,
     ),
     "wide": Tracer(
         widen,
         single.trace_shadow,
-        "one ray at a time, eight boxes or triangles side by side",
+        "one ray at a time, eight boxes or triangles in SIMD",
         "Ylitie et al. 2017, Efficient incoherent ray traversal on GPUs through compressed wide BVHs",
     ),
     "multifrusta": Tracer(
         block_tree,
         multifrusta.trace_shadow,
-        "16 shafts of shadow rays at once, rays only where shafts do not decide",
+        "16 shafts of shadow rays at once, single rays only where shafts are undecided",
         BENTHIN,
     ),
     "packet16": Tracer(
@@ -252,18 +282,19 @@ TRACERS: dict[str, Tracer] = {
         "Benthin and Wald 2009, Sec. 5.1",
     ),
     "cones": by_cones(
-        FASTEST_RAY_HIERARCHY, "no hierarchy over the scene, but one over the shadow rays, by which triangles find them"
+        FASTEST_RAY_HIERARCHY, "a hierarchy over the shadow rays, traversed by triangles, instead of one over the scene"
     ),
     "chcrt": by_culling(
-        CullingOptions(), "occlusion queries for pairs of screen tiles and subtrees, which remember what was visible"
+        CullingOptions(),
+        "occlusion queries for pairs of screen tiles and subtrees, with visibility reused from earlier queries",
     ),
 }
 """Name -> tracer."""
 
 
-# --- lookup ------------------------------------------------------------------------------------------------------
+# --- lookup -----------------------------------------------------------------------------------------------------------
 
-KINDS: dict[str, tuple[str, dict]] = {
+KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "cull": ("culler", CULLERS),
     "build": ("builder", BUILDERS),
     "optimise": ("optimiser", OPTIMISERS),
@@ -273,13 +304,13 @@ KINDS: dict[str, tuple[str, dict]] = {
 """Field of a `Plan` -> (name of its kind of method, registry), in the order in which the methods run."""
 
 Family = Callable[[str], tuple[str, Tracer] | None]
-"""Function of a tracer's name -> (the name with its words in canonical order, the tracer); None: unknown name."""
+"""Function from a tracer's name to (the name with its words in canonical order, the tracer); None: unknown name."""
 
 _families: dict[str, Family] = {}
 _added: dict[str, list[str]] = {field: [] for field in KINDS}
 
 
-def register(field: str, name: str, method: tuple) -> None:
+def register(field: str, name: str, method: Culler | Builder | Optimiser | Updater | Tracer) -> None:
     """Add a method to a registry of KINDS, for example ``register("build", "mine", Builder(...))``.
 
     Raises
@@ -289,18 +320,18 @@ def register(field: str, name: str, method: tuple) -> None:
     """
     registry = KINDS[field][1]
     if "+" in name or any(name in names for _, names in KINDS.values()):
-        raise ValueError(f"{name!r} cannot be the name of a {KINDS[field][0]}: it is taken, or has a plus sign")
+        raise ValueError(f"{name!r} cannot be the name of a {KINDS[field][0]}: it is taken or contains a plus sign")
     registry[name] = method
     _added[field].append(name)
 
 
 def register_family(name: str, find: Family) -> None:
-    """Register `find` as the maker of tracers with names ``name:words`` that are not in TRACERS."""
+    """Register `find` as the lookup for tracers ``name:words`` that are not in TRACERS."""
     _families[name] = find
 
 
 def add_plugins() -> None:
-    """Add the methods of all packages that announce methods; once per process."""
+    """Add the methods of all packages that declare methods; once per process."""
     plugins.load_plugins("antumbra.methods")
 
 
@@ -310,12 +341,12 @@ def own_methods(field: str) -> list[str]:
 
 
 def find_method(field: str, name: str) -> tuple[str, Any] | None:
-    """Look up a method: (name, method), including methods added by packages; None: there is no such method.
+    """Look up a method by name, including methods added by packages: (canonical name, method); None: unknown method.
 
     Raises
     ------
     InputError
-        If the words of a tracer's name exclude each other.
+        If words of a tracer's name exclude each other.
     """
     registry = KINDS[field][1]
     if not isinstance(name, str):

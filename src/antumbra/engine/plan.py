@@ -1,9 +1,9 @@
-"""A plan: which methods answer a query. Every plan gives the same bits."""
+"""Plans: the methods that answer a query, and the parser of their text form. Every plan gives the same bits."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Any, cast
 
 from ..checks import instance, quoted, spelling_hint
 from ..errors import InputError
@@ -11,36 +11,37 @@ from ..techniques.srdh.representative_rays import SrdhRays
 from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
 
 TREE = ("build", "optimise", "update")
-"""The fields that make a BVH; all are None in plans whose tracer walks no BVH."""
+"""The fields for the BVH; all are None in plans whose tracer does not use a BVH."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """The names of the methods that answer a query, written ``cull+build+optimise+update+trace``.
 
-    Only ``build+trace`` is required, or ``trace`` alone if the tracer walks no BVH or chooses it (``"auto"``).
+    Only ``build+trace`` is required, or ``trace`` alone if the tracer does not use a BVH or chooses the builder itself
+    (``"auto"``).
 
     Parameters
     ----------
     cull : str or None
         Culler that drops triangles before the build; None: no culling.
     build : str or None
-        Builder of the BVH; None: ``"bsah"``. If the tracer walks no BVH or chooses it, ``build`` stays None.
+        Builder of the BVH; None: ``"bsah"``, or no builder if the tracer does not use a BVH or chooses the builder.
     trace : str
         Tracer of the rays.
     optimise : str or None
         Optimiser of the built BVH; None: no optimisation.
     update : str or None
-        Updater that derives a frame's BVH from the last frame's; None: a new build in each frame. With a culler, the
-        updater keeps the BVH of all triangles, and rays walk its part with the triangles that are left.
+        Updater that derives a frame's BVH from the previous frame's; None: a new build in each frame. With a culler,
+        the updater maintains a BVH of all triangles, and rays traverse only its part with the remaining triangles.
     sample : SrdhRays or None
-        The rays that a ray-guided builder is shown; None: the default. They never change the bits, and are not part of
-        the plan's text.
+        The sample rays for a ray-guided builder or optimiser; None: the default. They never change the bits and are
+        not part of the plan's text form.
 
     Raises
     ------
     InputError
-        If a name is in no registry of its kind, or a sample is given and no method is ray-guided.
+        If a name is not in the registry of its kind, or a sample is given but no method is ray-guided.
     """
 
     cull: str | None = None
@@ -50,7 +51,7 @@ class Plan:
     update: str | None = None
     sample: SrdhRays | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for field, (kind, registry) in KINDS.items():
             name = getattr(self, field)
             if (name is not None or field == "trace") and find_method(field, name) is None:
@@ -68,23 +69,23 @@ class Plan:
     @property
     def tracer(self) -> Tracer:
         """The tracer of the plan."""
-        found = find_method("trace", self.trace)
-        assert found is not None
-        return found[1]
+        method = find_method("trace", self.trace)
+        assert method is not None
+        return cast(Tracer, method[1])
 
     @property
     def chooses(self) -> bool:
-        """True if the plan is ``"auto"``, which chooses the builder for each frame."""
+        """Whether the plan is ``"auto"``, which chooses the builder for each frame."""
         return self.build is None and self.tracer.chooses
 
     @property
-    def tree(self) -> tuple:
-        """The fields that determine the BVH; plans with equal fields can share a BVH."""
+    def tree(self) -> tuple[str | None, str | None, str | None, str | None, SrdhRays | None]:
+        """The fields that determine the BVH. Plans with equal fields can share a BVH."""
         return self.cull, self.trace if self.chooses else self.build, self.optimise, self.update, self.sample
 
     @property
     def wants_rays(self) -> bool:
-        """True if the builder or the optimiser is ray-guided: it is shown a sample of the rays to be traced."""
+        """Whether the builder or the optimiser is ray-guided, and so needs a sample of the rays to be traced."""
         return bool(
             (self.build and BUILDERS[self.build].wants_rays) or (self.optimise and OPTIMISERS[self.optimise].wants_rays)
         )
@@ -96,41 +97,41 @@ DEFAULT_PLAN = str(Plan(trace="auto"))
 def parse_plan(plan: "str | Plan") -> Plan:
     """Parse ``build+trace``, or a longer plan with names from the other registries, in any order.
 
-    Nothing is ever substituted.
+    A method is never replaced by another one.
 
     Raises
     ------
     InputError
-        If a name is in no registry, a builder or tracer is missing, or two methods are of one kind. If a builder, an
-        optimiser or an updater accompanies a tracer that walks no BVH. If an optimiser is combined with a ray-guided
-        builder.
+        If a name is not in any registry, a builder or tracer is missing, or two methods are of the same kind; if a
+        builder, an optimiser or an updater accompanies a tracer that does not use a BVH; if an optimiser is combined
+        with a ray-guided builder.
     """
     if not isinstance(plan, (str, Plan)):
-        raise InputError(f"plan is {quoted(plan)}; it must be a text, as in plan='bsah+wide', or an antumbra.Plan")
-    found: dict[str, Any] = {}
+        raise InputError(f"plan is {quoted(plan)}; it must be a string, as in plan='bsah+wide', or an antumbra.Plan")
+    names: dict[str, str] = {}
     for part in str(plan).split("+"):
         method = _method(part)
         if method is None:
             raise InputError(f"plan {str(plan)!r}: unknown part {part!r}; {spelling_hint(part, _names())}{_valid()}")
         field, name = method
-        if field in found:
+        if field in names:
             kind = KINDS[field][0]
-            raise InputError(f"plan {str(plan)!r} names two {kind}s, {found[field]!r} and {part!r}; {_valid()}")
-        found[field] = name
-    if "trace" not in found:
+            raise InputError(f"plan {str(plan)!r} names two {kind}s, {names[field]!r} and {part!r}; {_valid()}")
+        names[field] = name
+    if "trace" not in names:
         raise InputError(f"plan {str(plan)!r} names no tracer; {_valid()}")
-    made = Plan(**found)
-    _check_tree(str(plan), found, made)
-    return replace(made, sample=plan.sample) if isinstance(plan, Plan) and plan.sample is not None else made
+    parsed = Plan(**dict[str, Any](names))
+    _check_tree(str(plan), names, parsed)
+    return replace(parsed, sample=plan.sample) if isinstance(plan, Plan) and plan.sample is not None else parsed
 
 
 def with_sample(plans: Sequence[Plan], sample: SrdhRays | None) -> list[Plan]:
-    """Plans whose ray-guided builders are shown these rays; None: the default.
+    """The plans, with these sample rays in those that have a ray-guided method; None: the plans unchanged.
 
     Raises
     ------
     InputError
-        If rays are given, and no plan has a ray-guided method.
+        If a sample is given but no plan has a ray-guided method.
     """
     if sample is None:
         return list(plans)
@@ -140,51 +141,54 @@ def with_sample(plans: Sequence[Plan], sample: SrdhRays | None) -> list[Plan]:
 
 
 def _method(part: str) -> tuple[str, str] | None:
-    """(field of a plan, canonical name) of a method; None: there is no such method."""
-    return next(((field, found[0]) for field in KINDS if (found := find_method(field, part))), None)
+    """(field of a plan, canonical name) of a method; None: unknown method."""
+    return next(((field, method[0]) for field in KINDS if (method := find_method(field, part))), None)
 
 
-def _check_tree(plan: str, found: dict[str, str], made: Plan) -> None:
-    """Raise InputError unless the plan has a builder exactly if it needs one, and its tree methods are compatible."""
-    if made.chooses and len(found) > 1:
-        raise InputError(f"plan {plan!r}: {found['trace']!r} chooses the rest of the plan; name a builder, or it alone")
-    if made.chooses:
+def _check_tree(text: str, names: dict[str, str], plan: Plan) -> None:
+    """Raise InputError unless the plan has a builder exactly if it needs one, and its tree methods are compatible.
+
+    names : field of the plan -> name in its text
+    """
+    if plan.chooses and len(names) > 1:
+        raise InputError(f"plan {text!r}: {names['trace']!r} chooses the rest of the plan; name a builder, or it alone")
+    if plan.chooses:
         return
-    if not made.tracer.builds:
+    if not plan.tracer.builds:
         for field in TREE:
-            if field in found:
-                kind, name = KINDS[field][0], found[field]
-                raise InputError(f"plan {plan!r}: {found['trace']!r} needs no {kind}; leave {name!r} out")
+            if field in names:
+                kind, name = KINDS[field][0], names[field]
+                raise InputError(f"plan {text!r}: {names['trace']!r} needs no {kind}; leave {name!r} out")
         return
-    if "build" not in found:
-        raise InputError(f"plan {plan!r} names no builder; {_valid()}")
-    if "optimise" in found and BUILDERS[found["build"]].wants_rays:
+    if "build" not in names:
+        raise InputError(f"plan {text!r} names no builder; {_valid()}")
+    if "optimise" in names and BUILDERS[names["build"]].wants_rays:
         raise InputError(
-            f"plan {plan!r}: {found['optimise']!r} would undo, or do again, what {found['build']!r} does for "
-            "shadow rays; leave one of them out"
+            f"plan {text!r}: {names['optimise']!r} would undo or repeat what {names['build']!r} does for shadow rays; "
+            "leave one of them out"
         )
 
 
 def all_plans(papers: bool = False) -> list[Plan]:
-    """Every plan that the registries allow; `papers`: include methods added by packages."""
+    """Every valid combination of registered methods; `papers`: include methods added by packages."""
     names = names_of(papers)
     trees = [
-        (b, o, u)
-        for b, o, u in product(names["build"], (None, *names["optimise"]), (None, *names["update"]))
-        if not (o and BUILDERS[b].wants_rays)
+        (build, optimise, update)
+        for build, optimise, update in product(names["build"], (None, *names["optimise"]), (None, *names["update"]))
+        if not (optimise and BUILDERS[build].wants_rays)
     ]
-    choosing = [Plan(trace=t) for t in names["trace"] if TRACERS[t].chooses]
+    choosing = [Plan(trace=trace) for trace in names["trace"] if TRACERS[trace].chooses]
     return choosing + [
-        Plan(c, b, t, o, u)
-        for c, t in product((None, *names["cull"]), names["trace"])
-        for b, o, u in (trees if TRACERS[t].builds else [(None, None, None)])
+        Plan(cull, build, trace, optimise, update)
+        for cull, trace in product((None, *names["cull"]), names["trace"])
+        for build, optimise, update in (trees if TRACERS[trace].builds else [(None, None, None)])
     ]
 
 
 def covering_plans(papers: bool = False) -> list[Plan]:
-    """A few plans that together use every method of every registry; `papers` as in `all_plans`.
+    """A few plans that together use every method of every registry; `papers`: as in `all_plans`.
 
-    They have each updater with a culler too, because that needs kernels of its own.
+    Each updater is also combined with a culler, because that combination has its own kernels.
     """
     names = names_of(papers)
     plans = [Plan(trace=name) for name in names["trace"]]
@@ -195,7 +199,7 @@ def covering_plans(papers: bool = False) -> list[Plan]:
 
 
 def names_of(papers: bool) -> dict[str, list[str]]:
-    """Field of a `Plan` -> names in its registry; `papers` as in `all_plans`."""
+    """Field of a `Plan` -> names in its registry; `papers`: as in `all_plans`."""
     if papers:
         add_plugins()
         return {field: list(registry) for field, (_, registry) in KINDS.items()}
@@ -203,18 +207,19 @@ def names_of(papers: bool) -> dict[str, list[str]]:
 
 
 def _names() -> list[str]:
-    """The names of all methods, with those that packages added."""
+    """The names of all methods, including those added by packages."""
     return [name for _, registry in KINDS.values() for name in registry]
 
 
-def _unknown_name(name, field: str, kind: str, registry: dict) -> str:
-    """The message about a name that a field of a `Plan` cannot have."""
+def _unknown_name(name: object, field: str, kind: str, registry: Mapping[str, Any]) -> str:
+    """The error message for an unknown name in a field of a `Plan`."""
     if not isinstance(name, str):
         return f"Plan has no {kind} {quoted(name)}; choose one of {', '.join(registry)}"
     if "+" in name or any(name in names for _, names in KINDS.values()):
         fields = ", ".join(f"{field}=" for field in KINDS)
         return (
-            f"Plan has no {kind} {name!r}: it takes {fields} one by one; a whole plan is a text, as in plan='bsah+wide'"
+            f"Plan has no {kind} {name!r}: it takes {fields} one by one; write a whole plan as a string, as in "
+            "plan='bsah+wide'"
         )
     return f"Plan has no {kind} {name!r}; {spelling_hint(name, registry)}choose one of {', '.join(registry)}"
 
@@ -227,4 +232,4 @@ def _valid() -> str:
 
 def _no_guide(plans: Sequence[Plan]) -> str:
     names = ", ".join(map(str, plans))
-    return f"srdh_rays is given, but nothing in {names} wants rays; leave it out, or build by srdh"
+    return f"srdh_rays is given, but no method in {names} is ray-guided; leave it out, or build by srdh"

@@ -32,9 +32,9 @@ def test_every_light_has_facts_and_rates(scene, light):
     assert facts.rays == np.count_nonzero(query.sides) * query.samples.shape[1] > 0
     assert 0.0 < facts.tile < 1.0 and 0.0 < facts.stratum <= facts.chunk < 4.0
     assert np.isfinite(terms(facts)).all() and set(weights()) == set(STRATEGIES)
-    for way in STRATEGIES:
-        assert len(weights()[way]) == len(terms(facts))
-        assert 1e-10 < predicted_rate(way, facts) < 1e-3
+    for strategy in STRATEGIES:
+        assert len(weights()[strategy]) == len(terms(facts))
+        assert 1e-10 < predicted_rate(strategy, facts) < 1e-3
 
 
 def test_larger_pictures_have_smaller_tiles_and_larger_lights_larger_strata(scene):

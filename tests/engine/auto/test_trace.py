@@ -1,4 +1,4 @@
-"""The tracer `auto` gives the bits of brute force in every way, and says which way it took."""
+"""The tracer `auto` gives the bits of brute force in every strategy, and says which strategy it took."""
 
 import numpy as np
 import pytest
@@ -26,16 +26,16 @@ def scene():
     return at.procedural("atrium", triangles=3000)
 
 
-def _forced(monkeypatch, way):
-    """Make a way look far faster than the others."""
-    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-12 if name == way else 1.0)
+def _forced(monkeypatch, strategy):
+    """Make a strategy look far faster than the others."""
+    monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-12 if name == strategy else 1.0)
     monkeypatch.setattr(choose, "_TRY", 1e9)
 
 
-@pytest.mark.parametrize("way", STRATEGIES)
+@pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("light", LIGHTS, ids=lambda light: type(light).__name__)
-def test_every_way_gives_the_bits_of_brute_force(scene, monkeypatch, way, light):
-    _forced(monkeypatch, way)
+def test_every_strategy_gives_the_bits_of_brute_force(scene, monkeypatch, strategy, light):
+    _forced(monkeypatch, strategy)
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), light, 4)
     truth, asked = true_occlusion(triangles, query)
     auto = trace.AutoTracer(BUILDERS["lbvh"].build(triangles.vertices, 2), 2)
@@ -43,7 +43,7 @@ def test_every_way_gives_the_bits_of_brute_force(scene, monkeypatch, way, light)
     trace.trace_shadow(auto, query, bits, 2, counters)
     np.testing.assert_array_equal(unpack(bits, query.samples.shape[1])[asked], truth[asked])
     (choice,) = auto.choices
-    assert choice.way == (way if STRATEGIES[way].suits(query, auto.forms.box) else choice.way)
+    assert choice.strategy == (strategy if STRATEGIES[strategy].suits(query, auto.forms.box) else choice.strategy)
     assert choice.seconds > 0.0 and choice.reason == "prediction" and as_dict(counters)["rays"] == truth[asked].size
 
 
@@ -59,14 +59,14 @@ def test_scattered_points_are_sorted_and_get_their_own_bits(scene, monkeypatch, 
     assert [c.sorted for c in chosen.choices] == [True] and 0.1 < plain.fraction.mean() < 0.99
 
 
-def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, monkeypatch):
+def test_a_sample_decides_among_likely_strategies_and_the_next_frame_remembers(scene, monkeypatch):
     monkeypatch.setattr(choose, "_TRY", 1e-9)
     monkeypatch.setattr(choose, "_MAKING", 1e9)
     monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: 1e-7)
     renderer, camera = Renderer(scene), scene.cameras[0].resized(160, 120)
     first = renderer.render(camera, [LAMP], spp=16)
     (choice,) = first.choices
-    assert choice.tried and set(choice.tried) <= set(STRATEGIES) and choice.way in choice.tried
+    assert choice.tried and set(choice.tried) <= set(STRATEGIES) and choice.strategy in choice.tried
     second = renderer.render(camera, [LAMP], spp=16)
     assert not second.choices[0].tried
     assert [frame.choices[0].reason for frame in (first, second)] == ["sample", "earlier query"]
@@ -76,7 +76,7 @@ def test_a_sample_decides_among_likely_ways_and_the_next_frame_remembers(scene, 
         np.testing.assert_array_equal(frame.image, named.image)
 
 
-def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
+def test_the_first_call_of_a_strategy_does_not_count(scene, monkeypatch):
     """It loads kernels. Shafts once looked hopeless for that alone."""
     clock, called = [0.0], []
 
@@ -93,7 +93,7 @@ def test_the_first_call_of_a_way_does_not_count(scene, monkeypatch):
     assert set(found) == set(STRATEGIES) and max(found.values()) < 1e4
 
 
-def test_an_unlikely_way_is_not_tried(scene, monkeypatch):
+def test_an_unlikely_strategy_is_not_tried(scene, monkeypatch):
     monkeypatch.setattr(choose, "_TRY", 1e-9)
     monkeypatch.setattr(choose, "_MAKING", 1e9)
     monkeypatch.setattr(choose, "predicted_rate", lambda name, facts: {"wide": 1e-7, "packet16": 2e-7}.get(name, 1e-6))
@@ -134,7 +134,7 @@ def test_the_oracle_agrees_over_all_of_the_plan(scene):
 
 @pytest.mark.parametrize(("slow", "builder"), [(1e9, GOOD), (1e-9, QUICK)])
 def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, slow, builder):
-    monkeypatch.setattr(trace, "sampled_rate", lambda way, forms, query, threads: slow)
+    monkeypatch.setattr(trace, "sampled_rate", lambda strategy, forms, query, threads: slow)
     monkeypatch.setattr(trace, "_DOUBT", 1e9)  # predictions are never believed
     triangles, query = query_of(scene, scene.cameras[0].resized(20, 16), LAMP, 4)
     truth, asked = true_occlusion(triangles, query)
@@ -147,7 +147,7 @@ def test_a_query_that_loses_much_builds_a_better_tree_first(scene, monkeypatch, 
 
 
 def test_a_frame_names_the_builder_of_its_better_tree(scene, monkeypatch):
-    monkeypatch.setattr(trace, "better_seconds", lambda way, triangles: -1.0)
+    monkeypatch.setattr(trace, "upgrade_seconds", lambda strategy, triangles: -1.0)
     renderer = at.Renderer(scene)
     plans = [renderer.render(scene.cameras[0].resized(20, 16), LAMP, spp=4).plan for _ in range(2)]
     assert all(parse_plan(plan).build == GOOD for plan in plans)

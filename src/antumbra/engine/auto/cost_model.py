@@ -1,8 +1,8 @@
 """The cost model: predicted nanoseconds per ray of one thread, for each strategy.
 
-The logarithm of a rate is a sum of terms of the `QueryFeatures`. Its weights were fitted to measurements
-(docs/design/auto.md). The measured rates of a case scatter around it by a factor of 1.6, so it only says which
-strategies are worth a try, and decides alone for queries that are done at once.
+The logarithm of a rate is a weighted sum of terms of the `QueryFeatures`, with weights fitted to measurements
+(docs/design/auto.md). Measured rates scatter around the prediction by a factor of 1.6. The model therefore only selects
+the strategies that are worth trying; it decides alone for queries too short for a sample.
 """
 
 import json
@@ -10,9 +10,10 @@ from functools import cache
 from importlib.resources import files
 from math import inf, log2
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...files import atomic_output, make_folder, read_own
 from ...kernels.toolchain.kernel_cache import user_cache
@@ -20,22 +21,26 @@ from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .query_features import QueryFeatures
 
 QUICK, GOOD, BEST = "lbvh", "bsah", "bsah+reinsert"
-"""Trees: built soonest, with the fastest rays for its build, and with the fastest rays."""
+"""Builders: the fastest build, the best trade-off of build and ray time, and the fastest rays."""
 
 _STRATA = 16
-_LOST = {"multifrusta": 0.2}  # way -> see `lost_share`
-_OTHERS_LOSE = 0.4
-_LOST_IN_GOOD = 0.08  # share of the time to trace that a tree of GOOD costs more than one of BEST
-_LARGE = 1 << 24  # triangles: `reinsert` takes about 100 bytes for each while it runs
-_ROOM = 1 << 18  # triangles that the cells of QUICK keep apart
+_QUICK_OVERHEAD = {"multifrusta": 0.2}  # strategy -> see `lost_share`
+_OTHER_QUICK_OVERHEAD = 0.4  # of all other strategies
+_GOOD_OVERHEAD = 0.08  # relative increase of the trace time in a GOOD tree over a BEST one
+_MAX_BEST_TRIANGLES = 1 << 24  # `reinsert` takes about 100 bytes per triangle while it runs
+_MORTON_CAPACITY = 1 << 18  # triangles that the Morton cells of QUICK can separate
 
 
-def terms(facts: QueryFeatures) -> np.ndarray:
+def terms(features: QueryFeatures) -> NDArray[np.float64]:
     """(k,) float64: the terms of Eq. (1) in docs/design/auto.md."""
-    n, m, log = np.log(max(facts.triangles, 1)), np.log(max(facts.receivers, 1)), np.log
-    few, many = log(min(facts.samples, _STRATA)), log(max(facts.samples, _STRATA))
-    tile, narrow, wide = log(facts.tile), log(facts.tile / 2 + facts.stratum), log(facts.tile / 2 + facts.chunk)
-    ambient, listed, distant = (float(facts.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
+    n, m, log = np.log(max(features.triangles, 1)), np.log(max(features.receivers, 1)), np.log
+    few, many = log(min(features.samples, _STRATA)), log(max(features.samples, _STRATA))
+    tile, narrow, wide = (
+        log(features.tile),
+        log(features.tile / 2 + features.stratum),
+        log(features.tile / 2 + features.chunk),
+    )
+    ambient, listed, distant = (float(features.kind == kind) for kind in (AMBIENT, LIST, DIRECTIONAL))
     return np.array([
         1.0, ambient, listed, distant, n, m, few, many, tile, narrow, wide, few * tile, few * narrow, tile * tile,
         narrow * narrow, narrow * n, tile * n, ambient * tile, ambient * narrow, listed * tile, wide * wide, few * few,
@@ -43,113 +48,113 @@ def terms(facts: QueryFeatures) -> np.ndarray:
 
 
 @cache
-def _shipped() -> dict:
-    return json.loads(files(__package__).joinpath("rates.json").read_text())
+def _shipped() -> dict[str, Any]:
+    return cast(dict[str, Any], json.loads(files(__package__).joinpath("rates.json").read_text()))
 
 
 @cache
-def weights() -> dict[str, np.ndarray]:
-    """Way -> the weights of `terms`."""
-    return {way: np.array(values) for way, values in _shipped()["weights"].items()}
+def weights() -> dict[str, NDArray[np.float64]]:
+    """Strategy -> the weights of `terms`."""
+    return {strategy: np.array(values) for strategy, values in _shipped()["weights"].items()}
 
 
 def reference() -> dict[str, float]:
-    """Way -> nanoseconds a ray of `engine.calibration.ray_times`, on the machine of the fit."""
-    return _shipped()["reference"]
+    """Strategy -> nanoseconds per ray by `engine.calibration.ray_times`, on the machine used for the fit."""
+    return cast(dict[str, float], _shipped()["reference"])
 
 
 class MachineRates(NamedTuple):
-    """How fast this machine is."""
+    """The speed of this machine."""
 
-    slower: dict[str, float]  # way -> its measured rates relative to the fitted ones
-    forms: dict[str, float]  # way -> nanoseconds a triangle to make the form that it walks
-    builds: dict[str, float]  # tree -> nanoseconds a triangle
+    slower: dict[str, float]  # strategy -> measured time per ray relative to the fitted one
+    forms: dict[str, float]  # strategy -> nanoseconds per triangle to convert the tree to its form
+    builds: dict[str, float]  # builder -> nanoseconds per triangle
 
 
 SHIPPED = MachineRates(
     {}, {"multifrusta": 40.0, "packet16:blocks": 40.0, "wide": 70.0}, {QUICK: 45.0, GOOD: 270.0, BEST: 1000.0}
 )
-"""Of two cores; used where `antumbra warmup` has not measured."""
+"""Rates of two cores, used until `antumbra warmup` has measured this machine."""
 
 
 def machine_rates_file() -> Path:
-    """Where the measured `Machine` is kept, beside the kernels."""
+    """The file with the measured `MachineRates`, beside the kernels."""
     return user_cache().path / "rates.json"
 
 
 @cache
 def machine_rates() -> MachineRates:
-    """What was measured on this machine, or `SHIPPED`."""
+    """The rates measured on this machine, or `SHIPPED`."""
     try:
         return MachineRates(**json.loads(read_own(machine_rates_file())))
-    except (OSError, ValueError, TypeError):  # never measured, or by another version
+    except (OSError, ValueError, TypeError):  # not measured yet, or written by another version
         return SHIPPED
 
 
-def store_machine_rates(measured: MachineRates) -> None:
-    """Keep what was measured, for this process and later ones."""
+def store_machine_rates(rates: MachineRates) -> None:
+    """Store measured rates for this process and later ones."""
     path = machine_rates_file()
     make_folder(path.parent)
     with atomic_output(path) as temporary:
-        temporary.write_text(json.dumps(measured._asdict()))
+        temporary.write_text(json.dumps(rates._asdict()))
     machine_rates.cache_clear()
 
 
-def predicted_rate(way: str, facts: QueryFeatures) -> float:
-    """Predicted seconds of one thread for a ray."""
-    return 1e-9 * float(np.exp(terms(facts) @ weights()[way])) * machine_rates().slower.get(way, 1.0)
+def predicted_rate(strategy: str, features: QueryFeatures) -> float:
+    """Predicted seconds per ray, on one thread."""
+    return 1e-9 * float(np.exp(terms(features) @ weights()[strategy])) * machine_rates().slower.get(strategy, 1.0)
 
 
-def form_seconds(way: str, triangles: int) -> float:
-    """Predicted seconds to make the form that a way walks."""
-    return 1e-9 * machine_rates().forms.get(way, 0.0) * triangles
+def form_seconds(strategy: str, triangles: int) -> float:
+    """Predicted seconds to convert a tree to the form that a strategy traverses."""
+    return 1e-9 * machine_rates().forms.get(strategy, 0.0) * triangles
 
 
-def build_seconds(tree: str, triangles: int) -> float:
+def build_seconds(builder: str, triangles: int) -> float:
     """Predicted seconds to build a tree."""
-    return 1e-9 * machine_rates().builds.get(tree, SHIPPED.builds[tree]) * triangles
+    return 1e-9 * machine_rates().builds.get(builder, SHIPPED.builds[builder]) * triangles
 
 
-def lost_share(way: str) -> float:
-    """The share of the time to trace that a tree of QUICK costs more than one of GOOD."""
-    return _LOST.get(way, _OTHERS_LOSE)
+def lost_share(strategy: str) -> float:
+    """The relative increase of the trace time in a QUICK tree over a GOOD one; ``""`` for an unknown strategy."""
+    return _QUICK_OVERHEAD.get(strategy, _OTHER_QUICK_OVERHEAD)
 
 
-def lost_in_quick(way: str, seconds: float, triangles: int) -> float:
-    """Seconds of a query that takes so many in a tree of QUICK, and that it would not take in one of GOOD."""
-    share = lost_share(way) * _crowded(triangles)
+def lost_in_quick(strategy: str, seconds: float, triangles: int) -> float:
+    """The part of a query's `seconds` in a QUICK tree that a GOOD tree would save."""
+    share = lost_share(strategy) * _crowding(triangles)
     return seconds * share / (1.0 + share)
 
 
-def better_seconds(way: str, triangles: int) -> float:
-    """Predicted seconds to build a tree of GOOD, and its form for a way, where a tree of QUICK is there."""
-    return build_seconds(GOOD, triangles) + form_seconds(way, triangles)
+def upgrade_seconds(strategy: str, triangles: int) -> float:
+    """Predicted seconds to replace a QUICK tree by a GOOD one in the form that a strategy traverses."""
+    return build_seconds(GOOD, triangles) + form_seconds(strategy, triangles)
 
 
 def good_pays(lost: float, triangles: int) -> bool:
-    """Is a tree of GOOD built sooner than its rays are slower in a tree of QUICK?
+    """Whether rays lose more time in a QUICK tree than the longer build of a GOOD one takes.
 
-    lost : seconds, by `lost_share`
+    lost : seconds of the rays, weighted by `lost_share`
     """
-    return lost * _crowded(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
+    return lost * _crowding(triangles) > build_seconds(GOOD, triangles) - build_seconds(QUICK, triangles)
 
 
 def seconds_before_best(triangles: int) -> float:
-    """Seconds of rays in a tree of GOOD after which one of BEST pays; inf: never."""
-    return build_seconds(BEST, triangles) / _LOST_IN_GOOD if triangles <= _LARGE else inf
+    """Seconds of rays in a GOOD tree after which a BEST one pays off; inf: never."""
+    return build_seconds(BEST, triangles) / _GOOD_OVERHEAD if triangles <= _MAX_BEST_TRIANGLES else inf
 
 
 def best_pays(seconds: float, triangles: int) -> bool:
-    """Have rays that took so many seconds in a tree of GOOD lost as much there as one of BEST costs?
+    """Whether rays that took `seconds` in a GOOD tree have lost as much time there as building a BEST one costs.
 
-    Never in scenes of more than `_LARGE` triangles, whose memory may be short.
+    False in scenes of more than `_MAX_BEST_TRIANGLES` triangles, where memory may run short.
     """
     return seconds > seconds_before_best(triangles)
 
 
-def _crowded(triangles: int) -> float:
-    """How much more than `lost_share` a tree of QUICK loses in a large scene.
+def _crowding(triangles: int) -> float:
+    """The factor by which rays of a large scene lose more time in a QUICK tree than `lost_share` says.
 
-    Its Morton codes have 1024 cells along an axis, so triangles of a large scene share cells.
+    The Morton codes of QUICK have 1024 cells along each axis, so triangles of a large scene share cells.
     """
-    return 1.0 + 0.5 * max(0.0, log2(max(triangles, 1) / _ROOM))
+    return 1.0 + 0.5 * max(0.0, log2(max(triangles, 1) / _MORTON_CAPACITY))

@@ -1,12 +1,14 @@
-"""Query features: the counts and sizes on which the cost of a ray depends, known before the query is traced.
+"""Query features: the counts and sizes that determine the cost per ray, computed before a query is traced.
 
-Also the spatial order of scattered receivers, so that packets and shafts can share work among neighbours, and a small
-query cut from a query. Strategies are tried on such a sample, because rates depend on the scene.
+The module also sorts scattered receivers spatially, so that packets and shafts share work among neighbours, and cuts
+small samples from a query. Strategies are timed on such a sample because their rates depend on the scene.
 """
 
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...query.query_bounds import bounds, morton_codes
 from ...query.receivers import NOTHING
@@ -16,129 +18,125 @@ from ...trace.light_table import STRATA
 from ...trace.packets.ray_tile import sample_extents
 from ...trace.tile import tile_shape
 
-# --- What is known of a query before it is traced: the counts and sizes that the cost of a ray depends on -------------
+# --- features ---------------------------------------------------------------------------------------------------------
 
-
-_TILES = 96  # tiles that are looked at
-_TILE_SIDE = 4  # of a tile of a picture
-_FARTHER = 4.0  # times as far as the segments in a scene: where samples of distant lights lie
-_LEAST, _MOST = 1e-6, 1e3  # of the scene's extents: beyond them, sizes make no difference
+_MEASURED_TILES = 96
+_TILE_SIDE = 4  # receivers along each side of an image tile
+_DISTANT = 4.0  # distance of the samples of distant lights, relative to that of other lights
+_MIN_SIZE, _MAX_SIZE = 1e-6, 1e3  # relative to the scene's extents; sizes are clamped to this range
 
 
 class QueryFeatures(NamedTuple):
-    """Counts of a query and its scene. Sizes are sums over the axes, as shares of the scene's extents."""
+    """Counts and sizes of a query. Sizes are sums over the axes, relative to the scene's extents."""
 
     triangles: int
     receivers: int
-    samples: int  # of a receiver
-    kind: int  # of the light: see `LightPatch.kind`
-    tile: float  # mean size of the receivers of a tile of 16
-    stratum: float  # mean size of a stratum of the light's samples, half-way to it
+    samples: int  # per receiver
+    kind: int  # of the light, see `LightPatch.kind`
+    tile: float  # mean size of the box of a tile's 16 receivers
+    stratum: float  # mean size of a stratum of the light's samples, halfway to the light
     chunk: float  # the same for 16 strata
 
     @property
     def rays(self) -> int:
+        """The number of shadow rays."""
         return self.receivers * self.samples
 
 
-def size_of(box: np.ndarray) -> float:
+def size_of(box: NDArray[np.float32]) -> float:
     """The sum of a scene's extents; `box`: (2, 3) float32."""
     return max(float((box[1].astype(np.float64) - box[0]).sum()), 1e-30)
 
 
-def features_of(query: ShadowQuery, triangles: int, box: np.ndarray) -> QueryFeatures:
-    """The facts of a query of a scene; `box`: (2, 3) float32, around its triangles."""
+def features_of(query: ShadowQuery, triangles: int, box: NDArray[np.float32]) -> QueryFeatures:
+    """The features of a query; `box`: (2, 3) float32, the bounds of the scene's triangles."""
     size = size_of(box)
-    stratum, chunk = (_share(s, size) for s in _sizes_of_light(query))
+    stratum, chunk = (_relative(extent, size) for extent in _light_sizes(query))
     receivers = int(np.count_nonzero(query.sides != NOTHING))
-    tile = _share(tile_size(query), size)
+    tile = _relative(tile_size(query), size)
     return QueryFeatures(triangles, receivers, query.samples.shape[1], query.light.kind, tile, stratum, chunk)
 
 
-def _share(part: float, size: float) -> float:
-    return min(max(part / size, _LEAST), _MOST)
+def _relative(extent: float, size: float) -> float:
+    return min(max(extent / size, _MIN_SIZE), _MAX_SIZE)
 
 
-def _sizes_of_light(query: ShadowQuery) -> tuple[float, float]:
-    """Sizes of (a stratum, a chunk) of the light's samples, half-way from a receiver."""
+def _light_sizes(query: ShadowQuery) -> tuple[float, float]:
+    """Sizes of (a stratum, a chunk) of the light's samples, halfway from a receiver."""
     light = query.light
     if light.kind == AMBIENT:
         return light.radius, light.radius
     if light.kind == SPHERE:
         return light.radius / _TILE_SIDE, light.radius
     stratum, chunk = sample_extents(query)
-    far = 2.0 * _FARTHER if light.kind == DIRECTIONAL else 2.0
-    return float(stratum) / far, float(chunk) / far
+    divisor = 2.0 * _DISTANT if light.kind == DIRECTIONAL else 2.0
+    return float(stratum) / divisor, float(chunk) / divisor
 
 
 def tile_size(query: ShadowQuery) -> float:
-    """Mean size of the box of a tile's receivers, over some tiles."""
+    """Mean size of the box of a tile's receivers, over at most `_MEASURED_TILES` tiles."""
     h, w = query.sides.shape
     width, height = tile_shape(query)[:2]
     rows, columns = max(h // height, 1), max(w // width, 1)
-    some = np.unique(np.linspace(0, rows * columns - 1, _TILES).astype(int))
-    y, x = some // columns * height, some % columns * width
+    tiles = np.unique(np.linspace(0, rows * columns - 1, _MEASURED_TILES).astype(int))
+    y, x = tiles // columns * height, tiles % columns * width
     at = np.s_[(y[:, None] + np.arange(min(height, h)))[:, :, None], (x[:, None] + np.arange(min(width, w)))[:, None]]
-    points, there = query.origins[at].reshape(len(some), -1, 3), query.sides[at].reshape(len(some), -1) != NOTHING
-    there = there[:, :, None]
-    several = there.sum((1, 2)) > 1
+    points, valid = query.origins[at].reshape(len(tiles), -1, 3), query.sides[at].reshape(len(tiles), -1) != NOTHING
+    valid = valid[:, :, None]
+    several = valid.sum((1, 2)) > 1
     if not several.any():
         return 0.0
-    low, high = np.where(there, points, np.inf).min(1), np.where(there, points, -np.inf).max(1)
-    return float((high[several].astype(np.float64) - low[several]).sum(1).mean())
+    lower, upper = np.where(valid, points, np.inf).min(1), np.where(valid, points, -np.inf).max(1)
+    return float((upper[several].astype(np.float64) - lower[several]).sum(1).mean())
 
 
-def if_sorted(query: ShadowQuery, facts: QueryFeatures, size: float) -> QueryFeatures:
-    """The facts of a row of receivers if it were sorted in space; `size`: of the scene."""
-    low, high = bounds(query.origins)
-    tile = (
-        float((high.astype(np.float64) - low).sum()) / size * (_TILE_SIDE * _TILE_SIDE / max(facts.receivers, 1)) ** 0.5
-    )
-    return facts._replace(tile=min(max(tile, _LEAST), facts.tile))
+def if_sorted(query: ShadowQuery, features: QueryFeatures, size: float) -> QueryFeatures:
+    """The features of a row of receivers once it is spatially sorted; `size`: of the scene."""
+    lower, upper = bounds(query.origins)
+    extent = float((upper.astype(np.float64) - lower).sum())
+    tile = extent / size * (_TILE_SIDE * _TILE_SIDE / max(features.receivers, 1)) ** 0.5
+    return features._replace(tile=min(max(tile, _MIN_SIZE), features.tile))
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Scattered receivers in an order in which neighbours are near, so that packets and shafts can share their work.
+# --- spatial order ----------------------------------------------------------------------------------------------------
 #
-# Sample sets belong to places: receiver i of a row uses set i mod 4. So each of the four sets' receivers is sorted
-# alone, along a Morton curve, and they take turns again. Each receiver keeps its set, and its bits.
+# Receiver i of a row uses sample set i mod 4. The receivers of each set are therefore sorted separately along a Morton
+# curve and then interleaved again. Each receiver keeps its sample set, and so its bits.
+
+_SETS = 4  # sample sets of a row of receivers
 
 
-_SETS = 4  # of a row of receivers
-
-
-def spatial_order(origins: np.ndarray) -> np.ndarray:
-    """(n,) int64: the receiver that comes to each place of the sorted row; `origins`: (n, 3)."""
+def spatial_order(origins: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(n,) int64: the index of the receiver at each place of the sorted row; `origins`: (n, 3)."""
     codes, places = morton_codes(origins), np.empty(len(origins), np.int64)
     for k in range(_SETS):
         places[k::_SETS] = k + _SETS * np.argsort(codes[k::_SETS])
     return places
 
 
-def reorder_query(query: ShadowQuery, places: np.ndarray) -> ShadowQuery:
-    """The query of a row of receivers, with receiver ``places[i]`` at place i."""
+def reorder_query(query: ShadowQuery, places: NDArray[np.int64]) -> ShadowQuery:
+    """The query of a row of receivers, reordered so that receiver ``places[i]`` is at place i."""
     return with_receivers(query, lambda array: array[:, places])
 
 
-# --- A small query cut from a query: windows all over it. Ways are tried on it, because rates depend on the scene -----
+# --- samples of a query -----------------------------------------------------------------------------------------------
 
-
-_WINDOW_SIDE, _WINDOW_ROW = 16, 256  # receivers of a window: of a picture, both ways, and of a row
+_WINDOW_SIDE, _WINDOW_ROW = 16, 256  # receivers along each side of an image window, and of a window of a row
 
 
 def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
-    """The query of about so many windows that have receivers, below one another; or beside one another in a row.
+    """A query of about `windows` windows that have receivers, stacked vertically, or concatenated for a row.
 
-    It has the first 16 samples, because the samples of a receiver are traced 16 at a time.
+    It has only the first 16 samples, because the samples of a receiver are traced 16 at a time.
     """
     h, w = query.sides.shape
     height, width = (min(_WINDOW_SIDE, h), min(_WINDOW_SIDE, w)) if h > 1 else (1, min(_WINDOW_ROW, w))
     rows, columns = h // height, w // width
     places = np.arange(rows * columns)
     y, x = places // columns * height, places % columns * width
-    full = query.sides[y + height // 2, x + width // 2] != NOTHING
-    places = places[full] if full.any() else places
-    # a stride of the golden ratio spreads few windows over all rows and columns
+    occupied = query.sides[y + height // 2, x + width // 2] != NOTHING
+    places = places[occupied] if occupied.any() else places
+    # a stride of the golden ratio spreads even a few windows over all rows and columns
     chosen = np.unique(places[(np.arange(1, windows + 1) * 0.618034 % 1.0 * len(places)).astype(int)])
     y, x = y[chosen], x[chosen]
     join = lambda a: np.concatenate([a[i : i + height, j : j + width] for i, j in zip(y, x)], axis=0 if h > 1 else 1)
@@ -146,17 +144,18 @@ def sample_of(query: ShadowQuery, windows: int) -> ShadowQuery:
 
 
 def halves_of(sample: ShadowQuery) -> list[ShadowQuery]:
-    """The two halves of a sample; the sample itself if it is one window."""
+    """The two halves of a sample, or the sample itself if it has only one window."""
     h, w = sample.sides.shape
     length, side = (h, min(_WINDOW_SIDE, w)) if h > 1 else (w, min(_WINDOW_ROW, w))
     middle = length // side // 2 * side
     if middle == 0:
         return [sample]
-    cut = (lambda piece: lambda a: a[piece]) if h > 1 else (lambda piece: lambda a: a[:, piece])
-    return [with_receivers(sample, cut(piece)) for piece in (slice(0, middle), slice(middle, length))]
+    first, second = slice(0, middle), slice(middle, length)
+    indices = [np.s_[first], np.s_[second]] if h > 1 else [np.s_[:, first], np.s_[:, second]]
+    return [with_receivers(sample, itemgetter(index)) for index in indices]
 
 
 def tile_of(query: ShadowQuery) -> ShadowQuery:
-    """The query of the first tile, 16 receivers or fewer: hardly any rays."""
+    """The query of the first tile: at most 16 receivers."""
     shape = tile_shape(query)
     return with_receivers(query, lambda a: a[: shape.height, : shape.width])

@@ -1,8 +1,8 @@
 """Strategies to trace a query, and the tracer `auto`, which chooses the fastest for each query.
 
-A strategy is a tracer over a form of the tree. Predicted costs say which strategies may be best, and a sample of the
-rays decides among them. Short queries are not worth a sample. Later queries of like features take the strategy that was
-fastest.
+A strategy is a tracer over a form of the tree. Predicted costs select the strategies that may be best, and timing them
+on a sample of the rays decides among these. Short queries are not worth a sample. Later queries with similar features
+reuse the fastest strategy.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh.block_tree import BlockTree, block_tree
 from ...bvh.nodes import Bvh, boxes_of
@@ -18,13 +19,14 @@ from ...bvh.wide_bvh import widen
 from ...kernels.marshalling import Packed, packed
 from ...kernels.parallel import thread_count
 from ...query.shadow_query import ShadowQuery, new_bits, ray_count
+from ...trace.counters import Progress
 from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_incoherent
 from ...trace.rays import single_rays as single
 from ...trace.tree_list import whole
-from .cost_model import GOOD, better_seconds, form_seconds, lost_in_quick, lost_share, predicted_rate
+from .cost_model import GOOD, form_seconds, lost_in_quick, lost_share, predicted_rate, upgrade_seconds
 from .query_features import (
     QueryFeatures,
     features_of,
@@ -37,22 +39,33 @@ from .query_features import (
     tile_of,
 )
 
-# --- The ways to trace a query: a tracer over a form of the tree ------------------------------------------------------
+# --- strategies -------------------------------------------------------------------------------------------------------
+
+Counters = NDArray[np.int64]
+"""From `new_counters`."""
+
+Box = NDArray[np.float32]
+"""(2, 3) float32: lower and upper corner."""
+
+Bits = NDArray[np.uint64]
+"""(h, w, ceil(spp / 64)) uint64: the occluded samples of each receiver."""
 
 
 class Strategy(NamedTuple):
-    """A tracer, and the form of the tree that it walks."""
+    """A tracer, and the form of the tree that it traverses."""
 
-    form: Callable[[Bvh, int], Any] | None  # makes it; None: the builder's own tree
-    trace: Callable  # trace(form, query, bits, threads, counters, progress)
-    suits: Callable[[ShadowQuery, np.ndarray], bool] = lambda query, box: True  # box: around the triangles
+    form: Callable[[Bvh, int], Any] | None  # converts the tree to the form; None: the tree as built
+    trace: Callable[..., None]  # trace(form, query, bits, threads, counters, progress)
+    suits: Callable[[ShadowQuery, Box], bool] = lambda query, box: True  # box: bounds of the triangles
 
 
-def _trace_shafts(tree: BlockTree, query, bits, threads, counters, progress) -> None:
+def _trace_shafts(
+    tree: BlockTree, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: Progress | None
+) -> None:
     trace_tree_list(whole(tree), query, bits, threads, counters, progress)
 
 
-def _shafts_suit(query: ShadowQuery, box: np.ndarray) -> bool:
+def _shafts_suit(query: ShadowQuery, box: Box) -> bool:
     return not (is_incoherent(query) or is_far(query, box))
 
 
@@ -64,99 +77,103 @@ STRATEGIES: dict[str, Strategy] = {
     "wide": Strategy(widen, single.trace_shadow),
     "single": Strategy(single.as_built, single.trace_shadow),
 }
-"""Name -> way. `packet16:blocks` are the packets to which the tracer `multifrusta` hands hemispheres."""
+"""Name -> strategy. The tracer `multifrusta` uses the packets of `packet16:blocks` for hemispheres."""
 
 
 class TreeForms:
-    """A tree in all forms that ways have asked for.
+    """A tree and its conversions to the forms of strategies, made on first use.
 
     bvh : Bvh
     threads : int
     triangles : int
-    box : (2, 3) float32, around them
+    box : (2, 3) float32, the bounds of the triangles
     """
 
     def __init__(self, bvh: Bvh, threads: int):
         self.bvh, self.threads = bvh, threads
         self.triangles, self.box = len(bvh.prim_ids), boxes_of(bvh.nodes[:1])[0]
-        self._made: dict[Callable, Any] = {}
-        self._for_few: Packed | None = None
+        self._forms: dict[Callable[[Bvh, int], Any], Any] = {}
+        self._packed_single: Packed | None = None
 
-    def of(self, way: Strategy) -> Any:
-        """The form that a way walks."""
-        if way.form is None:
+    def of(self, strategy: Strategy) -> Any:
+        """The form that a strategy traverses."""
+        if strategy.form is None:
             return self.bvh
-        if way.form not in self._made:
-            self._made[way.form] = way.form(self.bvh, self.threads)
-        return self._made[way.form]
+        if strategy.form not in self._forms:
+            self._forms[strategy.form] = strategy.form(self.bvh, self.threads)
+        return self._forms[strategy.form]
 
     @property
-    def for_few(self) -> Packed:
-        """The form that `single` walks, packed: few rays take less time than its arrays would take to be flattened."""
-        if self._for_few is None:
-            self._for_few = packed(single.as_built(self.bvh))
-        return self._for_few
+    def packed_single(self) -> Packed:
+        """The form that `single` traverses, packed: flattening its arrays takes longer than tracing a few rays."""
+        if self._packed_single is None:
+            self._packed_single = packed(single.as_built(self.bvh))
+        return self._packed_single
 
-    def missing(self, way: Strategy) -> bool:
-        """Must the way's form still be made?"""
-        return way.form is not None and way.form not in self._made
+    def missing(self, strategy: Strategy) -> bool:
+        """Whether the strategy's form has not been made yet."""
+        return strategy.form is not None and strategy.form not in self._forms
 
 
 def answer_query(
-    way: str, forms: TreeForms, query: ShadowQuery, threads: int, counters=None, progress=None
-) -> np.ndarray:
-    """(h, w, ceil(spp / 64)) uint64: the bits of a query."""
+    strategy: str,
+    forms: TreeForms,
+    query: ShadowQuery,
+    threads: int,
+    counters: Counters | None = None,
+    progress: Progress | None = None,
+) -> Bits:
+    """(h, w, ceil(spp / 64)) uint64: the bits of a query, traced by the named strategy."""
     bits = new_bits(query)
-    STRATEGIES[way].trace(forms.of(STRATEGIES[way]), query, bits, threads, counters, progress)
+    STRATEGIES[strategy].trace(forms.of(STRATEGIES[strategy]), query, bits, threads, counters, progress)
     return bits
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Chooses a way for a query: predicted costs say which ways may be best, and a sample of the rays decides among them.
-#
-# Short queries are not worth a sample. Later queries of like facts take the way that was fastest.
+# --- choice -----------------------------------------------------------------------------------------------------------
 
+_TRY = 0.02  # seconds of a query that justify trying one more strategy
+_MAKING = 0.25  # maximum cost of a tree conversion for a try, relative to the least predicted cost
+_MAX_SAMPLE_SHARE = 0.1  # maximum share of the receivers in the sample
+_MIN_SAMPLE_SHARE = 0.005  # minimum share of the receivers in the sample
+_MIN_SAMPLE_SECONDS = 1.5e-3  # a call alone costs a few tenths of this
+_MIN_WINDOWS = 4  # of the sample
+_WINDOW = 256  # receivers per window
+_LIKELY = 2.2  # strategies predicted to cost more than this multiple of the least cost are not tried
+_RISKY = {"multifrusta": 5.0}  # strategy with unreliable predictions -> the same multiple
+_HOPELESS = 12.0  # a risky strategy slower than this multiple of the best rate in one window is not tried further
+_FEW_RECEIVERS = 256  # too few to be worth sorting
+_SORT = 2e-7  # seconds per receiver
+_SORTED_COST = 0.75  # receivers are sorted if that reduces the predicted cost below this share
+_EXPIRY = 64  # frames after which strategies are tried again
+_CHANGE = 1.6  # strategies are tried again once a query takes this multiple of the measured rate
 
-_TRY = 0.02  # seconds of a query that are worth the try of one more way
-_MAKING = 0.25  # of the least cost may be spent on a form of the tree for a try
-_MOST = 0.1  # of the receivers are in the sample, at most
-_LIKELY = 2.2  # times the least predicted cost: slower ways are not tried
-_SHARE = 0.005  # of the receivers are in the sample, at least
-_SAMPLE = 1.5e-3  # seconds that the sample should take, at least: a call costs some tenths of them
-_WINDOWS = 4  # of the sample, at least
-_WINDOW = 256  # receivers of a window
-_RISKY = {"multifrusta": 5.0}  # way of which predictions are wrong by far -> times the least predicted cost
-_HOPELESS = 12.0  # times the best rate so far, in one window: the way is not tried further
-_FEW = 256  # receivers that are not worth sorting
-_SORT = 2e-7  # seconds for a receiver
-_SURELY = 0.75  # of the predicted cost: sorting is to save at least the rest
-_AGAIN = 64  # frames after which ways are tried again
-_CHANGE = 1.6  # times the rate that was measured: ways are tried again
+Key = tuple[int | str, ...]
+"""Equal for queries with similar features: see `feature_key`."""
 
 
 class StrategyChoice(NamedTuple):
-    """The way that answered a query, and the reason."""
+    """The strategy that answered a query, and the reason."""
 
-    way: str
+    strategy: str
     rays: int
-    reason: str  # "prediction", "sample" or "earlier query"
-    predicted: float  # seconds, for the reason
-    tried: dict[str, float]  # way -> nanoseconds a ray of the sample; empty if there was none
-    sorted: bool = False  # the receivers were put in order first
+    reason: str  # "prediction", "sample", "earlier query" or "few rays"
+    predicted: float  # seconds, by the source that `reason` names
+    tried: dict[str, float]  # strategy -> nanoseconds per ray of the sample; empty: no sample was traced
+    sorted: bool = False  # the receivers were spatially sorted first
     seconds: float = 0.0  # measured
 
 
 class StrategyMemory:
-    """The rates that queries had in this frame and in earlier ones. Queries of like facts share them.
+    """Measured rates of this frame and earlier ones, shared by queries with similar features.
 
     lost : float
-        Seconds that all queries so far would have been faster in a tree of GOOD.
+        Seconds that a GOOD tree would have saved all queries so far.
     in_good : float
-        Seconds that queries took in trees of GOOD.
+        Seconds that queries took in GOOD trees.
     """
 
-    def __init__(self):
-        self._rates: dict[tuple, tuple[int, dict[str, float]]] = {}  # with the frame in which they were tried
+    def __init__(self) -> None:
+        self._rates: dict[Key, tuple[int, dict[str, float]]] = {}  # with the frame in which they were measured
         self._frame = 0
         self.choices: list[StrategyChoice] = []
         self.lost = self.in_good = 0.0
@@ -166,191 +183,206 @@ class StrategyMemory:
         self._frame += 1
         self.choices = []
 
-    def rates(self, key: tuple) -> dict[str, float]:
-        """Way -> nanoseconds a ray, of earlier queries."""
-        tried, rates = self._rates.get(key, (-_AGAIN, {}))
-        return rates if self._frame - tried < _AGAIN else {}
+    def rates(self, key: Key) -> dict[str, float]:
+        """Strategy -> nanoseconds per ray of earlier queries; empty if there are none, or they have expired."""
+        frame, rates = self._rates.get(key, (-_EXPIRY, {}))
+        return rates if self._frame - frame < _EXPIRY else {}
 
-    def learn(self, key: tuple, choice: StrategyChoice, tree: str | None) -> None:
-        """Keep what a query has measured; forget its rates if the way took much longer than before.
+    def learn(self, key: Key, choice: StrategyChoice, builder: str | None) -> None:
+        """Store the measurements of a query; discard its rates if the strategy took much longer than before.
 
-        tree : the name of its tree, if it was chosen
+        builder : the name of the tree's builder, if the plan chose it
         """
         self.choices.append(choice)
-        self.lost += choice.seconds * lost_share(choice.way)
-        self.in_good += choice.seconds * (tree == GOOD)
+        self.lost += choice.seconds * lost_share(choice.strategy)
+        self.in_good += choice.seconds * (builder == GOOD)
         if not choice.rays:
             return
-        now, before = 1e9 * choice.seconds / choice.rays, self.rates(key)
+        rate, earlier_rates = 1e9 * choice.seconds / choice.rays, self.rates(key)
         if choice.tried:
-            self._rates[key] = self._frame, {**choice.tried, choice.way: now}
-        elif now > _CHANGE * before.get(choice.way, np.inf):
+            self._rates[key] = self._frame, {**choice.tried, choice.strategy: rate}
+        elif rate > _CHANGE * earlier_rates.get(choice.strategy, np.inf):
             self._rates.pop(key, None)
 
 
-def feature_key(facts: QueryFeatures) -> tuple:
-    """Equal for facts that differ little."""
-    sizes = (round(2.0 * log2(size)) for size in (facts.tile, facts.stratum, facts.chunk))
-    return facts.kind, facts.samples, facts.receivers.bit_length(), *sizes
+def feature_key(features: QueryFeatures) -> Key:
+    """A key that is equal for most features that differ little."""
+    sizes = (round(2.0 * log2(size)) for size in (features.tile, features.stratum, features.chunk))
+    return features.kind, features.samples, features.receivers.bit_length(), *sizes
 
 
 def choose_strategy(
-    query: ShadowQuery, forms: TreeForms, facts: QueryFeatures, suited: list[str], threads: int, known: dict[str, float]
+    query: ShadowQuery,
+    forms: TreeForms,
+    features: QueryFeatures,
+    suited: list[str],
+    threads: int,
+    known: dict[str, float],
 ) -> StrategyChoice:
-    """Choose the way for a query.
+    """Choose the strategy for a query.
 
-    suited : the ways that can answer it
-    known : way -> nanoseconds a ray, of earlier queries; empty: not known
+    suited : names of the strategies that can answer it
+    known : strategy -> nanoseconds per ray of earlier queries; empty: unknown
     """
-    made = {name: form_seconds(name, facts.triangles) * forms.missing(STRATEGIES[name]) for name in suited}
+    conversion = {name: form_seconds(name, features.triangles) * forms.missing(STRATEGIES[name]) for name in suited}
     if known:
-        cost = {name: 1e-9 * known[name] * facts.rays + made[name] for name in suited if name in known}
-        way = min(cost, key=cost.__getitem__)
-        return StrategyChoice(way, facts.rays, "earlier query", cost[way], {})
-    cost = {name: predicted_rate(name, facts) * facts.rays / threads + made[name] for name in suited}
-    way = min(cost, key=cost.__getitem__)
-    likely = worth_trying(cost, made)
+        cost = {name: 1e-9 * known[name] * features.rays + conversion[name] for name in suited if name in known}
+        strategy = min(cost, key=cost.__getitem__)
+        return StrategyChoice(strategy, features.rays, "earlier query", cost[strategy], {})
+    cost = {name: predicted_rate(name, features) * features.rays / threads + conversion[name] for name in suited}
+    strategy = min(cost, key=cost.__getitem__)
+    likely = worth_trying(cost, conversion)
     if len(likely) == 1:
-        return StrategyChoice(way, facts.rays, "prediction", cost[way], {})
-    tried = try_strategies(query, forms, likely, facts, cost[way] / max(facts.rays, 1), threads)
-    way = min(tried, key=tried.__getitem__)
-    return StrategyChoice(way, facts.rays, "sample", 1e-9 * tried[way] * facts.rays, tried)
+        return StrategyChoice(strategy, features.rays, "prediction", cost[strategy], {})
+    tried = try_strategies(query, forms, likely, features, cost[strategy] / max(features.rays, 1), threads)
+    strategy = min(tried, key=tried.__getitem__)
+    return StrategyChoice(strategy, features.rays, "sample", 1e-9 * tried[strategy] * features.rays, tried)
 
 
-def worth_trying(cost: dict[str, float], made: dict[str, float]) -> list[str]:
-    """The ways that a sample should decide among: the more, the longer the query takes.
+def worth_trying(cost: dict[str, float], conversion: dict[str, float]) -> list[str]:
+    """The strategies to time on a sample. The longer the query takes, the more are worth trying.
 
-    cost : way -> predicted seconds, with those to make its form of the tree
-    made : way -> these seconds
+    cost : strategy -> predicted seconds, including the conversion of the tree
+    conversion : strategy -> predicted seconds to convert the tree to its form
     """
     best, *others = sorted(cost, key=cost.__getitem__)
     likely = [
         name
         for name in others
-        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and made[name] < _MAKING * cost[best]
+        if cost[name] < _RISKY.get(name, _LIKELY) * cost[best] and conversion[name] < _MAKING * cost[best]
     ]
     likely.sort(key=lambda name: name not in _RISKY)
     return [best, *likely[: int(cost[best] / _TRY)]]
 
 
-def sorting_pays(query: ShadowQuery, forms: TreeForms, facts: QueryFeatures, suited: list[str], threads: int) -> bool:
-    """Will the rays of scattered receivers gain what it costs to sort them in space?"""
-    if query.sides.shape[0] > 1 or facts.receivers < _FEW:
+def sorting_pays(
+    query: ShadowQuery, forms: TreeForms, features: QueryFeatures, suited: list[str], threads: int
+) -> bool:
+    """Whether spatially sorting scattered receivers saves more than it costs."""
+    if query.sides.shape[0] > 1 or features.receivers < _FEW_RECEIVERS:
         return False
-    near = if_sorted(query, facts, size_of(forms.box))
+    sorted_features = if_sorted(query, features, size_of(forms.box))
     cost, sorted_cost = (
-        min(predicted_rate(way, each) for way in suited) * facts.rays / threads for each in (facts, near)
+        min(predicted_rate(name, each) for name in suited) * features.rays / threads
+        for each in (features, sorted_features)
     )
-    return sorted_cost + _SORT * facts.receivers < _SURELY * cost
+    return sorted_cost + _SORT * features.receivers < _SORTED_COST * cost
 
 
-def suitable_strategies(query: ShadowQuery, box: np.ndarray) -> list[str]:
-    """The names of the ways that can answer a query; `box`: around the triangles."""
-    return [name for name, way in STRATEGIES.items() if way.suits(query, box)]
+def suitable_strategies(query: ShadowQuery, box: Box) -> list[str]:
+    """The names of the strategies that can answer a query; `box`: the bounds of the triangles."""
+    return [name for name, strategy in STRATEGIES.items() if strategy.suits(query, box)]
 
 
 def try_strategies(
-    query, forms: TreeForms, ways: list[str], facts: QueryFeatures, of_ray: float, threads: int
+    query: ShadowQuery, forms: TreeForms, names: list[str], features: QueryFeatures, ray_seconds: float, threads: int
 ) -> dict[str, float]:
-    """Way -> nanoseconds a ray, on a sample of the query.
+    """Strategy -> nanoseconds per ray, measured on a sample of the query.
 
-    Shafts may be a hundred times slower than predicted. If one window takes too long, they are not tried further.
+    Shafts may be a hundred times slower than predicted. If the first window takes too long, they are not tried further.
 
-    of_ray : predicted seconds for a ray
+    ray_seconds : predicted seconds per ray
     """
-    rays_of_window = _WINDOW * min(facts.samples, STRATA)
-    first, sample = sample_of(query, 1), _sample(query, facts.receivers, _SAMPLE / (of_ray * rays_of_window))
-    found: dict[str, float] = {}
-    for name in sorted(ways, key=lambda name: name in _RISKY):
-        if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(found.values(), default=1e30):
+    window_seconds = ray_seconds * (_WINDOW * min(features.samples, STRATA))
+    first, sample = sample_of(query, 1), _sample(query, features.receivers, _MIN_SAMPLE_SECONDS / window_seconds)
+    rates: dict[str, float] = {}
+    for name in sorted(names, key=lambda name: name in _RISKY):
+        if name in _RISKY and _rate_of(name, forms, first, threads) > _HOPELESS * min(rates.values(), default=1e30):
             continue
-        found[name] = _rate_of(name, forms, sample, threads)
-    return found
+        rates[name] = _rate_of(name, forms, sample, threads)
+    return rates
 
 
 def _sample(query: ShadowQuery, receivers: int, windows: float) -> ShadowQuery:
-    """A sample of about so many windows, within its limits."""
-    least = max(_WINDOWS, _SHARE * receivers / _WINDOW, windows)
-    return sample_of(query, ceil(min(least, _MOST * receivers / _WINDOW)))
+    """A sample of about `windows` windows, limited to a range of shares of the receivers."""
+    minimum = max(_MIN_WINDOWS, _MIN_SAMPLE_SHARE * receivers / _WINDOW, windows)
+    return sample_of(query, ceil(min(minimum, _MAX_SAMPLE_SHARE * receivers / _WINDOW)))
 
 
-def sampled_rate(way: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
-    """Nanoseconds a ray of a way, on a sample of the query."""
+def sampled_rate(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
+    """Nanoseconds per ray of a strategy, measured on a sample of the query."""
     receivers = int(np.count_nonzero(query.sides))
-    return _rate_of(way, forms, _sample(query, receivers, _WINDOWS), threads)
+    return _rate_of(strategy, forms, _sample(query, receivers, _MIN_WINDOWS), threads)
 
 
-def _rate_of(way: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
-    """Nanoseconds a ray of a way, on the faster half of the query. A single window may take as long as all others.
+def _rate_of(strategy: str, forms: TreeForms, query: ShadowQuery, threads: int) -> float:
+    """Nanoseconds per ray of a strategy, measured on the faster half of the query.
 
-    The first call of a process loads kernels, so a few rays go before.
+    The slower half is ignored because one window may take as long as all others. A few rays are traced before the
+    measurement, because the first call of a process loads kernels.
     """
-    answer_query(way, forms, tile_of(query), threads)
+    answer_query(strategy, forms, tile_of(query), threads)
     rates = []
     for half in halves_of(query):
         start = perf_counter()
-        answer_query(way, forms, half, threads)
+        answer_query(strategy, forms, half, threads)
         rates.append(1e9 * (perf_counter() - start) / max(ray_count(half), 1))
     return min(rates)
 
 
-# --- The tracer `auto`: it answers each query in the way that should be fastest ---------------------------------------
+# --- tracer -----------------------------------------------------------------------------------------------------------
 
-
-_FEW_RAYS_OF_QUERY = 256  # rays that take less time than a choice
-_FEW_RAYS = ("few",)  # like no other queries
-_DOUBT = 16.0  # predictions from counts alone, for a reference machine, may be wrong by this factor
+_FEW_RAYS = 256  # rays that take less time than a choice
+_FEW_RAYS_KEY: Key = ("few",)  # different from every `feature_key`
+_DOUBT = 16.0  # predictions from counts alone, fitted to another machine, may be wrong by this factor
 
 
 class AutoTracer:
-    """A tree, and what its questions have measured.
+    """A tree in the forms of all strategies, with the measurements of its queries.
 
     bvh : Bvh
     threads : int
-    memory : Memory
+    memory : StrategyMemory
         Outlives the tree in a sequence of frames.
     builder : str or None
-        Name of the tree in `rates`, if it was chosen, too.
+        Name of the tree's builder in `cost_model`, if the plan chose the builder, too.
     better : function, optional
-        Builds a tree of GOOD of the same triangles; None: the tree is as good as it gets.
+        Builds a GOOD tree of the same triangles; None: the tree is never replaced.
     """
 
     def __init__(
-        self, bvh: Bvh, threads: int | None = None, memory: StrategyMemory | None = None, builder: str | None = None,
+        self,
+        bvh: Bvh,
+        threads: int | None = None,
+        memory: StrategyMemory | None = None,
+        builder: str | None = None,
         better: Callable[[], Bvh] | None = None,
-    ):  # fmt: skip
-        self.forms, self.memory, self.builder = (
-            TreeForms(bvh, thread_count(threads)),
-            memory or StrategyMemory(),
-            builder,
-        )
-        self._better = better
+    ) -> None:
+        self.forms, self.memory = TreeForms(bvh, thread_count(threads)), memory or StrategyMemory()
+        self.builder, self._better = builder, better
 
     def begin(self) -> None:
         """Begin a frame, or a query of points."""
         self.memory.begin()
 
     def improve(self, query: ShadowQuery, choice: StrategyChoice, threads: int) -> None:
-        """Build a better tree if the query would lose more time in this one than that takes.
+        """Build a GOOD tree if the query would lose more time in this one than the build takes.
 
-        What was predicted from counts alone is measured by a sample first, unless it is far from mattering.
+        A cost predicted from counts alone is first checked on a sample, unless no plausible error would matter.
         """
         if self._better is None:
             return
-        way, triangles = choice.way, self.forms.triangles
-        seconds = choice.predicted
-        if not choice.tried and lost_in_quick(way, seconds, triangles) * _DOUBT > better_seconds(way, triangles):
-            seconds = 1e-9 * sampled_rate(way, self.forms, query, threads) * choice.rays
-        if lost_in_quick(way, seconds, triangles) > better_seconds(way, triangles):
+        strategy, triangles = choice.strategy, self.forms.triangles
+        seconds, upgrade = choice.predicted, upgrade_seconds(strategy, triangles)
+        if not choice.tried and lost_in_quick(strategy, seconds, triangles) * _DOUBT > upgrade:
+            seconds = 1e-9 * sampled_rate(strategy, self.forms, query, threads) * choice.rays
+        if lost_in_quick(strategy, seconds, triangles) > upgrade:
             self.forms, self.builder, self._better = TreeForms(self._better(), self.forms.threads), GOOD, None
 
     @property
     def choices(self) -> list[StrategyChoice]:
-        """The choices of this frame, one for each query."""
+        """The choices of this frame, one per query."""
         return self.memory.choices
 
 
-def trace_shadow(auto: AutoTracer, query: ShadowQuery, bits, threads=None, counters=None, progress=None) -> None:
+def trace_shadow(
+    auto: AutoTracer,
+    query: ShadowQuery,
+    bits: Bits,
+    threads: int | None = None,
+    counters: Counters | None = None,
+    progress: Progress | None = None,
+) -> None:
     """Answer a ShadowQuery: set bit s of ``bits[y, x]`` where sample s is occluded.
 
     bits : (h, w, ceil(spp / 64)) uint64, zeros on entry
@@ -358,24 +390,25 @@ def trace_shadow(auto: AutoTracer, query: ShadowQuery, bits, threads=None, count
     """
     threads, forms, memory = thread_count(threads), auto.forms, auto.memory
     rays = query.sides.size * query.samples.shape[1]
-    if rays <= _FEW_RAYS_OF_QUERY:
+    if rays <= _FEW_RAYS:
         start = perf_counter()
-        single.trace_shadow(forms.for_few, query, bits, threads, counters, progress)
+        trace_single: Callable[..., None] = single.trace_shadow  # also takes a packed tree
+        trace_single(forms.packed_single, query, bits, threads, counters, progress)
         choice = StrategyChoice("single", rays, "few rays", 0.0, {}, seconds=perf_counter() - start)
-        memory.learn(_FEW_RAYS, choice, auto.builder)
+        memory.learn(_FEW_RAYS_KEY, choice, auto.builder)
         return
-    facts = features_of(query, forms.triangles, forms.box)
-    key, places = feature_key(facts), None
+    features = features_of(query, forms.triangles, forms.box)
+    key, places = feature_key(features), None
     suited = suitable_strategies(query, forms.box)
-    if sorting_pays(query, forms, facts, suited, threads):
+    if sorting_pays(query, forms, features, suited, threads):
         places = spatial_order(query.origins[0])
         query = reorder_query(query, places)
-        facts = features_of(query, forms.triangles, forms.box)
-    choice = choose_strategy(query, forms, facts, suited, threads, memory.rates(key))
+        features = features_of(query, forms.triangles, forms.box)
+    choice = choose_strategy(query, forms, features, suited, threads, memory.rates(key))
     auto.improve(query, choice, threads)
-    form, start = auto.forms.of(STRATEGIES[choice.way]), perf_counter()
+    form, start = auto.forms.of(STRATEGIES[choice.strategy]), perf_counter()
     out = bits if places is None else np.zeros_like(bits)
-    STRATEGIES[choice.way].trace(form, query, out, threads, counters, progress)
+    STRATEGIES[choice.strategy].trace(form, query, out, threads, counters, progress)
     if places is not None:
         bits[:, places] = out
     memory.learn(key, choice._replace(sorted=places is not None, seconds=perf_counter() - start), auto.builder)

@@ -1,40 +1,41 @@
-"""`srdh`: a BVH with an order of children, built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
+"""`srdh`: a BVH and child order built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
 
-Records are split top-down with the bins of `bsah`. The heuristic of `ray_split` chooses the split as long as rays come
-to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant kernels are
-free: the first child is stored as the left one.
+Records are split top-down with the bins of `bsah`. As long as rays reach a range, the heuristic of `ray_split` chooses
+its split; `bsah` builds the ranges that no rays reach. Traversal kernels determine the child that comes first. Constant
+kernels are free, because the first child is stored as the left one.
 
 Departures from the paper:
 
 - Leaves have more than one triangle.
-- The cost of a subtree grows less than linearly with its triangles (`linear`).
-- A few evenly spread rays, as the SAH assumes, are added to the given rays (`prior`).
-- Orders are chosen once more when the tree is done (`reorder`).
+- The cost of a subtree grows sublinearly with its triangle count (`linear`).
+- A few uniformly distributed rays, as the SAH assumes, are added to the given rays (`prior`).
+- Orders are chosen again once the tree is complete (`reorder`).
 
-Ranges of few records have few bins.
+Small ranges have fewer bins.
 
-First levels. They are those of `top_levels`, with a ray set for each range. All threads share the records of a range.
-One thread treats its rays.
+Upper levels. They are built by `top_levels`, with a ray set for each range. All threads share the records of a range,
+and one thread processes its rays.
 
-Child order. `order_by_rays` chooses the best order of children of a finished tree for sampled rays, by the cost metric
-of [Feltman et al. 2012, Sec. 3.2]. A builder only has estimates of this metric. Let C be the cost of a subtree for a
-ray, and H whether the ray meets something in the subtree. If the left child A comes first, the cost is
+Child order. `order_by_rays` chooses the best child order of a finished tree for sampled rays, by the cost metric of
+[Feltman et al. 2012, Sec. 3.2], which a builder can only estimate. Let C be the cost of a subtree for a ray, and let H
+be 1 if the ray hits a triangle in the subtree. If the left child A comes first, the cost is
 
     C = C(A) + (1 - H(A)) C(B)                                           (docs/design/srdh.md, eq. 3)
 
-So the right child B should be first if, over the rays that come to the node,
+So the right child B should be first if, over the rays that reach the node,
 
     sum of H(B) C(A)  >  sum of H(A) C(B)                                (docs/design/srdh.md, eq. 4)
 
-C and H of all subtrees that a ray enters follow from the leaves up. A node's own order does not change its children's C
-and H. So one pass finds the best order at each node, for the rays that come there by the old orders. Boxes and
-triangles cost 1 each, so all sums are whole numbers.
+C and H of all subtrees that a ray enters are computed bottom-up. A node's own order does not change C and H of its
+children. One pass therefore finds the best order at each node, for the rays that reach it in the old orders. Boxes and
+triangles cost 1 each, so all sums are integers.
 """
 
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...bvh import binned_sah
 from ...bvh.binned_split import (
@@ -79,6 +80,7 @@ from ...bvh.top_down import (
     write_leaf,
 )
 from ...bvh.top_levels import (
+    Level,
     UpperLevels,
     assemble,
     blocks_of,
@@ -134,37 +136,21 @@ from .ray_split import (
     rays_of,
 )
 
-# ---------------------------------------------------------------------------------------------------------------------
-# Choose the best order of children of a finished tree for sampled rays, by the cost metric of [Feltman et al. 2012,
-# Sec. 3.2].
-#
-# A builder only has estimates of this metric. Let C be the cost of a subtree for a ray, and H whether the ray meets
-# something in the subtree. If the left child A comes first, the cost is
-#
-#     C = C(A) + (1 - H(A)) C(B)                                           (docs/design/srdh.md, eq. 3)
-#
-# So the right child B should be first if, over the rays that come to the node,
-#
-#     sum of H(B) C(A)  >  sum of H(A) C(B)                                (docs/design/srdh.md, eq. 4)
-#
-# C and H of all subtrees that a ray enters follow from the leaves up. A node's own order does not change its
-# children's C and H. So one pass finds the best order at each node, for the rays that come there by the old orders.
-# Boxes and triangles cost 1 each, so all sums are whole numbers.
+# --- child order ------------------------------------------------------------------------------------------------------
 
-
-_CHUNK = 64  # rays
+_CHUNK = 64  # rays per work item
 _LEVELS = MAX_DEPTH + 2
 
 
 class _Frames(NamedTuple):
     """The nodes on the path from the root to a ray's current node, (_LEVELS,) int64 each."""
 
-    node: np.ndarray  # index of the node
-    entered: np.ndarray  # bits of the children whose boxes the ray enters
-    side: np.ndarray  # the next child; 2: both are done
-    comes: np.ndarray  # 1 if the ray comes here by the old orders
-    cost: np.ndarray  # cost of the left child
-    hits: np.ndarray  # 1 if the ray meets something in the left child
+    node: NDArray[np.int64]  # index of the node
+    entered: NDArray[np.int64]  # bits of the children whose boxes the ray enters
+    side: NDArray[np.int64]  # next child to visit; 2: none
+    comes: NDArray[np.int64]  # 1 if the ray reaches the node in the old orders
+    cost: NDArray[np.int64]  # cost of the left child
+    hits: NDArray[np.int64]  # 1 if the ray hits a triangle in the left child
 
 
 @inlined
@@ -177,14 +163,14 @@ def _children_entered(nodes, node, ray):
         (load4(nodes, b + 8) - ray.oz) * ray.iz,
     )
     u, v, w = swap_halves(x), swap_halves(y), swap_halves(z)
-    near = maximum(maximum(minimum(x, u), minimum(y, v)), maximum(minimum(z, w), splat4(np.float32(0.0))))
-    far = minimum(minimum(maximum(x, u), maximum(y, v)), minimum(maximum(z, w), splat4(np.float32(1.0))))
-    return bits(near <= far * GROW) & 3
+    t_near = maximum(maximum(minimum(x, u), minimum(y, v)), maximum(minimum(z, w), splat4(np.float32(0.0))))
+    t_far = minimum(minimum(maximum(x, u), maximum(y, v)), minimum(maximum(z, w), splat4(np.float32(1.0))))
+    return bits(t_near <= t_far * GROW) & 3
 
 
 @inlined
 def _leaf(bvh, link, met, ray):
-    """(triangles of a leaf, 1 if the ray meets one of them); `met` has the last ray that met each triangle."""
+    """(triangle count of a leaf, 1 if the ray hits one of them); `met`: the last ray that hit each triangle."""
     if link == EMPTY:
         return np.int64(0), np.int64(0)
     leaf, hit = bvh_leaf(link), np.int64(0)
@@ -195,20 +181,20 @@ def _leaf(bvh, link, met, ray):
 
 @kernel
 def _weigh(bvh, box_ray, i, met, frames, gains):
-    """Add to each node's gain the cost that ray i saves if the right child comes first."""
+    """Add the cost that ray i saves if the right child comes first to each node's gain."""
     nodes = ptr(bvh.nodes)
     frames.node[0], frames.side[0], frames.comes[0] = 0, 0, 1
     frames.entered[0] = _children_entered(nodes, 0, box_ray)
-    depth, cost, hit = 0, np.int64(0), np.int64(0)  # cost, hit: of the child that was done last
+    depth, cost, hit = 0, np.int64(0), np.int64(0)  # cost, hit: of the last completed child
     while depth >= 0:
         node, side = frames.node[depth], frames.side[depth]
         if side == 1:
             frames.cost[depth], frames.hits[depth] = cost, hit
         if side == 2:
-            left, right, met_left = frames.cost[depth], cost, frames.hits[depth]
+            left_cost, right_cost, met_left = frames.cost[depth], cost, frames.hits[depth]
             if frames.comes[depth] and met_left | hit:
-                atomic_add(gains, node, hit * left - met_left * right)
-            cost, hit = left + (1 - met_left) * right, hit | met_left
+                atomic_add(gains, node, hit * left_cost - met_left * right_cost)
+            cost, hit = left_cost + (1 - met_left) * right_cost, hit | met_left
             cost += 1  # this node's own box
             depth -= 1
             continue
@@ -228,21 +214,21 @@ def _weigh(bvh, box_ray, i, met, frames, gains):
 
 
 @kernel
-def _weigh_rays(ticket, bvh, rays, found, gains, met):
-    """Worker: add the gains of each ray. `met` is the thread's own memory, -1 for each triangle."""
+def _weigh_rays(ticket, bvh, rays, intersections, gains, met):
+    """Worker: add the gains of each ray. `met` is thread-local memory, -1 for each triangle."""
     frames = _Frames(
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
         stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS), stack_array(np.int64, _LEVELS),
     )  # fmt: skip
     for i in items(ticket):
-        for k in range(found.first[i], found.first[i + 1]):
-            met[found.prims[k]] = i
+        for k in range(intersections.first[i], intersections.first[i + 1]):
+            met[intersections.prims[k]] = i
         _weigh(bvh, ray_at(ptr(rays), i), i, met, frames, gains)
 
 
 @kernel
 def _choose_orders(bvh, gains):
-    """Put the children of all nodes into the better order."""
+    """Swap the children of each node if that is the better order."""
     words = ptr(bvh.links)
     for node in range(len(bvh.nodes)):
         if gains[node] != 0:
@@ -253,7 +239,7 @@ def _choose_orders(bvh, gains):
 
 @kernel
 def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
-    """Copy the nodes in `order`, depth first. `numbers` is scratch memory for the new indices."""
+    """Copy the nodes in the depth-first `order`. `numbers` is scratch memory for the new indices."""
     for i in range(len(order)):
         numbers[order[i]] = i
     for i in range(len(order)):
@@ -264,81 +250,78 @@ def _copy_nodes(bvh, order, numbers, new_nodes, new_links):
 
 
 def order_by_rays(bvh: Bvh, threads: int | None = None, *, rays: Intersections | None = None) -> Bvh:
-    """The same tree, with the first child of each node chosen for these rays. Where no ray decides, orders stay.
+    """A copy of the tree with each node's child order chosen for sample rays. Nodes without deciding rays keep theirs.
 
     Parameters
     ----------
     bvh : Bvh
-        It is not changed. The builder's orders by distance become constant where rays decide.
+        It is not modified. Distance-based orders become constant where rays decide.
     rays : Intersections
-        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        A sparse sample of the rays that will be traced, with all triangles that each ray hits. With None or an
         empty sample, `bvh` itself is returned.
 
     Returns
     -------
     Bvh
-        The same bits for any number of threads. A left child follows its parent in memory.
+        Bitwise identical for any number of threads. A left child follows its parent in memory.
 
     Raises
     ------
     InputError
-        If a ray meets a triangle out of range.
+        If a ray hits a triangle whose index is out of range.
     """
     if rays is None or len(rays.origins) == 0 or len(bvh.prim_ids) < 2:
         return bvh
     check_intersections(rays, len(bvh.prim_ids))
     m, threads = len(rays.origins), thread_count(threads)
     gains = np.zeros(len(bvh.nodes), np.int64)
-    own = lambda: (np.full(len(bvh.prim_ids), -1, np.int32),)
-    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains, own=own)
+    thread_memory = lambda: (np.full(len(bvh.prim_ids), -1, np.int32),)
+    run(_weigh_rays, threads, new_ticket(m, _CHUNK), bvh, bounded_rays(rays), rays, gains, own=thread_memory)
     old, new = aligned_empty(bvh.nodes.shape, "f4"), aligned_empty(bvh.nodes.shape, "f4")
     old[:] = bvh.nodes
-    chosen = bvh._replace(nodes=old, links=old.view(np.int32))
-    _choose_orders(chosen, gains)
-    _copy_nodes(chosen, parents_first(chosen.links), np.empty(len(old), np.int32), new, new.view(np.int32))
+    reordered = bvh._replace(nodes=old, links=old.view(np.int32))
+    _choose_orders(reordered, gains)
+    _copy_nodes(reordered, parents_first(reordered.links), np.empty(len(old), np.int32), new, new.view(np.int32))
     return bvh._replace(nodes=new, links=new.view(np.int32))
 
 
-# --- The first levels of an `srdh` build: the levels of `top`, with a ray set for each range --------------------------
-#
-# All threads share the records of a range. One thread treats its rays.
+# --- upper levels -----------------------------------------------------------------------------------------------------
 
-
-FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `ShownRays`
+FIRST_RAY, N_RAYS, FIRST_HIT, N_HITS = range(4)  # columns of spans: a range's rays and hits in a `RayHitSet`
 
 
 @inlined
 def start_of(spans, r):
-    """The start of range r's ray set, as a `Side`."""
+    """The start of range r's ray set, as a `SetSize`."""
     return SetSize(spans[r, FIRST_RAY], spans[r, FIRST_HIT])
 
 
 @kernel
 def _choose_splits(ticket, level, depth, sets, spans, settings, orders):
-    """Worker: choose the split of each range, and the order of its children."""
-    # In: level, a `Level`; depth; sets, the `ShownRays` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
+    """Worker: choose the split and child order of each range."""
+    # In: level, a `Level`; depth; sets, the `RayHitSet` of all ranges; spans, (k, 4); settings, `HeuristicSettings`
     # Out: level.splits and level.places; orders, (k, 2) int32: order, 1 if the high side comes first
     total = Bins(stack_f32(BIN_BOXES), stack_i32(BIN_COUNTS))
     for r in items(ticket):
-        mapping, chosen = mapping_of_range(level, r), no_ray_split()
+        mapping, choice = mapping_of_range(level, r), no_ray_split()
         if not must_halve(level.ranges[r, 1] - level.ranges[r, 0], depth):
             block, end = blocks_of(level, r)
             join_bins(level, block, end, mapping.n_bins, total)
             if spans[r, N_RAYS] > 0:
                 rays, box = rays_of(sets, start_of(spans, r)), load8(ptr(level.boxes), r * 16)
-                chosen = ray_split(total, rays, spans[r, N_RAYS], mapping, box, settings)
+                choice = ray_split(total, rays, spans[r, N_RAYS], mapping, box, settings)
             else:
                 split = cheapest_split(total, mapping.n_bins, settings.scale)
-                chosen = RaySplit(split, chosen.order, chosen.swapped, chosen.cost)
-        set_split(level, r, chosen.split)
-        orders[r, 0], orders[r, 1] = chosen.order, chosen.swapped
+                choice = RaySplit(split, choice.order, choice.swapped, choice.cost)
+        set_split(level, r, choice.split)
+        orders[r, 0], orders[r, 1] = choice.order, choice.swapped
 
 
 @kernel
 def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
     """Worker: write the ray sets of each range's children."""
     # In: level, sides of `split_blocks`; sets and spans of the ranges; orders of `_choose_splits`
-    # Out: out, the children's `ShownRays`; children, (2 k, 4): their spans, with the starts already set
+    # Out: out, the children's `RayHitSet`; children, (2 k, 4): their spans, with the starts already set
     boxes = stack_f32(16)
     for r in items(ticket):
         split = Split(level.splits[r, 0], level.splits[r, 1], np.float32(0.0))
@@ -346,9 +329,9 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
         if split.axis >= 0 and spans[r, N_RAYS] > 0:
             store(boxes, 0, load8(ptr(sides), r * 32))
             store(boxes, 8, load8(ptr(sides), r * 32 + 16))
-            chosen = RaySplit(split, np.int64(orders[r, 0]), orders[r, 1] != 0, np.float32(0.0))
+            choice = RaySplit(split, np.int64(orders[r, 0]), orders[r, 1] != 0, np.float32(0.0))
             low, high = divide_rays(
-                rays_of(sets, start_of(spans, r)), spans[r, N_RAYS], mapping_of_range(level, r), chosen, boxes,
+                rays_of(sets, start_of(spans, r)), spans[r, N_RAYS], mapping_of_range(level, r), choice, boxes,
                 rays_of(out, start_of(children, 2 * r)), rays_of(out, start_of(children, 2 * r + 1)),
             )  # fmt: skip
         children[2 * r, N_RAYS], children[2 * r, N_HITS] = low.rays, low.hits
@@ -356,48 +339,55 @@ def _divide_sets(ticket, level, sides, sets, spans, orders, out, children):
 
 
 class RayLevels:
-    """Splits the ranges of the top, level by level, and keeps the ray set of each range."""
+    """Splits the ranges of the upper levels, with a ray set for each range."""
 
-    def __init__(self, method: Binned, rays: RayHitSet, settings: HeuristicSettings, largest: int, threads: int):
+    def __init__(
+        self, method: Binned, rays: RayHitSet, settings: HeuristicSettings, largest: int, threads: int
+    ) -> None:
         self.method, self.settings, self.largest, self.threads = method, settings, largest, threads
-        # the ranges of the last level, in order: number of records, and their rays
+        # the ranges of the current level, in order: number of records, and their rays
         self.counts, self.rays = np.array([len(method.records)]), rays
         self.spans = np.array([[0, len(rays.rays), 0, len(rays.hits)]])
-        self.done: list[tuple[RayHitSet, np.ndarray]] = []  # ranges that one thread each builds, in order
-        self.orders = [np.empty((0, 2), np.int32)]  # of each level, as `_choose_splits` writes them
+        self.done: list[tuple[RayHitSet, NDArray[np.int64]]] = []  # ranges to be built by one thread each, in order
+        self.orders = [np.empty((0, 2), np.int32)]  # of each level, as written by `_choose_splits`
 
-    def split(self, ranges, boxes, depth):
+    def split(
+        self, ranges: NDArray[np.int64], boxes: NDArray[np.float32], depth: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """The `split_level` for `build_top`."""
         large = self.counts > self.largest
         self.done.append((self.rays, self.spans[~large]))
-        spans, orders, found = self.spans[large], np.empty((len(ranges), 2), np.int32), []
+        spans, orders = self.spans[large], np.empty((len(ranges), 2), np.int32)
+        levels: list[Level] = []
 
-        def choose(level):
+        def choose(level: Level) -> None:
             ticket = new_ticket(len(ranges), 1)
             run(_choose_splits, self.threads, ticket, level, depth, self.rays, spans, self.settings, orders)
-            found.append(level)
+            levels.append(level)
 
         middles, sides = split_blocks(self.method, ranges, boxes, depth, self.threads, choose)
-        room = np.repeat(spans[:, [N_RAYS, N_HITS]], 2, axis=0)
+        capacity = np.repeat(spans[:, [N_RAYS, N_HITS]], 2, axis=0)
         children = np.zeros((2 * len(ranges), 4), np.int64)
-        children[:, [FIRST_RAY, FIRST_HIT]] = np.cumsum(room, axis=0) - room
-        out = RayHitSet(np.empty((room[:, 0].sum(), RAY), np.float32), np.empty((room[:, 1].sum(), HIT), np.float32))
+        children[:, [FIRST_RAY, FIRST_HIT]] = np.cumsum(capacity, axis=0) - capacity
+        out = RayHitSet(
+            np.empty((capacity[:, 0].sum(), RAY), np.float32), np.empty((capacity[:, 1].sum(), HIT), np.float32)
+        )
         ticket = new_ticket(len(ranges), 1)
-        run(_divide_sets, self.threads, ticket, *found, sides, self.rays, spans, orders, out, children)
+        run(_divide_sets, self.threads, ticket, *levels, sides, self.rays, spans, orders, out, children)
         self.counts = np.column_stack([middles - ranges[:, 0], ranges[:, 1] - middles]).ravel()
         self.rays, self.spans = out, children
         self.orders.append(orders)
         return middles, sides
 
     def arranged(self, top: UpperLevels) -> UpperLevels:
-        """The top of `build_top`, with the first child of each node on the left."""
+        """The upper levels from `build_top`, with the first child of each node on the left."""
         order, swapped = np.concatenate(self.orders).T
         boxes, children = top.boxes.copy(), top.children.copy()
         boxes[swapped != 0] = boxes[swapped != 0, ::-1]
         children[swapped != 0] = children[swapped != 0, ::-1]
         return top._replace(boxes=boxes, children=children, orders=order)
 
-    def sets(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def sets(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """(rays, hits, spans) of the remaining ranges, in the order of `UpperLevels.ranges`."""
         done = [(rays, span) for rays, spans in [*self.done, (self.rays, self.spans)] for span in spans]
         rays = [r.rays[s[FIRST_RAY] : s[FIRST_RAY] + s[N_RAYS]] for r, s in done]
@@ -408,74 +398,59 @@ class RayLevels:
         return np.concatenate(rays), np.concatenate(hits), spans
 
 
-# ---------------------------------------------------------------------------------------------------------------------
-# `srdh`: a BVH with an order of children, built for a sample of the shadow rays [Feltman et al. 2012, Sec. 3.4].
-#
-# Records are split top-down with the bins of `bsah`. The heuristic of `srdh_cost` chooses the split as long as rays
-# come to a range. `bsah` takes over where none do. Traversal kernels choose the child that comes first. Constant
-# kernels are free: the first child is stored as the left one.
-#
-# Departures from the paper:
-#
-# - Leaves have more than one triangle.
-# - The cost of a subtree grows less than linearly with its triangles (`linear`).
-# - A few evenly spread rays, as the SAH assumes, are added to the given rays (`prior`).
-# - Orders are chosen once more when the tree is done (`reorder`).
-#
-# Ranges of few records have few bins.
+# --- build ------------------------------------------------------------------------------------------------------------
 
-
-PRIOR = 16.0  # 1 to 2 % fewer box tests than without a prior, with rays of 16 x 16 pixels
+PRIOR = 16.0  # reduces box tests by 1 to 2 % with sample rays of 16 x 16 pixels
 KERNELS = {"constant": CONSTANT, "distance": DISTANCE, "all": CONSTANT | DISTANCE}
-"""Name: traversal kernels to choose from. They are left or right first, front to back or back to front, or all four."""
+"""Name -> candidate traversal kernels: left or right first, front to back or back to front, or all four."""
 
 _WAITING = MAX_DEPTH + 1
 _NUMBERS = 4 * _WAITING
 _BOXES = 16 * _WAITING
-_MOST = 1 << 25  # rays of waiting ranges: a GiB
+_MAX_WAITING_RAYS = 1 << 25  # a GiB
 
 
 class RaySettings(NamedTuple):
-    """The settings and rays of all ranges below the top."""
+    """The settings and rays of all ranges below the upper levels."""
 
-    max_leaf: int
-    scale: np.float32  # this and the next three as in `srdh_cost.HeuristicSettings`
-    kernels: int
+    max_leaf: np.int64
+    scale: np.float32  # this and the next three as in `HeuristicSettings`
+    kernels: np.int64
     prior: np.float64
     linear: bool
-    rays: np.ndarray  # (m, RAY) float32: the `ShownRays` of all ranges that threads build alone, joined
-    hits: np.ndarray  # (h, HIT) float32: their hits, joined
-    spans: np.ndarray  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
-    rooms: np.ndarray  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
+    rays: NDArray[np.float32]  # (m, RAY) float32: the rays of all ranges built by one thread each, concatenated
+    hits: NDArray[np.float32]  # (h, HIT) float32: their hits, concatenated
+    spans: NDArray[np.int64]  # (s, 4) int64: first ray, number of rays, first hit, number of hits of each such range
+    rooms: NDArray[np.int64]  # (s,) int64: capacity for rays below each such range (`_rooms_for`)
 
 
-def _rooms_for(n_rays: np.ndarray) -> np.ndarray:
-    """The capacity for rays below ranges to which `n_rays` rays come.
+def _rooms_for(n_rays: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The capacity for rays below ranges that `n_rays` rays reach.
 
-    All rays may come to the waiting range of each level, to the range that is divided, and to both its sides. Hardly
-    any of this memory is ever touched. The capacity is limited to _MOST. Ranges that find no room continue by the SAH.
+    All rays may reach the waiting range of each level, the range being divided, and both its sides. Hardly any of this
+    memory is ever touched. The capacity is limited to `_MAX_WAITING_RAYS`. Ranges that exceed it continue by the SAH.
     """
-    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MOST))
+    return np.minimum((_WAITING + 3) * n_rays, np.maximum(3 * n_rays, _MAX_WAITING_RAYS))
 
 
 def _scratch_words(settings: RaySettings) -> int:
-    """The float32 that a thread needs: for the bins of a range, and the hits and rays of the waiting ranges.
+    """The number of float32 per thread for the bins of a range, and the hits and rays of the waiting ranges.
 
-    Waiting ranges share the hits of the first set, since each hit is on one side of a split.
+    Waiting ranges share the hits of the first set, because each hit is on one side of a split.
     """
     return int(BIN_WORDS + 3 * HIT * settings.spans[:, 3].max() + RAY * settings.rooms.max())
 
 
 @inlined
 def _from(waiting, start):
-    """The `ShownRaysPointers` from the position `start`, a `Side`, on."""
+    """`RayHitSetPointers` from the position `start`, a `SetSize`, on."""
     rays = ptr_at(waiting.rays, start.rays * RAY)
     return RayHitSetPointers(rays, as_i32(rays), ptr_at(waiting.hits, start.hits * HIT))
 
 
 @kernel
 def _move_down(waiting, start, n, to):
-    """Move n rays and hits from `start` down to `to`; all three are `Side`s."""
+    """Move n rays and hits from `start` down to `to`; all three are a `SetSize`."""
     for i in range(n.rays):
         store(waiting.rays, (to.rays + i) * RAY, load8(waiting.rays, (start.rays + i) * RAY))
     for i in range(n.hits):
@@ -484,20 +459,20 @@ def _move_down(waiting, start, n, to):
 
 @inlined
 def _beyond(start, n, times):
-    """The position behind `times` sets of n rays and hits each."""
+    """The position after `times` sets of n rays and hits each."""
     return SetSize(start.rays + times * n.rays, start.hits + times * n.hits)
 
 
 @kernel
 def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
-    """Whether a leaf costs less than the split of a range; never for the root."""
+    """Whether a leaf costs less than the split of a range; always False for the root."""
     rays = n_rays + settings.prior
     return n <= settings.max_leaf and depth > 0 and not (rays + cost < rays * n)
 
 
 @kernel
 def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
-    """The `RaySplit` of a range. Axis -1 means that `grow` builds the range."""
+    """The `RaySplit` of a range; axis -1: `grow` builds the range."""
     if n_rays == 0 or must_halve(last - first, depth):
         return no_ray_split()
     clear_bins(source.bins, mapping.n_bins)
@@ -507,7 +482,7 @@ def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
 
 @kernel
 def _first_set(settings, s, scratch):
-    """The stack of waiting ray sets as `ShownRaysPointers`: at first ray set s alone. The next set is on top."""
+    """The stack of waiting ray sets as `RayHitSetPointers`, with only ray set s at first. The next set is on top."""
     first_ray, n_rays, first_hit, n_hits = settings.spans[s]
     rays = ptr_at(scratch, 3 * n_hits * HIT)
     for i in range(n_rays):
@@ -519,7 +494,7 @@ def _first_set(settings, s, scratch):
 
 @kernel
 def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out):
-    """`subtree.grow` from node 1 on, for ray set s; returns the index of the next free node."""
+    """`top_down.grow` from node 1 on, for ray set s; returns the index of the next free node."""
     ranges, spans = Ranges(stack_i32(_NUMBERS), stack_f32(_BOXES)), stack_array(np.int64, _WAITING, 4)
     plain, records, boxes = Settings(settings.max_leaf, settings.scale), source.records, stack_f32(16)
     next_node, waiting = np.int64(1), _first_set(settings, s, ptr_at(source.bins.boxes, BIN_WORDS))
@@ -529,43 +504,45 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         height -= 1
         b, e = np.int64(get(ranges.numbers, height * 4)), np.int64(get(ranges.numbers, height * 4 + 1))
         d, word = np.int64(get(ranges.numbers, height * 4 + 2)), np.int64(get(ranges.numbers, height * 4 + 3))
-        here, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
+        range_box, centroids = load8(ranges.boxes, height * 16), load8(ranges.boxes, height * 16 + 8)
         start, n = SetSize(spans[height, 0], spans[height, 1]), SetSize(spans[height, 2], spans[height, 3])
         mapping = make_mapping(centroids, e - b)
-        chosen = _choose(source, b, e, d, here, mapping, _from(waiting, start), n.rays, settings)
-        if chosen.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
-            next_node = grow(source, b, e, d, here, centroids, plain, out, next_node, word)
+        choice = _choose(source, b, e, d, range_box, mapping, _from(waiting, start), n.rays, settings)
+        if choice.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
+            next_node = grow(source, b, e, d, range_box, centroids, plain, out, next_node, word)
             continue
-        if _leaf_is_cheaper(e - b, d, n.rays, chosen.cost, settings):
+        if _leaf_is_cheaper(e - b, d, n.rays, choice.cost, settings):
             write_leaf(records, b, e, out, word)
             continue
-        m = partition(records, b, e, mapping, chosen.split)
+        m = partition(records, b, e, mapping, choice.split)
         low, low_centroids = range_bounds(records, b, m)
         high, high_centroids = range_bounds(records, m, e)
         store(boxes, 0, low)
         store(boxes, 8, high)
-        near, far = _beyond(start, n, 1), _beyond(start, n, 2)
-        low_at, high_at = (near, far) if chosen.swapped else (far, near)  # the second child's set is first in memory
+        second_start, first_start = _beyond(start, n, 1), _beyond(start, n, 2)
+        low_at, high_at = (
+            (second_start, first_start) if choice.swapped else (first_start, second_start)
+        )  # the second child's set is first in memory
         n_low, n_high = divide_rays(
-            _from(waiting, start), n.rays, mapping, chosen, boxes, _from(waiting, low_at), _from(waiting, high_at)
+            _from(waiting, start), n.rays, mapping, choice, boxes, _from(waiting, low_at), _from(waiting, high_at)
         )
-        n_second, n_first = (n_low, n_high) if chosen.swapped else (n_high, n_low)
-        then = _beyond(start, n_second, 1)
-        _move_down(waiting, near, n_second, start)
-        _move_down(waiting, far, n_first, then)
+        n_second, n_first = (n_low, n_high) if choice.swapped else (n_high, n_low)
+        next_start = _beyond(start, n_second, 1)
+        _move_down(waiting, second_start, n_second, start)
+        _move_down(waiting, first_start, n_first, next_start)
         spans[height] = start.rays, start.hits, n_second.rays, n_second.hits
-        spans[height + 1] = then.rays, then.hits, n_first.rays, n_first.hits
+        spans[height + 1] = next_start.rays, next_start.hits, n_first.rays, n_first.hits
         put(out.links, word, next_node)
-        left, right = link_at(next_node, 0), link_at(next_node, 1)
-        if chosen.swapped:
+        left_link, right_link = link_at(next_node, 0), link_at(next_node, 1)
+        if choice.swapped:
             write_boxes(out.nodes, next_node, high, low)
-            height = push_range(ranges, height, b, m, d + 1, right, low, low_centroids)
-            height = push_range(ranges, height, m, e, d + 1, left, high, high_centroids)
+            height = push_range(ranges, height, b, m, d + 1, right_link, low, low_centroids)
+            height = push_range(ranges, height, m, e, d + 1, left_link, high, high_centroids)
         else:
             write_boxes(out.nodes, next_node, low, high)
-            height = push_range(ranges, height, m, e, d + 1, right, high, high_centroids)
-            height = push_range(ranges, height, b, m, d + 1, left, low, low_centroids)
-        put(out.links, order_at(next_node), chosen.order)
+            height = push_range(ranges, height, m, e, d + 1, right_link, high, high_centroids)
+            height = push_range(ranges, height, b, m, d + 1, left_link, low, low_centroids)
+        put(out.links, order_at(next_node), choice.order)
         next_node += 1
     return next_node
 
@@ -584,8 +561,8 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
 
 @cache
 def _compile_top() -> None:
-    """Load the kernels that only large scenes run, so that the first build of a process readies all later ones."""
-    segment = np.float32([[-1.0, 0.0, 0.1]]), np.float32([[3.0, 3.0, 3.0]])
+    """Load the kernels that only large scenes use, so that the first build of a process prepares for all later ones."""
+    segment = np.array([[-1.0, 0.0, 0.1]], np.float32), np.array([[3.0, 3.0, 3.0]], np.float32)
     rays = ray_hit_set(Intersections(*segment, np.array([0, 1]), np.zeros(1, np.int32)), PAIR)
     method = binned(2)
     bounds = make_records(PAIR, method.records, 1)
@@ -594,7 +571,7 @@ def _compile_top() -> None:
 
 
 def build(
-    vertices: np.ndarray,
+    vertices: NDArray[np.float32],
     threads: int | None = None,
     max_leaf: int = 4,
     *,
@@ -604,36 +581,36 @@ def build(
     linear: bool = False,
     reorder: bool = True,
 ) -> Bvh:
-    """Build a BVH for shadow rays like `rays`; the same, bit for bit, for any number of threads.
+    """Build a BVH for shadow rays like `rays`. The result is bitwise identical for any number of threads.
 
     Parameters
     ----------
     vertices, threads, max_leaf
         As for `binned_sah.build`.
     rays : Intersections
-        A sparse sample of the rays that will be traced, with all triangles that each ray meets. With None or an
+        A sparse sample of the rays that will be traced, with all triangles that each ray hits. With None or an
         empty sample, the tree is that of `bsah`.
     kernels : str
         A name in `KERNELS`: the traversal kernels from which the builder chooses at each node.
     prior : float
-        Evenly spread rays, as the SAH assumes, that are added to the rays of each range. With them, few rays do not
-        outweigh the SAH. 0 is as published.
+        Number of uniformly distributed rays, as the SAH assumes, that are added to the rays of each range, so that a
+        few rays do not outweigh the SAH. 0 is as published.
     linear : bool
-        Whether the cost of a subtree is its number of triangles n, as published. Otherwise it is n to the power of
-        3/4, which is nearer to the true cost and makes better trees.
+        Whether the cost of a subtree is its triangle count n, as published. Otherwise it is n to the power of 3/4,
+        which is closer to the true cost and yields better trees.
     reorder : bool
-        Whether constant orders are chosen once more at the end, when costs are known (`rayorder`). The paper does
-        not. It applies only to constant `kernels`.
+        Whether constant orders are chosen again at the end, when costs are known (`order_by_rays`), which is not in
+        the paper. It applies only to constant `kernels`.
 
     Returns
     -------
     Bvh
-        With an order at each node to which rays came. A left child follows its parent in memory.
+        With a child order at each node that rays reached. A left child follows its parent in memory.
 
     Raises
     ------
     InputError
-        As `binned_sah.build`; also on unknown kernels, an invalid prior, or rays that meet triangles out of range.
+        As `binned_sah.build`; also on unknown kernels, an invalid prior, or rays with triangle indices out of range.
     """
     if kernels not in KERNELS:
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
@@ -650,9 +627,9 @@ def build(
     heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     levels = RayLevels(method, ray_hit_set(rays, flat), heuristic, largest_subtree(n), threads)
     top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
-    found = levels.sets()
-    settings = RaySettings(np.int64(max_leaf), *heuristic, *found, _rooms_for(found[2][:, 1]))
+    sets = levels.sets()
+    settings = RaySettings(np.int64(max_leaf), *heuristic, *sets, _rooms_for(sets[2][:, 1]))
     bvh, subtrees = build_below(flat, method, _scratch_words(settings), top, settings, threads)
-    del method  # room for the final nodes
+    del method  # frees memory for the final nodes
     bvh = assemble(bvh, top, subtrees, threads)
     return order_by_rays(bvh, threads, rays=rays) if reorder and kernels == "constant" else bvh
