@@ -358,7 +358,7 @@ class MatrixArguments:
     sensors: SensorsOption = "face"
     targets: Annotated[
         str | None,
-        typer.Option(help="Targets, in the same forms as --sensors.  [default: the sensors themselves]", show_default=False),
+        typer.Option(help="Targets, same forms as --sensors.  [default: the sensors]", show_default=False),
     ] = None
     output: Annotated[
         Path | None,
