@@ -53,7 +53,7 @@ _Options: Any = arguments_of("compare", gbuffer=GBufferBy.raster)
 
 
 @dataclass(frozen=True)
-class CompareArguments(_Options):
+class CompareArguments(_Options):  # type: ignore[misc] # made from the options of a picture
     """The command-line arguments and options, one per field.
 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.

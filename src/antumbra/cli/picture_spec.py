@@ -317,7 +317,7 @@ _Options: Any = arguments_of("render")
 
 
 @dataclass(frozen=True)
-class RenderArguments(_Options):
+class RenderArguments(_Options):  # type: ignore[misc] # made from the options of a picture
     """The command-line arguments and options, one per field.
 
     The base class adds the options derived from `RenderOptions` and `EngineOptions`.

@@ -111,9 +111,11 @@ def _outermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | 
         wrap |= on
     if wrap[visible].mean() < _MIN_COVER or np.count_nonzero(~wrap) < len(planes):
         return None
-    inside = (array[~wrap] for array in (triangles.vertices, triangles.face_id, triangles.colour))
-    vertices, ids, colours = inside
-    return EnclosingBox(Triangles(vertices, triangles.origin, ids, colours), planes[:, :4])
+    inside = ~wrap
+    content = Triangles(
+        triangles.vertices[inside], triangles.origin, triangles.face_id[inside], triangles.colour[inside]
+    )
+    return EnclosingBox(content, planes[:, :4])
 
 
 def _visible_from_outside(triangles: Triangles, threads: int | None) -> np.ndarray | None:

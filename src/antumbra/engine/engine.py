@@ -28,10 +28,10 @@ from ..scene.lights import Light, QuadLight, check_lights
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Hit, HitFaces, Triangles
 from ..trace.counters import new_counters
-from .accelerator import Accelerated, Accelerator, SceneTrees, accelerator_of
+from .accelerator import Accelerated, Accelerator, Progress, SceneTrees, accelerator_of
 from .auto.cost_model import GOOD, QUICK
 from .auto.strategies import STRATEGIES, TreeForms, answer_query
-from .frame_tracer import FrameMemory, FrameTracer, Progress, RenderSource, points_memory
+from .frame_tracer import FrameMemory, FrameTracer, RenderSource, points_memory
 from .in_memory_source import InMemory
 from .method_registry import BUILDERS, UPDATERS
 from .plan import Plan, parse_plan

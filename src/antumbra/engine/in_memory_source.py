@@ -23,9 +23,9 @@ from ..scene.triangles import Triangles
 from ..trace.alpha_test import add_hits
 from ..trace.rays.ray_batches import RayTracer
 from ..trace.rays.ray_hits import Nearest
-from .accelerator import Accelerated, Accelerator, SceneTrees, best_tree_job
+from .accelerator import Accelerated, Accelerator, Progress, SceneTrees, best_tree_job
 from .auto.cost_model import BEST, GOOD, seconds_before_best
-from .frame_tracer import FrameMemory, Progress
+from .frame_tracer import FrameMemory
 from .plan import DEFAULT_PLAN, Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .primary_visibility import (

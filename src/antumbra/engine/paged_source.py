@@ -42,8 +42,8 @@ from ..techniques.tracer_options import ChcRtOptions
 from ..trace.rays.ray_hits import Nearest, surfaces_met
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
-from .accelerator import Accelerated, Accelerator
-from .frame_tracer import FrameMemory, Progress
+from .accelerator import Accelerated, Accelerator, Progress
+from .frame_tracer import FrameMemory
 from .method_registry import BUILDERS
 from .plan import Plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view

@@ -8,8 +8,8 @@ from ..checks import as_array
 from ..progress import with_quiet_progress
 from ..query.receivers import Receivers
 from ..scene.lights import Light
+from .accelerator import Progress
 from .engine import Visibility
-from .frame_tracer import Progress
 from .plan import Plan
 from .scene_loading import SceneLike, scene_of
 

@@ -61,6 +61,7 @@ def primary_visibility(
     else:
         blocks = tree.prepared if tree.chosen is None else tree.chosen.forms.of(STRATEGIES["multifrusta"])
         blocks_or_bvh = blocks if isinstance(blocks, BlockTree) else tree.bvh
+        assert blocks_or_bvh is not None
         face, t = trace_primary(blocks_or_bvh, rays, threads)
     alpha_tree = cutouts if tree is None else tree.cutouts
     if alpha_tree is None:

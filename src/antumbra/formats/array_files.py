@@ -8,7 +8,7 @@ import json
 import math
 import re
 import zipfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable
 from pathlib import Path
 from typing import IO, Any
 
@@ -127,7 +127,7 @@ class VertexFrames:
         self._faces, self._used = used_faces(faces, frames.shape[1], f"{file}/faces.npy")
         self.meshes, self.objects = [MeshInfo(file, len(self._faces), 1)], [ObjectInfo(file, 0, 0)]
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         k = int(np.searchsorted(self._times, time, side="right")) - 1
         vertices, towards, share = self._frame(k), None, 0.0
         if self._times[k] < time and k + 1 < len(self._times):

@@ -1,6 +1,6 @@
 """Procedural scenes as scene data, with a camera and a light. The generators are imported on first use."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import numpy as np
 
@@ -75,7 +75,7 @@ class StreamedCity:
     def source(self) -> "StreamedCity":
         return self
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         """The blocks of the city, one at a time."""
         from .city import stream_blocks
         from .procedural_scenes import PALETTE

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..engine.accelerator import Accelerated, Accelerator
-from ..engine.frame_tracer import CELL_BYTES, FrameMemory, Progress, ray_set_count
+from ..engine.accelerator import Accelerated, Accelerator, Progress
+from ..engine.frame_tracer import CELL_BYTES, FrameMemory, ray_set_count
 from ..engine.plan import Plan
 from ..engine.primary_visibility import primary_visibility
 from ..engine.scene import AnyScene

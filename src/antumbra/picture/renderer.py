@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
 from ..checks import choice, instance
-from ..engine.accelerator import Accelerated, Accelerator
+from ..engine.accelerator import Accelerated, Accelerator, Progress
 from ..engine.engine import Engine
-from ..engine.frame_tracer import Progress, RenderSource
+from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
 from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
 from ..engine.scene import AnyScene

@@ -44,7 +44,7 @@ def listed_pass(origins: np.ndarray, directions: np.ndarray) -> RayPass:
 
 def camera_pass(rays: ExplicitRays, rows: slice) -> RayPass:
     """The rays through the pixel centres in some rows of a camera's picture."""
-    x, y = np.arange(rays.width) + 0.5, np.arange(rays.height)[rows, None] + 0.5
+    x, y = np.arange(rays.width) + np.float64(0.5), np.arange(rays.height)[rows, None] + np.float64(0.5)
     return listed_pass(*rays.through(x, y))
 
 

@@ -4,7 +4,7 @@ A `Source` yields `Piece`s, meshes in world space at one moment. `StaticMeshes` 
 `textured_mesh` adds materials, textures and vertex colours to a checked mesh.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -156,7 +156,7 @@ class Source(Protocol):
     meshes: list[MeshInfo]
     objects: list[ObjectInfo]
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         """The pieces at `time`. Their order and faces are the same at every time."""
         ...
 
@@ -176,7 +176,7 @@ class StaticMeshes:
         self.meshes = [MeshInfo(m.name, n_faces(m.positions, m.faces), 1) for m in meshes]
         self.objects = [ObjectInfo(m.name, i, 0) for i, m in enumerate(meshes)]
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         for i, mesh in enumerate(self._meshes):
             where = f'{self.file}: mesh "{mesh.name}"'
             yield Piece(mesh.positions[None], mesh.faces, mesh.colour, where, first=i, look=mesh.look)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +115,8 @@ def _codes(settings: SortSettings, corners: np.ndarray) -> tuple[np.ndarray, np.
 
 def _sort(settings: SortSettings, triangles: TriangleColumns) -> Group:
     codes, numbers = _codes(settings, triangles.corners)
-    return Group(triangles, *radix_sort(codes, numbers, CODE_BITS, settings.threads))
+    ordered, order = radix_sort(codes, numbers, CODE_BITS, settings.threads)
+    return Group(triangles, cast(NDArray[np.int64], ordered), order)
 
 
 def _count_cells(settings: SortSettings, batches: Batches, shift: int) -> np.ndarray:

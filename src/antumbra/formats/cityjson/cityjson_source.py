@@ -1,6 +1,6 @@
 """The CityJSON reader: `read_cityjson` returns coloured triangles with their city objects and semantic surfaces."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -91,7 +91,7 @@ class CityMeshes(StaticMeshes):
         self.meshes = [MeshInfo(name, n, 1) for name, n in zip(city.objects, counts)]
         self.objects = [ObjectInfo(name, k, 0, kind, parent) for k, (name, kind, parent) in enumerate(entries)]
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         for piece in super().pieces(time):
             yield piece._replace(owners=self._owners)
 

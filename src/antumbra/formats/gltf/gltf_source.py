@@ -3,7 +3,7 @@
 Each node with a mesh becomes a `MeshNode`. At every time, its primitives are deformed and transformed to world space.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -97,7 +97,7 @@ class GltfSource:
         self.duration = max([0.0, *(float(t.times[-1]) for t in tracks)])
         self._nodes, self._draws, self._tracks, self._views = nodes, draws, tracks, views
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         for placed in self._placed(time, merge_runs=True):
             mesh = placed.primitive.mesh
             where, first, linear = placed.primitive.where, placed.first, placed.linear

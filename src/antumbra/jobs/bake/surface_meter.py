@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.plan import Plan
-from ...engine.scene import Scene
+from ...engine.scene import AnyScene
 from ...picture.irradiance import facing_of
 from ...picture.light_visibility import irradiance_shares, open_directions
 from ...picture.shading import arriving_irradiance
@@ -92,13 +92,13 @@ class Meter:
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene or PagedScene
     settings : MeterSettings
     receivers : int
         Approximate number of receivers to come.
     """
 
-    def __init__(self, scene: Scene, settings: MeterSettings, receivers: int):
+    def __init__(self, scene: AnyScene, settings: MeterSettings, receivers: int):
         self.scene, self.settings, self._samples, self.rays = scene, settings, settings.samples(), 0
         self._later = receivers * sum(samples.shape[1] for samples in self._samples)
         self._engine = scene.engine.with_options(settings.plan, settings.threads, None)

@@ -87,7 +87,7 @@ class _Limits(NamedTuple):
     infinite: float
 
 
-_LIMITS32 = _Limits(*(np.float32(x) for x in (_FACTOR * 2.0**-24, 3, 1e-37, 1e12, np.inf)))
+_LIMITS32 = _Limits(*(np.float32(x) for x in (_FACTOR * 2.0**-24, 3, 1e-37, 1e12, np.inf)))  # type: ignore[arg-type]
 _LIMITS64 = _Limits(*(np.float64(x) for x in (_FACTOR * 2.0**-53, 3, 1e-300, 1e100, np.inf)))
 
 

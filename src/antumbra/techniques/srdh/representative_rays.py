@@ -58,7 +58,7 @@ class SrdhRays:
     origins: np.ndarray | None = None
     ends: np.ndarray | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.size is not None:
             whole_number(self.size, "size", 1, 1 << 16)
         whole_number(self.spp, "spp", 1, 1024)
