@@ -69,7 +69,10 @@ def _lights(scene) -> list:
 
 def plans() -> list[str]:
     """Each method of the registries once, in an otherwise plain plan; `auto` first."""
-    from antumbra.engine import method_registry as methods
+    try:
+        from antumbra.engine import method_registry as methods
+    except ImportError:  # an older tree
+        from antumbra import methods
 
     names_of, build = methods.own_methods, ("bsah", "multifrusta")
     alone = lambda name: name == "auto" or not methods.TRACERS[name].builds
