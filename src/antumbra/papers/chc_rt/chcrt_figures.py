@@ -88,20 +88,23 @@ def _slots(tree: BlockTree, root: int) -> np.ndarray:
         blocks.append(block_leaf(links[is_leaf(links)]).block)
         links = tree.links[links[links >= 0], CHILDREN].ravel()
     slots = tree.slots[np.sort(np.concatenate(blocks))].ravel()
-    return slots[slots >= 0]
+    used: np.ndarray = slots[slots >= 0]
+    return used
 
 
 def covered(tiles: Tiles) -> np.ndarray:
     """(t, smallest) bool: whether each tile contains each smallest tile."""
     x0, x1, y0, y1 = (column[:, None] for column in tiles.spans.T)
     x, _, y, _ = tiles.spans[: tiles.smallest].T
-    return (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
+    inside: np.ndarray = (x0 <= x) & (x < x1) & (y0 <= y) & (y < y1)
+    return inside
 
 
 def overdraw(fronts: Fronts) -> np.ndarray:
     """(smallest,) int64: the number of visible and invisible pairs over each smallest tile (Fig. 4, left)."""
     pairs = np.bincount(fronts.tile[fronts.state != INNER], minlength=len(fronts.tiles.spans))
-    return pairs @ covered(fronts.tiles)
+    counts: np.ndarray = pairs @ covered(fronts.tiles)
+    return counts
 
 
 def list_lengths(fronts: Fronts) -> np.ndarray:
@@ -232,12 +235,15 @@ def culling_state(core: InCore) -> CullingState:
             raise InputError(f"{core.place.name}: the {walk.name} camera sees nothing; choose another scene")
         rays = next(q for q in frame_rays.queries(DIFFUSE) if isinstance(q, RayPass))
         camera_state = _camera_state(camera, frame_rays, core.threads)
-        bounced = [
+        short_state, long_state = (
             _diffuse_state(s, rays, frame_rays.shape, n, core.threads)
             for s, n in ((short, SHORT * length), (long, length))
-        ]
-        pictures = [_bleeding(method, frame_rays) for method in methods]
-    return CullingState(core.place.name, parts, frame_rays.surfaces, length, camera_state, *bounced, *pictures)
+        )
+        exact, neglecting = (_bleeding(method, frame_rays) for method in methods)
+    surfaces = frame_rays.surfaces
+    return CullingState(
+        core.place.name, parts, surfaces, length, camera_state, short_state, long_state, exact, neglecting
+    )
 
 
 def _camera_state(scheduled: ChcRtState, frame_rays: FrameRays, threads: int) -> PassState:
@@ -389,8 +395,8 @@ def _draw_parts(state: CullingState) -> Any:
     n_hit = len(np.unique(part[part >= 0]))
     title = f"one colour per subtree: camera rays hit {n_hit} of {len(state.parts.trees)}"
     _show(panels[0], subtrees(state), title)
-    colours = LinearSegmentedColormap.from_list("lists", ["#d00000", "#ff9000", "#ffe060", "white"])
-    colours = colours.with_extremes(under="black")
+    ramp = LinearSegmentedColormap.from_list("lists", ["#d00000", "#ff9000", "#ffe060", "white"])
+    colours = ramp.with_extremes(under="black")
     image = lists[tile_of_pixels(tiles, state.shape)]
     picture = _show(panels[1], image, "subtrees in the list of each tile", cmap=colours, vmin=1, vmax=_LONGEST)
     _mark_tiles(panels[1], state.shape, tiles, lists)
@@ -419,7 +425,9 @@ def _draw_pairs(panel: Any, kind: str, pass_state: PassState, columns: MatrixCol
     (top, bottom), (left, right) = pairs.rays.T, pairs.triangles.T
     corners = np.stack([np.stack([left, right, right, left], 1), np.stack([top, top, bottom, bottom], 1)], 2)
     fills = np.where(pairs.visible, _RED, _GREEN)
-    panel.add_collection(PolyCollection(corners.astype(float), facecolors=fills, edgecolors="white", linewidths=0.25))
+    panel.add_collection(
+        PolyCollection(list(corners.astype(float)), facecolors=fills, edgecolors="white", linewidths=0.25)
+    )
     rows, places = crossings(pass_state.hits, pass_state.fronts.tiles, columns)
     panel.plot(places, rows, ",", color=_BLUE)
     areas = (bottom - top) * (right - left)

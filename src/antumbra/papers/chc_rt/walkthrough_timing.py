@@ -363,7 +363,7 @@ def _bleed_through(
         rays = frame_rays(place, camera, surfaces, SAMPLER, threads)
         by.room = exact.room
         before, statistics, seconds, hit_colours = paged.residency.paging, statistics_counter(method), 0.0, []
-        passes, each = list(rays.queries(DIFFUSE)), PASS_BYTES * camera.width * camera.height
+        passes, each = list(rays.diffuse()), PASS_BYTES * camera.width * camera.height
         for first in range(0, len(passes), n := paged.together(each)):
             began = perf_counter()
             for hits in paged.nearest(passes[first : first + n], rays.shape, by):

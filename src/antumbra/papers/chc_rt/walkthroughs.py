@@ -138,7 +138,8 @@ def _around(point: np.ndarray, centre: np.ndarray, up: np.ndarray) -> np.ndarray
     """A point, rotated around the axis `up` through `centre`."""
     axis, v = up / np.linalg.norm(up), point - centre
     along = np.dot(v, axis) * axis
-    return centre + along + np.cos(_TURN) * (v - along) + np.sin(_TURN) * np.cross(axis, v)
+    turned: np.ndarray = centre + along + np.cos(_TURN) * (v - along) + np.sin(_TURN) * np.cross(axis, v)
+    return turned
 
 
 # --- Ray kinds and methods --------------------------------------------------------------------------------------------
@@ -177,11 +178,15 @@ class FrameRays(NamedTuple):
         if kind == PRIMARY:
             yield self.camera
         elif kind == DIFFUSE:
-            for directions in self.directions:  # one pass at a time, to save memory
-                rays = diffuse_rays(self.surfaces.gbuffer, self.shadows[AO].origins, directions)
-                yield rays._replace(skip=self.surfaces.ids.reshape(-1))
+            yield from self.diffuse()
         else:
             yield self.shadows[kind]
+
+    def diffuse(self) -> Iterator[RayPass]:
+        """Yield the frame's diffuse passes, one at a time to save memory."""
+        for directions in self.directions:
+            rays = diffuse_rays(self.surfaces.gbuffer, self.shadows[AO].origins, directions)
+            yield rays._replace(skip=self.surfaces.ids.reshape(-1))
 
     def rays(self, kind: str) -> int:
         """The frame's number of rays of a kind."""
@@ -233,7 +238,8 @@ class Culling:
         if isinstance(first, CameraRays):
             hits = [camera_hits(self.scheduled, first, self.threads)]
         else:
-            hits = nearest_hits(self.scheduled, queries, shape, self.threads)
+            passes = [query for query in queries if isinstance(query, RayPass)]  # all, since a batch has one kind
+            hits = nearest_hits(self.scheduled, passes, shape, self.threads)
         return [(each.face.reshape(-1), each.t.reshape(-1)) for each in hits]
 
 
@@ -292,4 +298,5 @@ def differing(one: list[Answer], other: list[Answer]) -> int:
 def _close(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(m,) bool: whether two t are equal up to rounding: `hit_t` of pictures is within 2**-29 of the t of rays."""
     with np.errstate(invalid="ignore"):
-        return (one == other) | (np.abs(one - other) <= 2.0**-28 * np.abs(one))
+        close: np.ndarray = (one == other) | (np.abs(one - other) <= 2.0**-28 * np.abs(one))
+    return close

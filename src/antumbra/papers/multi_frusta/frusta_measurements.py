@@ -299,7 +299,7 @@ def write_plot(scenes: dict[str, tuple[dict[str, Any], SoftShadowQuality]], path
     from matplotlib.figure import Figure
 
     sheet = Figure(figsize=(14.0, 4.5 + 3.7 * len(scenes)), layout="constrained")
-    above, below = sheet.subfigures(2, 1, height_ratios=[4.5, 3.7 * len(scenes)])
+    (above,), (below,) = sheet.subfigures(2, 1, squeeze=False, height_ratios=[4.5, 3.7 * len(scenes)])
     for panel, (counter, label) in zip(above.subplots(1, 2), _PANELS):
         _draw_sizes(panel, {name: tables["figure 6"] for name, (tables, _) in scenes.items()}, counter, label)
     panels = below.subplots(len(scenes), 4, squeeze=False)

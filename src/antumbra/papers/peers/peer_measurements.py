@@ -164,6 +164,7 @@ def measure(
     view: BenchmarkView, plan: Plan, spp: int, threads: Sequence[int], rounds: int, say: Say
 ) -> tuple[list[dict[str, Any]], list[PeerBuild]]:
     """(rows of `ray_contest.rows` for each thread count, all builds) for a view's first light."""
+    assert plan.build is not None
     triangles = view.scene.triangles(0.0)
     vertices = triangles.vertices
     say(f"{view.name}, building")

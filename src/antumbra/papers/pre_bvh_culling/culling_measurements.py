@@ -278,9 +278,11 @@ def times_to_image(
     for method, times in seconds.items():
         middle = {key: median(values) for key, values in times.items()}
         share = remaining if METHODS[method].startswith("grid") else 1.0
-        phases = (middle[phase] for phase in ("gbuffer", "shade", "cull", "build"))
+        gbuffer, shade, culling, build = (middle[phase] for phase in ("gbuffer", "shade", "cull", "build"))
         trace = {spp: middle[spp] for spp in SAMPLES}
-        rows.append(TimeToImage(view.figure, tracer, method, *phases, trace, share, bits[method]))
+        rows.append(
+            TimeToImage(view.figure, tracer, method, gbuffer, shade, culling, build, trace, share, bits[method])
+        )
     return rows
 
 
@@ -293,7 +295,9 @@ def _queries(view: CullingView, renderer: Renderer, spp: int) -> tuple[Triangles
 
 def _remaining(view: CullingView, renderer: Renderer) -> float:
     triangles, queries = _queries(view, renderer, 1)
-    return len(renderer.accelerator.culled(triangles, queries).kept) / len(triangles.vertices)
+    culled = renderer.accelerator.culled(triangles, queries)
+    assert culled is not None
+    return len(culled.kept) / len(triangles.vertices)
 
 
 def grid_rows(
@@ -433,7 +437,8 @@ def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[Gri
     """The column of one view and tracer: row name -> times."""
     methods = {t.method: t for t in times if (t.figure, t.tracer) == (figure, tracer)}
     grid = next(r for r in grids if r.figure == figure and r.marked == HULLS)
-    theirs, totals = DETAILS.get(figure, (None,) * 6), TIME_TO_IMAGE.get(figure, {})
+    theirs: Sequence[float | None] = DETAILS.get(figure) or (None,) * 6
+    totals: Mapping[str, Sequence[float | None]] = TIME_TO_IMAGE.get(figure, {})
     first = methods["LBVH"]
     rows = {
         "render G-buffer": _beside(_ms(first.gbuffer), theirs[0]),
@@ -442,11 +447,11 @@ def _details(figure: str, tracer: str, times: list[TimeToImage], grids: list[Gri
     for (step, name), ms in zip(_STEPS.items(), theirs[2:]):
         rows[name] = _beside(_ms(grid.steps[step]), ms)
     for method, t in methods.items():
-        ms = totals.get(method, (None,) * 3)
+        total = totals.get(method, (None,) * 3)
         if t.cull:
-            rows[f"{method}: all culling"] = _beside(_ms(t.cull), ms[0])
-        rows[f"{method}: build"] = _beside(_ms(t.build), ms[1])
-        rows[f"{method}: trace"] = _beside(_ms(t.trace[SAMPLES[0]]), ms[2])
+            rows[f"{method}: all culling"] = _beside(_ms(t.cull), total[0])
+        rows[f"{method}: build"] = _beside(_ms(t.build), total[1])
+        rows[f"{method}: trace"] = _beside(_ms(t.trace[SAMPLES[0]]), total[2])
     return rows
 
 
@@ -486,8 +491,8 @@ def print_grids(rows: list[GridRow], tracers: list[str]) -> None:
     """Print Table 4, with the paper's results in brackets."""
     table = []
     for r in rows:
-        theirs = GRIDS[r.grid] if r.grid else (None, None, None, None, None, *UNCULLED)
-        share = _beside(f"{100 * r.remaining:.0f}", 100 * theirs[0] if r.grid else None, 0)
+        theirs: Sequence[float | None] = GRIDS[r.grid] if r.grid else (None, None, None, None, None, *UNCULLED)
+        share = _beside(f"{100 * r.remaining:.0f}", 100 * GRIDS[r.grid][0] if r.grid else None, 0)
         steps = ["", "", ""]
         if r.grid:
             parts = r.steps["sources"], r.steps["mark"], r.steps["triangles"] + r.steps["pack"]
@@ -512,7 +517,8 @@ def _sums(t: TimeToImage, spp: np.ndarray) -> np.ndarray:
     """Time to image in seconds for any number of samples, by linear interpolation and extrapolation."""
     traced = np.array([t.trace[s] for s in SAMPLES])
     beyond = np.maximum(spp - SAMPLES[-1], 0) * seconds_a_sample(t)
-    return t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
+    sums: np.ndarray = t.cull + t.build + np.interp(spp, SAMPLES, traced) + beyond
+    return sums
 
 
 def write_plot(times: list[TimeToImage], path: Path) -> None:

@@ -139,7 +139,8 @@ def _supports(maze: _Maze, d: float, at: np.ndarray, hole: np.ndarray, rng: np.r
 def _view_room(maze: _Maze) -> np.ndarray:
     """(n,) bool: True for the camera's room."""
     levels, nx, nz = maze.shape
-    return (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
+    here: np.ndarray = (maze.rooms == [levels // 2, (nx - 1) // 2, nz // 2]).all(axis=1)
+    return here
 
 
 def _wall(rng: np.random.Generator, d: float) -> PaletteMesh:
@@ -217,6 +218,6 @@ def _vases(d: float) -> list[PaletteMesh]:
     """Two vases side by side."""
     pair = vase(0.85, 0.8 * d), vase(0.6, 0.8 * d, p.CLAY, 0.36, 0.14)
     return [
-        m._replace(vertices=m.vertices + np.float32(shift))
+        m._replace(vertices=m.vertices + np.asarray(shift, np.float32))
         for m, shift in zip(pair, ((-0.18, 0, 0.1), (0.26, 0, -0.1)))
     ]

@@ -221,7 +221,7 @@ def door(width: float, height: float, d: float) -> PaletteMesh:
 
 def creases(rng: np.random.Generator, x: np.ndarray, z: np.ndarray, waves: int = 9) -> np.ndarray:
     """Heights, 0 to about 1, of a creased cloth at x, z (metres). The ridges bend, and fade in places."""
-    total = 0.0
+    total: np.ndarray = np.zeros(())
     for _ in range(waves):
         angle, metres, a, b = rng.uniform((0.0, 0.18, 0.0, 0.0), (np.pi, 0.75, 6.3, 6.3))
         along, across = x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)

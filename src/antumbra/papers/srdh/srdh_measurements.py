@@ -25,11 +25,12 @@ from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...picture.renderer import Renderer
 from ...query.gbuffer import GBuffer
-from ...query.light_samples import MAX_SPP, light_samples
+from ...query.light_samples import light_samples
 from ...query.query_bounds import reach
 from ...query.receivers import FREE
 from ...query.shadow_query import ShadowQuery, shadow_queries
 from ...scene.light_lists import PointLights
+from ...scene.lights import MAX_SPP
 from ...scene.triangles import Triangles
 from ...techniques.srdh import srdh_builder as srdh
 from ...techniques.srdh.representative_rays import (
@@ -236,7 +237,8 @@ def even_lines(triangles: Triangles, seed: int = 0) -> ShadowQuery:
 
     def on_sphere(n: int) -> np.ndarray:
         towards = rng.normal(size=(n, 3))
-        return centre + radius * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        points: np.ndarray = centre + radius * towards / np.linalg.norm(towards, axis=1, keepdims=True)
+        return points
 
     light = PointLights(on_sphere(_ENDS) + triangles.origin)
     origins = on_sphere(_SHAPE[0] * _SHAPE[1]).astype(np.float32).reshape(*_SHAPE, 3)
@@ -333,7 +335,8 @@ def build_times(
             if turn >= 0:
                 laps[k].append(seconds)
     middle = {k: {part: median(lap[part] for lap in laps[k]) for part in laps[k][0]} for k in BUILD_PIXELS}
-    return [BuildTimes(view.name, k, len(work.triangles.vertices), *counts[k], **middle[k]) for k in BUILD_PIXELS]
+    n = len(work.triangles.vertices)
+    return [BuildTimes(view.name, k, n, rays, hits, **middle[k]) for k, (rays, hits) in counts.items()]
 
 
 def _build_once(work: Workload, alone: Workload, pixels: int) -> tuple[dict[str, float], tuple[int, int]]:

@@ -153,7 +153,7 @@ def print_kernels(rows: list[BoxTests]) -> None:
 
 def print_builds(times: list[BuildTimes]) -> None:
     """Print Table 1 with the paper's rows, and the build times of a renderer without another tree."""
-    table = []
+    table: list[tuple[str, ...]] = []
     for t in times:
         published = _ms(t.sah_single), _ms(t.rays_by_sah), _ms(t.published), f"{t.both:.2f}"
         ours = _ms(t.sah), _ms(t.rays_by_lbvh), _ms(t.srdh), f"{t.instead:.2f}"
@@ -172,8 +172,8 @@ def print_builds(times: list[BuildTimes]) -> None:
     for k in BUILD_PIXELS:
         same_size = [t for t in times if t.pixels == k]
         both, instead = (sum(getattr(t, name) for t in same_size) / len(same_size) for name in ("both", "instead"))
-        theirs = both_over_sah(k)
-        text = f"both / SAH {both:.2f} (the paper's {theirs:.2f}), srdh only / bsah {instead:.2f}"
+        their_both = both_over_sah(k)
+        text = f"both / SAH {both:.2f} (the paper's {their_both:.2f}), srdh only / bsah {instead:.2f}"
         means.append((f"{k} x {k}", text))
     report.print_fields(means)
     print()
