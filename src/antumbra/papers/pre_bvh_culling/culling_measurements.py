@@ -9,7 +9,7 @@ As in the paper, time to image covers culling, building and tracing, but not the
 the same tracer and alternate within each round; the median of the rounds counts.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -173,7 +173,7 @@ class Swaying:
         self.objects = still.objects
         self._pieces, self._cameras, self._lights = list(still.source.pieces(0.0)), still.cameras, still.lights
 
-    def pieces(self, time: float) -> Iterator[Piece]:
+    def pieces(self, time: float) -> Generator[Piece, None, None]:
         share = np.sin(2.0 * np.pi * time / SECONDS)
         for piece in self._pieces:
             x, y, z = np.moveaxis(np.asarray(piece.vertices, np.float64), -1, 0)
