@@ -16,7 +16,7 @@ TRIANGLES, POINTS = 60, 16
 @cache
 def _asked(name):
     """(scene, points, lights of a list, truth (points, lights)) of a hostile scene."""
-    made = hostile.made(name, TRIANGLES, POINTS)
+    made = hostile.hostile_scene(name, TRIANGLES, POINTS)
     scene = at.Scene.from_arrays(made.triangles)
     assert not scene.origin.any()
     light = made.lights[0].position
