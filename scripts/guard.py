@@ -14,6 +14,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -156,6 +157,18 @@ def run(tree: Path, task: str) -> dict:
     return json.loads(done.stdout)
 
 
+def announce(tree: Path) -> None:
+    """Write the entry points of a tree beside its package, where they hide those of the installed package."""
+    project = tomllib.loads((tree / "pyproject.toml").read_text())["project"]
+    lines = []
+    for group, points in project.get("entry-points", {}).items():
+        lines += [f"[{group}]", *(f"{name} = {value}" for name, value in points.items())]
+    folder = tree / "src" / "antumbra-0.dist-info"
+    folder.mkdir(exist_ok=True)
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: antumbra\nVersion: 0\n")
+    (folder / "entry_points.txt").write_text("\n".join(lines) + "\n")
+
+
 def differences(old: dict, new: dict) -> list[str]:
     """A line for each frame whose plans disagree, or whose digests differ between the trees."""
     lines = []
@@ -175,6 +188,7 @@ def compare(revision: str, rounds: int) -> tuple[list[str], dict[str, float]]:
     with TemporaryDirectory() as folder:
         other = Path(folder) / "tree"
         subprocess.run(["git", "-C", ROOT, "worktree", "add", "-q", "--detach", other, revision], check=True)
+        announce(other)
         try:
             lines = differences(run(other, "digests"), run(ROOT, "digests"))
             old, new = [], []
