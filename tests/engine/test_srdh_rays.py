@@ -5,6 +5,7 @@ import pytest
 
 import antumbra as at
 import oracle
+from antumbra.engine import engine
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.engine.plan import parse_plan, with_sample
 from antumbra.picture import renderer
@@ -48,6 +49,7 @@ def given(monkeypatch):
     monkeypatch.setitem(BUILDERS, "srdh", real._replace(build=build))
     for name in ("precompile_plan", "precompile_quality", "precompile_bounce"):  # they build too
         monkeypatch.setattr(renderer, name, lambda *arguments: None)
+    monkeypatch.setattr(engine, "warm_up", lambda *arguments: None)
     return builds
 
 

@@ -179,7 +179,7 @@ class FrameTracer:
 
     triangles : Triangles
         All triangles of the scene; for a store, only the visible ones.
-    view : CameraRays or ListedRays
+    view : CameraRays or ExplicitRays
         The camera's rays, in the frame of the triangles.
     """
 

@@ -1,6 +1,6 @@
 """False-colour output of results: pictures with a legend, and unlit GLB models with vertex colours (`COLOR_0`)."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +21,6 @@ from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ..scene.lights import AmbientOcclusion
 from ..scene.materials import srgb_to_linear
 from .sensors import Sensors, corners_of
-
-if TYPE_CHECKING:
-    from .result_table import Table
 
 # --- Projecting points into a picture ---------------------------------------------------------------------------------
 
@@ -53,7 +50,7 @@ _NOWHERE = 70  # grey of surfaces without a value
 _DOT = 5  # pixels: radius of a mark
 
 
-def false_colours(table: "Table", name: str) -> NDArray[np.uint8]:
+def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB: a column of a table, as a map if the sensors form a raster, else on the scene's surfaces.
 
     The table's marks are drawn as dots.
@@ -71,7 +68,7 @@ def false_colours(table: "Table", name: str) -> NDArray[np.uint8]:
     return sheet([panel], scale.bar(caption))
 
 
-def shown_values(table: "Table", name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def shown_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(n,) float64: the values of a column; (n,) bool: which of them to show.
 
     NaN, negative integers (no index) and raster cells off the surfaces that the raster follows are not shown.
@@ -108,7 +105,7 @@ def _dotted(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.asarray(image)
 
 
-def _map(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _map(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """A map of a raster, north up, enlarged if it has few cells; and the pixels of the marks."""
     raster = table.sensors.raster
     assert raster is not None and table.scene is not None
@@ -123,11 +120,11 @@ def _map(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.u
     return colours[::step, ::step].repeat(magnification, 0).repeat(magnification, 1), places
 
 
-def _marks(table: "Table") -> NDArray[np.float64]:
+def _marks(table: Any) -> NDArray[np.float64]:
     return np.empty((0, 3)) if table.marks is None else table.marks
 
 
-def _view(table: "Table", values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def _view(table: Any, values: np.ndarray, scale: Scale) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """The scene in the colours of its sensors, shaded by ambient occlusion; and the pixels of the marks."""
     scene = table.scene
     assert scene is not None
@@ -187,7 +184,7 @@ class ColouredMesh(NamedTuple):
     mode: int = TRIANGLES
 
 
-def coloured_model(table: "Table", name: str) -> bytes:
+def coloured_model(table: Any, name: str) -> bytes:
     """A GLB file of a column of a table: coloured faces or vertices, else a square for each sensor.
 
     Coordinates are relative to the scene's `origin`, since glTF stores float32; the asset's `extras` record the origin.

@@ -8,7 +8,7 @@ from contextlib import closing
 from functools import cache
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,6 @@ from ..errors import InputError
 from ..extras import import_extra
 from ..files import atomic_output, checked_output
 from ..scene.materials import BYTE_TO_LINEAR, srgb_to_linear
-
-if TYPE_CHECKING:
-    from .frame import Frame
 
 # --- Tone mapping: exposure, highlight roll-off, sRGB -----------------------------------------------------------------
 
@@ -120,13 +117,13 @@ def checked_exposure(exposure: float) -> float:
     return number(exposure, "exposure", 0.0, MAX_EXPOSURE)
 
 
-def frame_exposure(frame: "Frame") -> float:
+def frame_exposure(frame: Any) -> float:
     """The automatic exposure of ``save_frame(frame, "x.png")``."""
     return automatic_exposure(frame.image, frame.mask)
 
 
 def save_frame(
-    frame: "Frame",
+    frame: Any,
     path: str | os.PathLike[str],
     exposure: float | None = None,
     note: str | None = None,
@@ -177,7 +174,7 @@ def _check_background(background: str | ArrayLike | None) -> str | NDArray[np.fl
     return colour
 
 
-def screen_picture(frame: "Frame", exposure: float, background: str | ArrayLike | None = None) -> NDArray[np.uint8]:
+def screen_picture(frame: Any, exposure: float, background: str | ArrayLike | None = None) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB of a frame, or (H, W, 4) with alpha if `background` is "transparent".
 
     Without `background`, the frame's backdrop is shown, if it has one. With a background or backdrop, a pixel that
@@ -245,7 +242,7 @@ def png_bytes(rgb: NDArray[np.uint8]) -> bytes:
         return stream.getvalue()
 
 
-def exr_channels(frame: "Frame") -> dict[str, np.ndarray]:
+def exr_channels(frame: Any) -> dict[str, np.ndarray]:
     """The channels of an EXR file: name -> (H, W) float32, or uint32 for ids. LAYER.C is channel C of a layer.
 
     R, G, B, A (1 where a surface is seen); shadow.NAME, the visible share of each light; depth.Z, normal.X/Y/Z,
@@ -269,7 +266,7 @@ def exr_channels(frame: "Frame") -> dict[str, np.ndarray]:
     return {name: stored(values) for name, values in channels.items()}
 
 
-def exr_header(frame: "Frame") -> dict[str, str]:
+def exr_header(frame: Any) -> dict[str, str]:
     """Attributes of an EXR file: the values in the background, and the origin of positions."""
     loss = "" if frame.ground is None else " (the share of light lost where the ground is in shadow, see ground.*)"
     return {

@@ -112,7 +112,7 @@ def _shade_rows(ticket, face, normal, up, colour, tints, irradiances, shares, am
         for x in range(w):
             at, i = 3 * (y * w + x), np.int64(get(faces, y * w + x))
             for c in range(3):
-                radiance = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi
+                radiance = sums[c * w + x] * get(colours, 3 * max(i, 0) + c) * inverse_pi  # type: ignore[operator]
                 put(out, at + c, radiance if i >= 0 else np.float32(0.0))
 
 

@@ -39,7 +39,7 @@ def _recentre_rows(first, last, a, b, share, origin, out):
             local = np.float32(world - origin[k])
             local = _ZERO if abs(local) < _NEAREST else local
             put(out, i + k, local)
-            fine &= abs(local) <= _LIMIT
+            fine &= abs(local) <= _LIMIT  # type: ignore[assignment]
     return fine
 
 
