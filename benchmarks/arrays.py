@@ -31,7 +31,7 @@ import numpy as np
 
 import antumbra
 from antumbra.engine.auto.cost_model import best_pays
-from antumbra.engine.in_memory_source import PLANS
+from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.generate.procedural_scenes import PROCEDURAL
 from antumbra.kernels.parallel import thread_count
 from antumbra.papers.peers import embree
@@ -120,7 +120,7 @@ def settle(name: str, scene, rays) -> None:
     if not best_pays(np.inf, scene.n_triangles):
         return
     start, n_rays = time.perf_counter(), 0
-    while str(scene.engine.source.ray_lists.plan) != PLANS[1]:
+    while str(scene.engine.source.ray_lists.plan) != RAY_PLANS[1]:
         scene.occluded(*rays, tmax=1.0)
         n_rays += len(rays[0])
     scene.occluded(*(side[:1] for side in rays))

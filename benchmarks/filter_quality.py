@@ -25,7 +25,7 @@ from PIL import Image
 import antumbra as at
 from antumbra.picture import discontinuity_filter as filter
 from antumbra.picture.image_files import automatic_exposure, to_srgb8
-from antumbra.query.gbuffer import seen_by
+from antumbra.query.gbuffer import picture_surfaces
 from antumbra.query.pixel_refinement import edges
 from common import SCENES, arguments, machine
 
@@ -97,7 +97,7 @@ def measure(name: str, options) -> list[dict]:
     visible = fine.gbuffer.face >= 0
     exposure = automatic_exposure(reference, visible)
     pictures = {k: to_srgb8(f.image, exposure) for k, f in frames.items()} | {"truth": to_srgb8(reference, exposure)}
-    edge = edges(seen_by(fine.gbuffer, camera.rays(fine.gbuffer.origin)), scene.colours)
+    edge = edges(picture_surfaces(fine.gbuffer, camera.rays(fine.gbuffer.origin)), scene.colours)
     rows = []
     for k, frame in frames.items():
         truths = {"256": frames["256"], "1024": fine}

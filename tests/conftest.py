@@ -9,11 +9,11 @@ from hypothesis import settings
 
 from antumbra.engine.method_registry import add_plugins
 from antumbra.engine.precompilation import compile_missing, missing_of
-from antumbra.generate.procedural_scenes import add_scenes
+from antumbra.generate.procedural_scenes import load_plugin_scenes
 from antumbra.kernels.toolchain import kernel_manifest as needs
 
 pytest_plugins = ["command_line"]
-add_scenes()
+load_plugin_scenes()
 add_plugins()  # so that registries are the same in all tests, and the recorded kernels are those of all methods
 
 # Continuous integration repeats the same examples each time. Developers' runs draw new ones.

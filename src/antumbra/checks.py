@@ -118,7 +118,7 @@ def text(value: Any, what: str) -> str:
     raise InputError(f"{what} is {quoted(value)}; it must be a string")
 
 
-def instance(value: object, kind: type[T], what: str, cure: str = "") -> T:
+def checked_instance(value: object, kind: type[T], what: str, cure: str = "") -> T:
     """`value` if it is an instance of `kind`; otherwise an InputError that names `what`, the kind and the cure."""
     if isinstance(value, kind):
         return value
@@ -127,13 +127,13 @@ def instance(value: object, kind: type[T], what: str, cure: str = "") -> T:
 
 
 def items(value: Any, kind: type[T], what: str, cure: str = "") -> list[T]:
-    """A list of instances of `kind`, from one or several; otherwise an InputError as from `instance`."""
+    """A list of instances of `kind`, from one or several; otherwise an InputError as from `checked_instance`."""
     if isinstance(value, kind):
         return [value]
     parts = parts_of(value)
     if parts is None:
-        return [instance(value, kind, what, cure)]
-    return [instance(each, kind, what, cure) for each in parts]
+        return [checked_instance(value, kind, what, cure)]
+    return [checked_instance(each, kind, what, cure) for each in parts]
 
 
 def parts_of(value: Any) -> list[Any] | None:

@@ -176,7 +176,7 @@ def make_folder(path: Path) -> None:
         path.mkdir(mode=0o700, exist_ok=True)
 
 
-def checked_own(path: Path, status: os.stat_result | None = None) -> None:
+def check_trusted(path: Path, status: os.stat_result | None = None) -> None:
     """Raise `Untrusted` if users other than this one and the system's can modify a file or folder.
 
     Always passes on Windows, where user folders are private.
@@ -197,7 +197,7 @@ def checked_own(path: Path, status: os.stat_result | None = None) -> None:
         raise Untrusted(f"{path} can be changed by other users (try: chmod go-w)")
 
 
-def read_own(path: Path) -> bytes:
+def read_trusted(path: Path) -> bytes:
     """The contents of a regular file that belongs to this user or to the system.
 
     Raises
@@ -210,7 +210,7 @@ def read_own(path: Path) -> bytes:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise Untrusted(f"{path} is not a regular file")
-        checked_own(path, status)
+        check_trusted(path, status)
         return file.read()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from antumbra.bvh import binned_sah
 from antumbra.bvh.block_tree import block_tree
-from antumbra.bvh.child_order import sooner_first
+from antumbra.bvh.child_order import order_children
 from antumbra.bvh.nodes import LEFT_FIRST, LINKS, NO_CHILD, WIDTH
 from antumbra.bvh.tree_quality import validate
 from antumbra.bvh.wide_bvh import widen
@@ -83,7 +83,7 @@ def _rtsah(vertices, areas, tree, found):
 def test_rtsah_puts_the_child_first_that_blocks_more_rays_for_its_cost(vertices):
     bvh, found = binned_sah.build(vertices, 1), []
     before = bvh.nodes.tobytes()
-    ordered = sooner_first(bvh)
+    ordered = order_children(bvh)
     validate(ordered, vertices)
     assert bvh.nodes.tobytes() == before and not np.shares_memory(ordered.nodes, bvh.nodes)
     _rtsah(vertices, _areas(vertices), nested(ordered), found)
@@ -98,20 +98,20 @@ def test_rtsah_puts_the_denser_child_first(mirror):
     rng = np.random.default_rng(0)
     cube = lambda n: rng.uniform(-1, 1, (n, 1, 3)) + rng.uniform(-0.2, 0.2, (n, 3, 3))
     vertices = np.concatenate([cube(200) + [10 * mirror, 0, 0], cube(20) - [10 * mirror, 0, 0]]).astype(np.float32)
-    root = sooner_first(binned_sah.build(vertices, 1)).nodes[0]
+    root = order_children(binned_sah.build(vertices, 1)).nodes[0]
     assert (root[[0, 2]] * mirror > 0).all() and (root[[1, 3]] * mirror < 0).all()
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_rtsah_of_few_triangles(n):
-    validate(sooner_first(binned_sah.build(scattered(n), 1)), scattered(n))
+    validate(order_children(binned_sah.build(scattered(n), 1)), scattered(n))
 
 
 def test_rtsah_of_hazards():
     for name, soup in HAZARDS.items():
         vertices = np.ascontiguousarray(soup, np.float32)
         if len(vertices) < 10_000:
-            validate(sooner_first(binned_sah.build(vertices, 1)), vertices), name
+            validate(order_children(binned_sah.build(vertices, 1)), vertices), name
 
 
 def test_a_tree_of_blocks_keeps_the_order_that_a_builder_chose():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 import oracle
 from antumbra.bvh.binned_split import BIN_BOXES, BIN_COUNTS, Bins, clear_bins, fill_bins, make_mapping
 from antumbra.bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, UNORDERED, aligned_empty
-from antumbra.bvh.triangle_bounds import make_records, power_of_two_for
+from antumbra.bvh.triangle_bounds import area_scale_for, make_records
 from antumbra.kernels.jit import kernel
 from antumbra.kernels.simd import load8, ptr, stack_f32, stack_i32
 from antumbra.techniques.srdh.ray_split import HeuristicSettings, SetSize, ray_hit_set, ray_split, rays_of
@@ -39,7 +39,7 @@ def split(vertices, found, kernels, prior, linear):
     """(left side or None, order, swapped, cost): the package's choice for all triangles and all rays."""
     flat, records = vertices.reshape(-1, 9), aligned_empty((len(vertices), 8), "f4")
     box, centroids = make_records(flat, records, 1)
-    chosen = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
+    chosen = HeuristicSettings(area_scale_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     axis, place, order, swapped, cost, n_bins = _split(
         records, np.concatenate([box, centroids]), ray_hit_set(found, flat), chosen
     )

@@ -5,10 +5,10 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.auto import cost_model as rates
-from antumbra.engine.in_memory_source import PLANS
+from antumbra.engine.in_memory_source import RAY_PLANS
 from antumbra.engine.plan import parse_plan
 
-FIRST, BETTER = map(parse_plan, PLANS)
+FIRST, BETTER = map(parse_plan, RAY_PLANS)
 
 
 class _Lasting:

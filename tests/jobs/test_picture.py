@@ -6,7 +6,7 @@ from PIL import Image
 
 import antumbra as at
 from antumbra.jobs import false_colours as picture_module
-from antumbra.jobs.false_colours import project_points, shown_scale, shown_values
+from antumbra.jobs.false_colours import column_scale, column_values, project_points
 from antumbra.jobs.result_table import Column
 from antumbra.picture.heat_maps import heat_colours
 from antumbra.scene.camera import fitted_camera
@@ -30,8 +30,8 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
     bottom, right = grey.max(0) + 1
     cell = (right - left) // 2  # two columns lie beside the hill
     assert (bottom - top, right - left) == (10 * cell, 2 * cell)
-    values, known = shown_values(made, "hours")
-    end = shown_scale(made["hours"], known).ticks[-1]
+    values, known = column_values(made, "hours")
+    end = column_scale(made["hours"], known).ticks[-1]
     for row, column in (0, 2), (9, 2), (0, 11), (5, 6):
         at_cell = drawn[top + row * cell + cell // 2, left + column * cell + cell // 2]
         assert np.array_equal(at_cell, heat_colours(values.reshape(10, 12)[row, column], end))
@@ -40,7 +40,7 @@ def test_a_map_has_the_colours_of_its_cells_north_up(tmp_path):
 def test_each_column_has_its_own_title_and_legend(tmp_path, monkeypatch):
     told = []
     monkeypatch.setattr(
-        picture_module, "sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
+        picture_module, "panel_sheet", lambda panels, bar: told.append((panels, bar)) or np.zeros((4, 4, 3), "u1")
     )
     made = table("raster")
     made.columns["hours"] = Column(np.linspace(0.0, 12.0, 120), "h", "hours of direct sun")
@@ -93,10 +93,10 @@ def test_points_behind_the_camera_have_no_place():
 
 
 def test_scales():
-    scale = shown_scale(np.array([0, 1, 3]), np.ones(3, bool))
+    scale = column_scale(np.array([0, 1, 3]), np.ones(3, bool))
     assert scale.ticks.tolist() == [0, 1, 2, 3]
-    large = shown_scale(np.arange(1001), np.ones(1001, bool)).ticks
+    large = column_scale(np.arange(1001), np.ones(1001, bool)).ticks
     assert large[-1] == 1000 and (large == np.floor(large)).all() and len(large) <= 9
-    assert shown_scale(np.array([np.nan, 1.0]), np.array([False, True])).ticks[-1] >= 1.0
-    values, known = shown_values(table(), "count")
+    assert column_scale(np.array([np.nan, 1.0]), np.array([False, True])).ticks[-1] >= 1.0
+    values, known = column_values(table(), "count")
     assert known.tolist() == [False, True, True, True] and values[1] == 0.0

@@ -37,29 +37,29 @@ def give_away(path):
 @pytest.mark.parametrize("mode", [0o700, 0o755, 0o500, 0o644, 0o600])
 def test_what_only_its_user_can_change(own, mode):
     own.chmod(mode)
-    private.checked_own(own)
+    private.check_trusted(own)
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o757, 0o702, 0o1777])
 def test_what_anyone_can_change(own, mode):
     own.chmod(mode)
     with pytest.raises(private.Untrusted, match="own can be changed by other users"):
-        private.checked_own(own)
+        private.check_trusted(own)
 
 
 def test_groups_of_several_users(own, monkeypatch):
     own.chmod(0o775)
     monkeypatch.setattr(private, "_is_private_group", lambda group: True)
-    private.checked_own(own)
+    private.check_trusted(own)
     monkeypatch.setattr(private, "_is_private_group", lambda group: False)
     with pytest.raises(private.Untrusted):
-        private.checked_own(own)
+        private.check_trusted(own)
 
 
 def test_what_belongs_to_another_user(own):
     give_away(own)
     with pytest.raises(private.Untrusted, match=f"own belongs to another user .id {STRANGER}"):
-        private.checked_own(own)
+        private.check_trusted(own)
 
 
 def test_new_folders_are_private(own):

@@ -129,14 +129,14 @@ def test_edges_of_colours_on_one_plane():
 
 def test_frames_from_rows_are_the_same():
     from antumbra.picture.renderer import Renderer
-    from antumbra.picture.row_bands import BAND, joined_bits
+    from antumbra.picture.row_bands import BAND, bits_of_bands
 
     scene = at.procedural("city", triangles=3_000)
     renderer, camera = Renderer(scene), scene.default_camera(64, 64)
     request = renderer.request(camera, [LIGHT], at.RenderOptions(spp=4))
     rows = renderer.rows(request)
     bands = [rows.band(y, min(y + BAND, 64)) for y in range(0, 64, BAND)]
-    kept = joined_bits({name: np.concatenate([band[name] for band in bands]) for name in bands[0]})
+    kept = bits_of_bands({name: np.concatenate([band[name] for band in bands]) for name in bands[0]})
     made, whole = Renderer(scene).from_rows(request, kept), renderer.render(camera, [LIGHT], spp=4)
     np.testing.assert_array_equal(made.image, whole.image)
     np.testing.assert_array_equal(made.coverage, whole.coverage)

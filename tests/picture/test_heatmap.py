@@ -3,7 +3,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from antumbra.picture.heat_maps import Scale, heat_colours, heat_map, linear_scale, log_scale_of, scale_of
+from antumbra.picture.heat_maps import Scale, heat_colours, heat_map, linear_scale, linear_ticks, log_scale
 
 
 def test_colours_grow_brighter_from_0_to_the_top_and_no_further():
@@ -16,7 +16,7 @@ def test_colours_grow_brighter_from_0_to_the_top_and_no_further():
 
 @pytest.mark.parametrize("top", [0.03, 0.9, 1.0, 7.3, 99.0, 100.0, 3457.0, 8.1e6])
 def test_scales_have_few_round_numbers(top):
-    ticks = scale_of(np.linspace(0.0, top, 1000))
+    ticks = linear_ticks(np.linspace(0.0, top, 1000))
     assert ticks[0] == 0.0 and 3 <= len(ticks) <= 9 and 0.99 * top <= ticks[-1] <= 1.5 * top
     assert float(f"{ticks[1]:e}"[0]) in (1, 2, 5) and np.allclose(np.diff(ticks), ticks[1])
 
@@ -34,8 +34,8 @@ def test_scales_have_few_round_numbers(top):
 def test_a_plus_means_that_numbers_lie_beyond_the_scale(values, last):
     ticks = linear_scale(np.array(values)).bar("h").ticks
     assert ticks[-1][1] == last and ticks[-1][0] == 1.0 and ticks[0] == (0.0, "0")
-    assert log_scale_of(np.array([1.0, 100.0])).bar("").ticks[-1][1] == "100"
-    assert log_scale_of(np.r_[np.ones(999), 1e6]).bar("").ticks[-1][1] == "2+"
+    assert log_scale(np.array([1.0, 100.0])).bar("").ticks[-1][1] == "100"
+    assert log_scale(np.r_[np.ones(999), 1e6]).bar("").ticks[-1][1] == "2+"
 
 
 def test_names_have_colours_instead_of_a_scale():
@@ -47,16 +47,16 @@ def test_names_have_colours_instead_of_a_scale():
 
 
 def test_a_scale_of_nothing():
-    assert scale_of(np.empty(0)).tolist() == scale_of(np.zeros(9)).tolist() == [0.0, 1.0]
+    assert linear_ticks(np.empty(0)).tolist() == linear_ticks(np.zeros(9)).tolist() == [0.0, 1.0]
 
 
 def test_a_few_large_numbers_do_not_darken_the_others():
-    assert scale_of(np.r_[np.ones(999), 1e9])[-1] == 1.0
+    assert linear_ticks(np.r_[np.ones(999), 1e9])[-1] == 1.0
 
 
 @pytest.mark.parametrize("low, top", [(0.0031, 7.3), (1.0, 1.0), (1.0, 10.0), (2.0, 5e8), (0.9e-9, 1e-9), (30, 40)])
 def test_logarithmic_scales_have_all_round_numbers_between(low, top):
-    scale = log_scale_of(np.r_[np.geomspace(low, top, 99), np.zeros(9)])
+    scale = log_scale(np.r_[np.geomspace(low, top, 99), np.zeros(9)])
     assert scale.logarithmic and {f"{tick:e}"[0] for tick in scale.ticks} <= {"1", "2", "5"}
     ratios = scale.ticks[1:] / scale.ticks[:-1]
     assert len(ratios) >= 1 and ((ratios > 1.99) & (ratios < 2.51)).all()
@@ -66,11 +66,11 @@ def test_logarithmic_scales_have_all_round_numbers_between(low, top):
 
 
 def test_a_logarithmic_scale_of_nothing():
-    assert log_scale_of(np.zeros(3)).ticks.tolist() == log_scale_of(np.empty(0)).ticks.tolist() == [1.0, 2.0]
+    assert log_scale(np.zeros(3)).ticks.tolist() == log_scale(np.empty(0)).ticks.tolist() == [1.0, 2.0]
 
 
 def test_colours_of_a_logarithmic_scale():
-    scale = log_scale_of(np.array([1.0, 100.0]))
+    scale = log_scale(np.array([1.0, 100.0]))
     colours = scale.colours(np.array([0.0, 0.5, 10.0, 1e9, 10.0]), np.array([True] * 4 + [False]))
     assert colours[:2].tolist() == [[13, 8, 135]] * 2 and colours[3:].tolist() == [[240, 249, 33], [0, 0, 0]]
     assert colours[2].tolist() == heat_colours(np.array(0.5), 1.0).tolist()
@@ -85,7 +85,7 @@ def test_panels_lie_side_by_side_in_one_scale(w, h, n):
     panels, known = [rng.random((h, w)) * (k + 1) for k in range(n)], rng.random((h, w)) < 0.7
     picture = heat_map(panels, known, [(f"plan {k}", "of it") for k in range(n)], "numbers")
     assert picture.dtype == np.uint8 and picture.shape[0] > h and picture.shape[1] >= n * max(w, 240)
-    top = scale_of(np.concatenate([panel[known] for panel in panels]))[-1]
+    top = linear_ticks(np.concatenate([panel[known] for panel in panels]))[-1]
     wanted = [np.where(known[..., None], heat_colours(panel, top), 0) for panel in panels]
     windows = np.lib.stride_tricks.sliding_window_view(picture, (h, w, 3))[:, :, 0]
     found = [np.argwhere((windows[:, :, 0, 0] == part[0, 0]).all(-1)) for part in wanted]

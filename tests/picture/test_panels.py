@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from antumbra.picture.heat_maps import ColourBar, Panel, blank, draw_bar, letter_size, sheet
+from antumbra.picture.heat_maps import ColourBar, Panel, blank_panel, draw_bar, letter_size, panel_sheet
 
 GREY = np.linspace(0, 255, 256).astype(np.uint8)[:, None].repeat(3, 1)
 BAR = ColourBar(GREY, [(0.0, "0"), (0.5, "5"), (1.0, "10+")], "numbers")
@@ -18,7 +18,7 @@ def _place(picture, part):
 @pytest.mark.parametrize("n, rows", [(1, 1), (3, 1), (4, 1), (5, 2), (8, 2), (9, 3)])
 def test_panels_are_in_rows_of_at_most_four(n, rows):
     parts = [np.full((40, 300, 3), (200, 10 * k, 77), np.uint8) for k in range(n)]
-    picture = sheet([Panel(part, ("a", "b")) for part in parts], BAR)
+    picture = panel_sheet([Panel(part, ("a", "b")) for part in parts], BAR)
     places = [_place(picture, part) for part in parts]
     columns = -(-n // rows)
     assert [len(set(axis)) for axis in zip(*places)] == [rows, columns]
@@ -42,7 +42,7 @@ def test_numbers_that_have_no_room_are_left_out():
 
 
 def test_a_blank_panel_says_why():
-    part = blank((30, 400), "no map")
+    part = blank_panel((30, 400), "no map")
     assert part.shape == (30, 400, 3) and len(np.unique(part.reshape(-1, 3), axis=0)) > 2
     assert (part[[0, -1]] == part[0, 0]).all()
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import antumbra as at
-from antumbra.jobs.bake.bake_input import own_lights
+from antumbra.jobs.bake.bake_input import default_bake_lights
 from antumbra.jobs.bake.surface_meter import Meter, MeterSettings, SurfacePoints
-from antumbra.picture.irradiance import Facing
+from antumbra.picture.irradiance import PixelNormals
 from antumbra.picture.light_visibility import irradiance_shares
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import segments, shadow_queries
@@ -109,7 +109,7 @@ def test_shares_are_weighted_means():
         normal = (normal / np.linalg.norm(normal, axis=-1, keepdims=True)).astype(np.float32)
         bits = rng.integers(0, 1 << 16, (*query.sides.shape, 1)).astype(np.uint64)
         bits[0, 0], bits[0, 1] = 0, (1 << 16) - 1
-        found = irradiance_shares(Facing(normal, normal, frame.gbuffer.depth, False), query, bits)
+        found = irradiance_shares(PixelNormals(normal, normal, frame.gbuffer.depth, False), query, bits)
         ways = segments(query)[0].astype(float) - query.origins[:, :, None]
         r = np.linalg.norm(ways, axis=-1)
         weight = np.maximum((ways * normal[:, :, None]).sum(-1) / r, 0.0)
@@ -140,7 +140,7 @@ def test_each_baked_point_gets_all_lights_of_a_sky():
     """The sky is one of the default lights. Sixteenths of it are off by a third."""
     scene, rng = at.Scene.from_arrays(FLOOR), np.random.default_rng(3)
     points = rng.uniform(-1, 1, (64, 3)) * (1, 0, 1)
-    (sky,) = (light for light in own_lights(scene, "light", 0.0) if isinstance(light, at.Sky))
+    (sky,) = (light for light in default_bake_lights(scene, "light", 0.0) if isinstance(light, at.Sky))
     found = baked(FLOOR, "light", sky, points, 16)
     sets = (np.maximum(sky.points[:, 1], 0.0) * sky.intensities) @ sky.colours
     np.testing.assert_allclose(found, sky.intensity * sets[0], rtol=1e-5)

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.renderer import Renderer
-from antumbra.picture.row_bands import band_array_names, joined_bits
+from antumbra.picture.row_bands import band_array_names, bits_of_bands
 
 SCENE = at.procedural("atrium", triangles=2000)
 H, W = 50, 44
@@ -21,7 +21,7 @@ def whole_and_bands(scene, plan, band=12, **asked):
     firsts = range(0, H, band)
     bands = {first: rows.band(first, min(first + band, H)) for first in reversed(firsts)}
     found = {name: np.concatenate([bands[first][name] for first in firsts]) for name in band_array_names(request)}
-    return whole, renderer.from_rows(request, joined_bits(found))
+    return whole, renderer.from_rows(request, bits_of_bands(found))
 
 
 def same(a, b) -> bool:
@@ -50,7 +50,7 @@ def test_bounced_light_and_layers():
     rows = renderer.rows(request)
     bands = [rows.band(first, min(first + 20, H)) for first in range(0, H, 20)]
     made = renderer.from_rows(
-        request, joined_bits({n: np.concatenate([b[n] for b in bands]) for n in band_array_names(request)})
+        request, bits_of_bands({n: np.concatenate([b[n] for b in bands]) for n in band_array_names(request)})
     )
     for name in "image", "indirect", "visibility", "coverage":
         assert same(getattr(made, name), getattr(whole, name)), name

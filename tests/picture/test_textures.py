@@ -5,9 +5,9 @@ import pytest
 
 import antumbra as at
 from antumbra.engine.in_memory_source import primary_visibility
-from antumbra.picture.irradiance import facing_of, irradiance
+from antumbra.picture.irradiance import irradiance, pixel_normals
 from antumbra.picture.light_visibility import irradiance_shares
-from antumbra.picture.pixel_appearance import albedo, eye_of, places_of, shading_normals
+from antumbra.picture.pixel_appearance import albedo, eye_of, shading_normals, surface_points
 from antumbra.query.light_samples import light_samples
 from antumbra.query.shadow_query import new_bits, surface_queries, surfaces_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
@@ -27,7 +27,7 @@ def linear(b):
 def seen_in(scene, camera=CAMERA):
     triangles = scene.triangles(0.0, 1)
     surfaces = surfaces_of(primary_visibility(triangles, camera, None, 1), triangles)
-    return surfaces, places_of(surfaces), eye_of(camera.rays(scene.origin), 1)
+    return surfaces, surface_points(surfaces), eye_of(camera.rays(scene.origin), 1)
 
 
 def colours_in(scene, camera=CAMERA):
@@ -160,7 +160,7 @@ def test_normals_move_with_an_animation(tmp_path):
     for time, axes in ((0.0, (1.0, 0.25, 1.0)), (1.0, (0.25, 1.0, 1.0))):  # a quarter turn swaps x and y
         triangles = scene.triangles(time, 1)
         surfaces = surfaces_of(primary_visibility(triangles, CAMERA, None, 1), triangles)
-        found = shading_normals(places_of(surfaces), scene.appearance, 1).normal[surfaces.ids >= 0]
+        found = shading_normals(surface_points(surfaces), scene.appearance, 1).normal[surfaces.ids >= 0]
         expected = (surfaces.gbuffer.position[surfaces.ids >= 0] + surfaces.gbuffer.origin) / axes
         expected /= np.linalg.norm(expected, axis=1, keepdims=True)
         assert len(found) > 200 and (found * expected).sum(1).min() > np.cos(np.radians(2.0))
@@ -193,7 +193,7 @@ def test_the_terminator_is_smooth_and_nothing_leaks():
 
     def lit(shading):
         found = irradiance(surfaces.gbuffer, query.light, light.domain, shading, threads=1)
-        return found * irradiance_shares(facing_of(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
+        return found * irradiance_shares(pixel_normals(surfaces.gbuffer, shading), query, new_bits(query), threads=1)
 
     flat, smooth = lit(None), lit(shading)
     assert (flat[smooth > 0] > 0).all() and (smooth > 0).sum() > 1000

@@ -8,7 +8,7 @@ from antumbra.picture.renderer import Renderer
 from antumbra.query.light_samples import SAMPLERS, domain_sets, light_samples
 from antumbra.query.ray_passes import diffuse_passes, diffuse_rays
 from antumbra.query.shadow_query import segments, shadow_queries
-from antumbra.trace.rays.ray_hits import nearest_hits, surfaces_met
+from antumbra.trace.rays.ray_hits import hit_surfaces, nearest_hits
 
 QUAD = at.QuadLight((0, 0, 0), (1, 0, 0), (0, 1, 0))
 
@@ -100,7 +100,7 @@ def test_nearest_hits_are_those_of_any_other_way(seen):
     np.testing.assert_array_equal(t[asks], hit.t)
     assert (face[~asks] == -1).all() and np.isinf(t[~asks]).all()
     assert 0.1 < (face[asks] >= 0).mean() < 1
-    met = surfaces_met(rays, face, t, gbuffer.face.shape, triangles)
+    met = hit_surfaces(rays, face, t, gbuffer.face.shape, triangles)
     np.testing.assert_array_equal(met.face.ravel(), face)
     np.testing.assert_array_equal(met.side != 0, met.face >= 0)
     np.testing.assert_array_equal(met.depth.ravel(), t.astype(np.float32))

@@ -5,7 +5,7 @@ import pytest
 
 import antumbra as at
 from antumbra.picture.renderer import Renderer
-from antumbra.query.gbuffer import seen_by
+from antumbra.query.gbuffer import picture_surfaces
 from antumbra.query.light_samples import light_samples
 from antumbra.query.pixel_refinement import (
     OFFSETS,
@@ -31,7 +31,7 @@ def camera(atrium):
 
 
 def _seen(frame, camera):
-    return seen_by(frame.gbuffer, camera.rays(frame.gbuffer.origin))
+    return picture_surfaces(frame.gbuffer, camera.rays(frame.gbuffer.origin))
 
 
 def test_refined_visibility_is_that_of_a_finer_frame(atrium, camera):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from antumbra.scene.alpha_masks import AlphaMask, finite, with_masks
+from antumbra.scene.alpha_masks import AlphaMask, cutouts_of, finite_uv
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 WRAPS = [(a, b) for a in (REPEAT, CLAMP, MIRROR) for b in (REPEAT, CLAMP, MIRROR)]
@@ -33,7 +33,7 @@ def test_faces_are_what_their_texels_are(wrap, size):
     y, x = np.indices(size)
     mask = AlphaMask((x // 9 + y // 9) % 2 == 0, wrap)
     uv = (rng.uniform(-3, 3, (900, 1, 2)) + rng.uniform(-0.2, 0.2, (900, 3, 2)) * rng.random((900, 1, 1))).astype("f4")
-    own = with_masks(uv, np.zeros(900, np.int32), [mask])
+    own = cutouts_of(uv, np.zeros(900, np.int32), [mask])
     seen = texels_of(uv, mask)
     if own is None:
         assert seen.all() and mask.solid.all()
@@ -50,11 +50,11 @@ def test_faces_are_what_their_texels_are(wrap, size):
 def test_faces_without_a_mask_are_solid():
     uv = np.zeros((4, 3, 2), np.float32)
     clear = AlphaMask(np.zeros((2, 2), bool), (REPEAT, REPEAT))
-    own = with_masks(uv, np.array([-1, 0, -1, 0], np.int32), [clear])
+    own = cutouts_of(uv, np.array([-1, 0, -1, 0], np.int32), [clear])
     assert own.solid.tolist() == [0, 2] and not len(own.faces)
-    assert with_masks(uv, np.full(4, -1, np.int32), [clear]) is None
+    assert cutouts_of(uv, np.full(4, -1, np.int32), [clear]) is None
 
 
 def test_wild_texture_coordinates_are_tamed():
-    uv = finite(np.array([np.nan, np.inf, -np.inf, 1e30, 0.5]))
+    uv = finite_uv(np.array([np.nan, np.inf, -np.inf, 1e30, 0.5]))
     assert np.isfinite(uv).all() and abs(uv).max() == 1e6 and uv[4] == 0.5

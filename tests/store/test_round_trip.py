@@ -20,7 +20,7 @@ from antumbra.store import staging_files as spool_module
 from antumbra.store import store_build as build_module
 from antumbra.store.staging_files import palette_of
 from antumbra.store.store_file import open_store
-from antumbra.store.store_format import Meta, meta_from_json, meta_to_json
+from antumbra.store.store_format import StoreMeta, meta_from_json, meta_to_json
 from bvh_scenes import HAZARDS, scattered, terrain
 from stores import CHUNK, built, check_whole, contents, mesh_piece, same_bits, scene_of, soup_scene
 
@@ -151,7 +151,9 @@ def test_every_light_comes_back_to_the_bit():
     flat = at.Camera((0, 5, 0.1), (0, 0, 0), projection="orthographic", extent=third)
     cameras = [at.Camera((third, 0, 9), (0, 0, 0), vfov=41.3, width=77, height=33), flat]
     box = np.float32([[0, 0, third], [1, 2, 3]])
-    meta = Meta("näme", "z", 9, RNG.normal(size=(2, 3)), RNG.normal(size=3), box, cameras, lights, ("note",), {"a": 1})
+    meta = StoreMeta(
+        "näme", "z", 9, RNG.normal(size=(2, 3)), RNG.normal(size=3), box, cameras, lights, ("note",), {"a": 1}
+    )
     again = meta_from_json(meta_to_json(meta))
     assert meta_to_json(again) == meta_to_json(meta) and json.loads(meta_to_json(meta))["name"] == "näme"
     for a, b in zip(lights, again.lights, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 import oracle
 from antumbra import Scene
 from antumbra.query.shadow_query import segments
-from antumbra.scene.alpha_masks import AlphaMask, Cutouts, with_masks
+from antumbra.scene.alpha_masks import AlphaMask, Cutouts, cutouts_of
 from antumbra.scene.materials import CLAMP, MIRROR, REPEAT
 
 MASKS = [
@@ -29,7 +29,7 @@ def scene_with_cutouts(n=60, seed=0) -> Scene:
     scene = Scene.from_arrays(np.concatenate([soup, ground]), name="cut")
     uv = rng.uniform(-1.5, 2.5, (n + 2, 3, 2)).astype(np.float32)
     mask = np.where(np.arange(n + 2) < n, rng.integers(-3, len(MASKS), n + 2), -1).clip(-1).astype(np.int32)
-    scene.data._cutouts = with_masks(uv, mask, MASKS)
+    scene.data._cutouts = cutouts_of(uv, mask, MASKS)
     assert scene.cutouts is not None and len(scene.cutouts.faces) > n // 5
     return scene
 

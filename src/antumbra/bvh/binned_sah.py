@@ -14,7 +14,7 @@ from .binned_split import BIN_WORDS, binned
 from .nodes import Bvh
 from .top_down import Settings, build_below, largest_subtree
 from .top_levels import assemble, build_top, split_by_bins
-from .triangle_bounds import PAIR, checked, make_records, power_of_two_for, tiny
+from .triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, trivial_bvh
 
 
 @cache
@@ -51,14 +51,14 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     Visiting a node and testing a triangle cost 1 each. A range whose centroids all coincide is halved, since no split
     has a finite cost. So is a range so deep that only halving keeps the tree within MAX_DEPTH.
     """
-    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    flat, threads = checked_vertices(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     _compile_top()
     if n < 2:
-        return tiny(flat)
+        return trivial_bvh(flat)
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
-    settings = Settings(np.int64(max_leaf), power_of_two_for(box))
+    settings = Settings(np.int64(max_leaf), area_scale_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), split_by_bins(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, BIN_WORDS, top, settings, threads)
     del method  # frees memory for the final nodes

@@ -11,7 +11,7 @@ Three functions apply this:
 
 - `order_for_bundles`: in a `BlockTree`, the child that blocks more of the node's rays for its cost to a bundle comes
   first, unless the builder has chosen the order.
-- `sooner_first`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
+- `order_children`: in a `Bvh`, the child with the larger chance to block a ray for its cost comes first.
 - `order_wide_children`: the same in a `WideBvh`, with the first child in the last lane.
 
 A child's cost is the expected number of traversal steps in it. Only rays that pass through a child go on to the steps
@@ -174,7 +174,7 @@ def _order_by_cost(bvh, order, blocked, cost):
             swap_children(words, node)
 
 
-def sooner_first(bvh: Bvh) -> Bvh:
+def order_children(bvh: Bvh) -> Bvh:
     """The same tree with its children in RTSAH order, chosen bottom-up [Ize and Hansen 2011].
 
     Let C be the cost of a child and b the fraction of its rays that it blocks. A ray that enters both boxes and visits

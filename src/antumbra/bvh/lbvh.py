@@ -33,7 +33,7 @@ from .morton_sort import Codes, grid_of, radix_sort, write_codes
 from .nodes import MAX_DEPTH, Bvh, aligned_empty, bvh_link, link_at, tree_of
 from .top_down import largest_subtree
 from .top_levels import UpperLevels, join_boxes, place, top_lines
-from .triangle_bounds import TRIANGLES_PER_SHARE, checked, scene_bounds, tiny, triangle_box, write_boxes
+from .triangle_bounds import TRIANGLES_PER_SHARE, checked_vertices, scene_bounds, triangle_box, trivial_bvh, write_boxes
 
 _LEVELS = 96  # more than any tree has: 63 bits of a code and 28 of a position
 _RANGES = _LEVELS + 1
@@ -93,7 +93,7 @@ def _split_position(codes, first, last, drop):
 
 @kernel
 def _cut_top(codes, drop, largest, children, ranges):
-    """Fill the arrays of `cut_top`, and return (number of nodes, number of ranges)."""
+    """Fill the arrays of `split_top`, and return (number of nodes, number of ranges)."""
     stack = stack_array(np.int64, _RANGES, 4)  # first and last slot, parent, side
     stack[0] = 0, len(codes), -1, 0
     height, t, s = 1, 0, 0
@@ -115,7 +115,7 @@ def _cut_top(codes, drop, largest, children, ranges):
     return t, s
 
 
-def cut_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def split_top(codes: NDArray[Codes], drop: np.int64, largest: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(children, ranges) of the nodes over more than `largest` triangles, as in `UpperLevels`; parents first."""
     capacity = len(codes) // largest * _LEVELS + 1
     children, ranges = np.empty((capacity, 2), np.int64), np.empty((capacity + 1, 2), np.int64)
@@ -222,7 +222,7 @@ def _build_from_codes(
 ) -> tuple[Bvh, int]:
     """(Bvh, its depth) of sorted triangles."""
     n = len(flat)
-    children, ranges = cut_top(source.codes, source.drop, largest_subtree(n))
+    children, ranges = split_top(source.codes, source.drop, largest_subtree(n))
     t, s = len(children), len(ranges)
     numbers = [np.empty(s, np.int64) for _ in range(4)]
     forest = MortonForest(ranges, numbers[0], numbers[1], np.empty((s, 8), np.float32), numbers[2], numbers[3])
@@ -252,12 +252,12 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     Every subtree of at most `max_leaf` triangles is a leaf, except the root. 63-bit codes can make a tree deeper than
     MAX_DEPTH; then only as many leading bits are used as are safe.
     """
-    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    flat, threads = checked_vertices(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     if n < 2:
-        return tiny(flat)
+        return trivial_bvh(flat)
     max_leaf = min(max_leaf, n - 1)  # the root is never a leaf
-    codes, ids = by_codes(flat, bits, threads)
+    codes, ids = sort_by_codes(flat, bits, threads)
     bvh, depth = _build_from_codes(flat, SortedTriangles(codes, ids, np.int64(0)), max_leaf, threads)
     if depth > MAX_DEPTH:
         safe = MAX_DEPTH - (n - 1).bit_length()  # equal codes need as many levels as a position has bits
@@ -265,7 +265,7 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
     return bvh
 
 
-def by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[NDArray[Codes], NDArray[np.int32]]:
+def sort_by_codes(flat: NDArray[np.float32], bits: int, threads: int) -> tuple[NDArray[Codes], NDArray[np.int32]]:
     """(codes, ids), (n,) each: the triangles `flat`, (n, 9) float32, sorted by codes of `bits` bits per axis."""
     n = len(flat)
     codes: NDArray[Codes] = np.empty(n, np.int32 if bits == 10 else np.int64)

@@ -37,7 +37,7 @@ from .nodes import (
 from .top_levels import UpperLevels, join_boxes, top_lines
 from .tree_layout import children_of_top, cut_tree
 from .tree_quality import sah_cost
-from .triangle_bounds import checked, scene_bounds, tiny, triangle_box, write_boxes
+from .triangle_bounds import checked_vertices, scene_bounds, triangle_box, trivial_bvh, write_boxes
 
 # --- Refitting and rebuilding -----------------------------------------------------------------------------------------
 
@@ -133,13 +133,13 @@ def refit(bvh: Bvh, vertices: NDArray[np.float32], threads: int | None = None) -
     InputError
         As for a builder, or if the number of triangles differs.
     """
-    flat, threads = checked(vertices, 1), thread_count(threads)
+    flat, threads = checked_vertices(vertices, 1), thread_count(threads)
     n = len(flat)
     if n != len(bvh.prim_ids):
         raise InputError(f"vertices has {n} triangles; the BVH is of {len(bvh.prim_ids)}")
     scene_bounds(flat, threads)  # checks the coordinates
     if n < 2:
-        return tiny(flat)
+        return trivial_bvh(flat)
     return _refit_triangles(bvh, flat, np.empty((n, 9), np.float32), None, threads)
 
 

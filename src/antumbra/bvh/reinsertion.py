@@ -36,7 +36,7 @@ from ..kernels.simd import (
 from .nodes import CHILDREN, LINK, MAX_DEPTH, Bvh, aligned_empty, bvh_leaf, is_leaf, line_at, link_at
 from .tree_layout import cheapest_leaves, cut_tree, relayout
 from .tree_quality import sah_cost
-from .triangle_bounds import half_area, scale_of, write_boxes
+from .triangle_bounds import area_scale_of, half_area, write_boxes
 
 _SEARCH_STACK = 2 * MAX_DEPTH + 2
 _STACK_SIZE = MAX_DEPTH + 2
@@ -285,7 +285,7 @@ def _make_loose(bvh: Bvh) -> LooseTree:
     m = len(bvh.nodes)
     numbers = np.empty((2, 2 * m + 1), np.int32)
     boxes = aligned_empty((2 * m + 1, 8), "f4")
-    scale = scale_of(bvh)
+    scale = area_scale_of(bvh)
     loose = LooseTree(numbers[0], np.empty((m, 2), np.int32), numbers[1], boxes, np.empty(m + 1, np.int32), scale)
     _loosen(bvh, loose)
     return loose

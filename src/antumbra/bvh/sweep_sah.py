@@ -20,7 +20,16 @@ from .morton_sort import radix_sort
 from .nodes import Bvh, aligned_empty
 from .top_down import Settings, build_below, largest_subtree
 from .top_levels import SplitLevel, assemble, build_top
-from .triangle_bounds import INF, checked, half_area, make_records, power_of_two_for, range_bounds, tiny, width
+from .triangle_bounds import (
+    INF,
+    area_scale_for,
+    checked_vertices,
+    half_area,
+    longest_side,
+    make_records,
+    range_bounds,
+    trivial_bvh,
+)
 
 # --- The full sweep ---------------------------------------------------------------------------------------------------
 
@@ -105,7 +114,7 @@ def _find_split(source, first, last, centroids, depth, scale):
 
         def find(source, first, last, centroids, depth, scale):
             best = no_split()
-            if must_halve(last - first, depth) or width(centroids) == 0:
+            if must_halve(last - first, depth) or longest_side(centroids) == 0:
                 return best
             for axis in range(3):
                 best = _sweep(_sorted_records(source, axis), first, last, axis, scale, source.scratch, best)
@@ -196,14 +205,14 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
 
     Parameters, errors and the result are as for `binned_sah.build`.
     """
-    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    flat, threads = checked_vertices(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     records = aligned_empty((n, 8), "f4")
     box, centroids = make_records(flat, records, threads)
     if n < 2:
-        return tiny(flat)
+        return trivial_bvh(flat)
     method = SortedRecords(*(_sort_by_centroid(records, axis, threads) for axis in range(3)))
-    settings = Settings(np.int64(max_leaf), power_of_two_for(box))
+    settings = Settings(np.int64(max_leaf), area_scale_for(box))
     top = build_top(n, box, centroids, largest_subtree(n), _split_by_sweep(method, settings.scale, threads))
     bvh, subtrees = build_below(flat, method, SWEEP_WORDS * largest_subtree(n), top, settings, threads)
     del method, records  # frees memory for the final nodes

@@ -55,7 +55,7 @@ from . import lbvh
 from . import tree_layout as cutting
 from .nodes import MAX_DEPTH, Bvh, box_at, line_at, link_at, sides
 from .tree_layout import PART, LeafChoice, cut_tree, relayout
-from .triangle_bounds import checked, scale_of
+from .triangle_bounds import area_scale_of, checked_vertices
 
 # --- Treelets, sixteen at once ----------------------------------------------------------------------------------------
 
@@ -506,7 +506,7 @@ def restructure(bvh: Bvh, max_leaf: int, threads: int, rounds: int = 3) -> Bvh:
     """
     n = len(bvh.nodes)
     work = TreeletTree(bvh.nodes, np.empty((n, 4), np.int32), np.empty(n, np.bool_))
-    rules = TreeletSettings(np.int64(max_leaf), scale_of(bvh), np.int64(rounds))
+    rules = TreeletSettings(np.int64(max_leaf), area_scale_of(bvh), np.int64(rounds))
     pieces = cut_tree(bvh)
     run(_restructure_parts, threads, new_ticket(len(pieces.parts), 1), work, pieces.parts, rules)
     if len(pieces.numbers):
@@ -524,6 +524,6 @@ def build(vertices: NDArray[np.float32], threads: int | None = None, max_leaf: i
 
     Parameters, errors and boxes are as for `binned_sah.build`.
     """
-    checked(vertices, max_leaf)
+    checked_vertices(vertices, max_leaf)
     bvh = lbvh.build(vertices, threads, 1)
     return restructure(bvh, max_leaf, thread_count(threads)) if len(bvh.prim_ids) > 1 else bvh

@@ -193,7 +193,7 @@ def copy_corners(vertices, first, last, out):
 
 
 @kernel
-def grow(source, first, last, depth, box, centroids, settings, out, next_node, word):
+def build_subtree(source, first, last, depth, box, centroids, settings, out, next_node, word):
     """Build the tree over the records from `first` to `last` - 1, and return the index of the next free node.
 
     Its nodes start at `next_node`, in depth-first order. n records make at most n - 1 nodes.
@@ -233,7 +233,7 @@ def build_range(vertices, source, first, last, depth, box, centroids, settings, 
     The type of `settings` selects the implementation. The nodes are 1, 2, ... of `out`. The left link of node 0 becomes
     the link to the tree; nothing else of node 0 is written.
     """
-    # In: vertices, float32 *, 9 per triangle; source, first, last, depth, box, centroids, settings, as for `grow`
+    # In: vertices, float32 *, 9 per triangle; the rest as for `build_subtree`
     # Out: out, a `Tree`: nodes, links, prim_ids, corners
 
 
@@ -242,7 +242,9 @@ def _build_range(vertices, source, first, last, depth, box, centroids, settings,
     if settings.instance_class is Settings:
 
         def build(vertices, source, first, last, depth, box, centroids, settings, s, out):
-            next_node = grow(source, first, last, depth, box, centroids, settings, out, np.int64(1), np.int64(12))
+            next_node = build_subtree(
+                source, first, last, depth, box, centroids, settings, out, np.int64(1), np.int64(12)
+            )
             copy_corners(vertices, first, last, out)
             return next_node - 1
 

@@ -71,7 +71,7 @@ def half_area(box, scale):
 
 
 @kernel
-def width(box):
+def longest_side(box):
     """The longest side of a box."""
     sides = -(box + swap_halves(box))
     return max(extract(sides, 0), extract(sides, 1), extract(sides, 2))
@@ -172,7 +172,7 @@ PAIR = np.array([[0, 0, 0, 1, 0, 0, 0, 1, 0], [2, 2, 2, 3, 2, 2, 2, 3, 2]], np.f
 _CORNERS = [0, 1, 2, 4, 5, 6]  # the coordinate words of a box
 
 
-def checked(vertices: object, max_leaf: int) -> NDArray[np.float32]:
+def checked_vertices(vertices: object, max_leaf: int) -> NDArray[np.float32]:
     """The vertices, checked, as (n, 9) float32."""
     vertices = np.asarray(vertices)
     if vertices.ndim != 3 or vertices.shape[1:] != (3, 3) or vertices.dtype != np.float32:
@@ -209,19 +209,19 @@ def make_records(
     return _bounds(write_records, flat, threads, records)
 
 
-def power_of_two_for(box: NDArray[np.float32]) -> np.float32:
+def area_scale_for(box: NDArray[np.float32]) -> np.float32:
     """A power of two that scales the largest coordinate to about 1."""
     largest = float(np.abs(box[_CORNERS]).max())
     return np.float32(2.0 ** min(126, -math.frexp(largest)[1]))
 
 
-def scale_of(bvh: Bvh) -> np.float32:
-    """`power_of_two_for` the box of a finished BVH."""
+def area_scale_of(bvh: Bvh) -> np.float32:
+    """`area_scale_for` the box of a finished BVH."""
     largest = np.abs(bvh.nodes[0, :12].reshape(3, 4)).max(axis=1)
-    return power_of_two_for(np.resize(np.append(largest, 0), 8))
+    return area_scale_for(np.resize(np.append(largest, 0), 8))
 
 
-def tiny(flat: NDArray[np.float32]) -> Bvh:
+def trivial_bvh(flat: NDArray[np.float32]) -> Bvh:
     """The BVH of at most one triangle, (n, 9) float32. Coordinates are checked as in larger scenes."""
     scene_bounds(flat, 1)
     n = len(flat)

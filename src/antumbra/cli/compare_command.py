@@ -164,16 +164,16 @@ class ComparisonPanels:
     """
 
     def __init__(self, report: ComparisonReport):
-        from ..picture.heat_maps import Panel, blank, log_scale_of
+        from ..picture.heat_maps import Panel, blank_panel, log_scale
         from ..picture.plan_comparison import windows_to_pixels
 
         comparison = report.comparison
         maps = [one.windows for one in comparison.plans]
-        scale = log_scale_of(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
+        scale = log_scale(np.concatenate([np.empty(0), *(m[m > 0.0] for m in maps if m is not None)]))
 
         def heat_map(one: "PlanMeasurement") -> NDArray[np.uint8]:
             if one.windows is None:
-                return blank(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
+                return blank_panel(comparison.asks.shape, _NO_MAP[one.plan.tracer.chooses])
             return scale.colours(windows_to_pixels(one.windows, comparison.asks), comparison.asks)
 
         self.panels: list[Panel] = [
@@ -184,10 +184,10 @@ class ComparisonPanels:
 
     def save(self, path: Path) -> None:
         """Save all panels as one picture."""
-        from ..picture.heat_maps import sheet
+        from ..picture.heat_maps import panel_sheet
         from ..picture.image_files import save_png
 
-        save_png(sheet(self.panels, self.bar), path)
+        save_png(panel_sheet(self.panels, self.bar), path)
 
 
 def _rendered(report: ComparisonReport) -> NDArray[np.uint8]:

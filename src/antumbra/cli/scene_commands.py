@@ -226,9 +226,9 @@ def scenes(
 
 
 def _list(json: bool) -> None:
-    from ..generate.procedural_scenes import PROCEDURAL, add_scenes
+    from ..generate.procedural_scenes import PROCEDURAL, load_plugin_scenes
 
-    add_scenes()
+    load_plugin_scenes()
     rows = [(name, recipe.default_triangles, recipe.description) for name, recipe in PROCEDURAL.items()]
     if json:
         console.print_json({"scenes": [dict(zip(("name", "triangles", "description"), row)) for row in rows]})
@@ -293,13 +293,13 @@ def build(
     memory = arguments.parse_bytes(max_memory, "--max-memory")
 
     from ..engine.store_building import build_store
-    from ..store.system_resources import peak_resident
+    from ..store.system_resources import peak_resident_memory
 
     with ProgressDisplay(quiet) as display:
         display.say("reading")
         opened = _opened(specs, None if up is None else up.value, threads, quiet)
         report = build_store(opened, output, max_memory=memory, threads=threads, progress=display.say)
-    peak = peak_resident()
+    peak = peak_resident_memory()
     if json:
         console.print_json({**report._asdict(), "path": str(report.path), "max_memory": memory, "peak_resident": peak})
     elif not quiet:

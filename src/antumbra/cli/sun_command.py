@@ -159,13 +159,13 @@ def sun(args: SunArguments) -> int:
     from ..jobs.ground_areas import SPACING, check_areas
     from ..jobs.sensor_files import check_sensors, sensors_of
     from ..jobs.sun.daylight_rules import check_rule
-    from ..jobs.sun.location import given_position, place_of
+    from ..jobs.sun.location import place_of, position_fields
     from ..jobs.sun.sun_hours import sun_hours
     from ..jobs.sun.sun_positions import checked_step, parse_days
 
     spec = parse_scene(args.scene)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(args, name) for name in names})
+    position = position_fields(**{name: getattr(args, name) for name in names})
     in_areas = args.areas is not None
     sensor_form = args.sensors or (f"raster:{SPACING:g}" if in_areas else "face")
     if args.areas is not None:

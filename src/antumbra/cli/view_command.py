@@ -87,14 +87,14 @@ def view(args: ViewArguments) -> int:
     memory = None if args.max_memory is None else arguments.parse_bytes(args.max_memory, "--max-memory")
 
     from ..extras import import_extra
-    from ..jobs.sun.location import given_position, place_of
+    from ..jobs.sun.location import place_of, position_fields
     from ..viewer.viewer_page import checked_port
     from ..viewer.viewer_page import view as open_viewer
 
     import_extra("viser", "antumbra view", "view")
     port = checked_port(args.host, args.port)
     names = "latitude", "longitude", "north", "timezone"
-    position = given_position(**{name: getattr(args, name) for name in names})
+    position = position_fields(**{name: getattr(args, name) for name in names})
     with ProgressDisplay(args.quiet) as display:
         display.say("reading the scene")
         opened = open_scene(spec, None if args.up is None else args.up.value, args.quiet, args.crs)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import InputError
-from ..files import atomic_output, checked_own, file_lock, make_folder, private_folder
+from ..files import atomic_output, check_trusted, file_lock, make_folder, private_folder
 from ..jobs.sensor_files import raster_file
 from ..progress import LOG
 from ..store.store_format import STORE_SUFFIX
@@ -84,7 +84,7 @@ def user_temporary_folder() -> Path:
     folder = Path(tempfile.gettempdir()) / f"antumbra-{getattr(os, 'getuid', int)()}"  # Windows has no ids
     try:
         make_folder(folder)
-        checked_own(folder, folder.lstat())
+        check_trusted(folder, folder.lstat())
         if not os.access(folder, os.W_OK):
             raise PermissionError(f"{folder} is not writable")
     except OSError as error:

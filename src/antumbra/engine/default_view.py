@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..scene.camera import VFOV, Camera, axes, bounding_sphere, fitted_camera
-from ..scene.default_picture import DefaultView, Room, view_of_box, way_out
+from ..scene.default_picture import DefaultView, Room, exit_distance, view_of_bounds
 from ..scene.lights import tangents
-from ..scene.scene_bounds import MAX_SAMPLED_FACES, detail, moving_faces, sampled_faces, within
+from ..scene.scene_bounds import MAX_SAMPLED_FACES, corners_within, detail_box, moving_faces, sampled_faces
 from ..scene.scene_data import MemoryData, SceneData
 from ..scene.triangles import Triangles
 from .primary_visibility import primary_visibility
@@ -52,7 +52,7 @@ class EnclosingBox(NamedTuple):
 
     def exit_along(self, start: np.ndarray, along: np.ndarray) -> float:
         """The parameter t at which ``start + t * along`` leaves the box; `start`: a recentred point inside."""
-        return way_out(self.planes, start, along)
+        return exit_distance(self.planes, start, along)
 
     @property
     def planes_in_world(self) -> NDArray[np.float64]:
@@ -75,7 +75,7 @@ def innermost_box(triangles: Triangles, threads: int | None) -> EnclosingBox | N
 def content_room(enclosing: EnclosingBox, up: str) -> Room | None:
     """A viewpoint inside the box that shows its whole content; None if the box is too tight."""
     origin, faces = enclosing.content.origin, enclosing.sample
-    points = within(faces, detail(faces))
+    points = corners_within(faces, detail_box(faces))
     camera = fitted_camera(points, up, 1, 1)
     back = camera.position - camera.target
     share = min(1.0, _MAX_BACK * enclosing.exit_along(camera.target, back))
@@ -223,13 +223,13 @@ def room_of(scene: MemoryData, outside: Camera, box: np.ndarray, threads: int | 
     room = None if enclosing is None else content_room(enclosing, scene.up)
     if room is not None:
         return room
-    cameras = outside, view_of_box(scene.bounds, scene.up).camera(1, 1)
+    cameras = outside, view_of_bounds(scene.bounds, scene.up).camera(1, 1)
     n_outside = max(_n_front_faces(triangles, camera, threads) for camera in cameras)
     if enclosing is None and n_outside >= _RICH:
         return None
     up = axes(scene.up)[1]
     if enclosing is not None:
-        box = detail(enclosing.sample) + scene.origin
+        box = detail_box(enclosing.sample) + scene.origin
     points = _candidate_points(triangles if enclosing is None else enclosing.content, box, up)
     places = [(point, _panorama(triangles, point, scene.up, threads)) for point in points]
     rooms = [place for place in places if _encloses(place[1], n_outside)]
@@ -340,10 +340,10 @@ def _free_distance(panorama: _Panorama, direction: np.ndarray) -> float:
 def view_of(data: SceneData) -> DefaultView:
     """The geometry that a default view of a scene shows; for a scene in a store, only its bounds are known."""
     if not isinstance(data, MemoryData):
-        return view_of_box(data.bounds, data.up)
+        return view_of_bounds(data.bounds, data.up)
     faces = moving_faces(data.source, data.n_triangles)
-    box = detail(faces)
-    view = DefaultView(within(faces, box), data.up, None)
+    box = detail_box(faces)
+    view = DefaultView(corners_within(faces, box), data.up, None)
     room = room_of(data, view.camera(1, 1), box)
     return view._replace(room=room, points=view.points if room is None or room.points is None else room.points)
 
@@ -353,4 +353,4 @@ def view_at(data: SceneData, view: DefaultView, time: float) -> DefaultView:
     if not isinstance(data, MemoryData) or not data.animated or view.room is not None:
         return view
     faces = sampled_faces(data.source, data.n_triangles, time)
-    return view._replace(points=within(faces, detail(faces)))
+    return view._replace(points=corners_within(faces, detail_box(faces)))

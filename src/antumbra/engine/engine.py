@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import byte_count, choice, instance
+from ..checks import byte_count, checked_instance, choice
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..kernels.toolchain import kernel_manifest as needs
@@ -36,7 +36,7 @@ from .in_memory_source import InMemory
 from .method_registry import BUILDERS, UPDATERS
 from .plan import Plan, parse_plan
 from .precompilation import Job, fixed_job, precompile, small_scene, small_view
-from .primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from .primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from .scene_reading import data_of
 
 if TYPE_CHECKING:
@@ -121,10 +121,10 @@ def tracing_job(plan: Plan, gbuffer: str = "raster") -> Job:
 
     def work() -> None:
         if plan.tracer.chooses:
-            trace_all_ways(False)
+            trace_all_strategies(False)
         trace_small(plan, small_view())
 
-    return Job(record_of(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
+    return Job(record_name(plan, gbuffer, False), work, recorded(plan, gbuffer, False))
 
 
 def wide_lights_job() -> Job:
@@ -137,7 +137,7 @@ def wide_lights_job() -> Job:
     return fixed_job("cones, wide lights", work)
 
 
-def record_of(plan: Plan, gbuffer: str, counters: bool) -> str:
+def record_name(plan: Plan, gbuffer: str, counters: bool) -> str:
     """The name under which the kernels of rendering by a plan are recorded."""
     return f"{plan} ({gbuffer}{', counted' if counters else ''})"
 
@@ -149,13 +149,13 @@ def recorded(plan: Plan, gbuffer: str, counters: bool) -> Callable[[], set[Kerne
     """
 
     def without_counters(p: Plan) -> set[KernelRequest]:
-        return needs.kernels_of_job(record_of(p, gbuffer, False)) or set()
+        return needs.kernels_of_job(record_name(p, gbuffer, False)) or set()
 
     def kernels() -> set[KernelRequest] | None:
-        record = needs.kernels_of_job(record_of(plan, gbuffer, counters))
+        record = needs.kernels_of_job(record_name(plan, gbuffer, counters))
         if record is not None:
             return record
-        tracing = needs.kernels_of_job(record_of(Plan(trace=plan.trace), gbuffer, counters))
+        tracing = needs.kernels_of_job(record_name(Plan(trace=plan.trace), gbuffer, counters))
         if tracing is None:
             return None
         base = without_counters(Plan(trace="single"))
@@ -190,7 +190,7 @@ def trace_small(plan: Plan, view: tuple[Camera, list[Light]], spp: int = 1) -> N
     )
 
 
-def trace_all_ways(counters: bool) -> None:
+def trace_all_strategies(counters: bool) -> None:
     """Trace the lights of the small scene by every strategy of `auto`, over each kind of tree that it may build."""
     triangles, (camera, lights) = small_scene().triangles(0.0, 2), small_view()
     queries = shadow_queries(
@@ -388,7 +388,7 @@ class Engine:
 
     def surfaces(self, camera: Camera, time: float = 0.0) -> GBuffer:
         """The G-buffer of a camera at a time in seconds: the visible surface at each pixel."""
-        instance(camera, Camera, "camera")
+        checked_instance(camera, Camera, "camera")
         with self.lock:
             self._warm_up()
             self.source.begin(FrameMemory(0, 0, 0))
@@ -413,7 +413,7 @@ class Engine:
 
         `antumbra.visibility` documents the parameters. `Receivers.on_surface` and `in_space` make receivers.
         """
-        instance(receivers, Receivers, "receivers")
+        checked_instance(receivers, Receivers, "receivers")
         lights = [without_interleave(light) for light in check_lights(lights, self.data.up)]
         samples = [light_samples(light, spp, sampler) for light in lights]
         for light in lights:
@@ -522,7 +522,7 @@ class Engine:
     def _warm_up(self) -> None:
         """Compile the kernels of this plan at its first query."""
         if not self._warm:
-            warm_up(self.plan, compiled_for(self.source.gbuffer))
+            warm_up(self.plan, precompiled_method(self.source.gbuffer))
             self.source.warm_up()
             self._warm = True
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import bounds
-from ..query.ray_list import HitArrays, RayArguments, changed, hit_arrays, rays_of
+from ..query.ray_list import HitArrays, RayArguments, changed_error, hit_arrays, rays_of
 from ..query.shadow_query import Surfaces, surfaces_of
 from ..scene.camera import Camera, CameraRays, ExplicitRays
 from ..scene.scene_data import MemoryData
@@ -41,7 +41,7 @@ from .primary_visibility import (
 # --- Ray lists --------------------------------------------------------------------------------------------------------
 
 
-PLANS = f"{GOOD}+wide", f"{BEST}+wide"
+RAY_PLANS = f"{GOOD}+wide", f"{BEST}+wide"
 """The plan of the first rays at a time sample, and that of later ones."""
 
 
@@ -82,7 +82,7 @@ class RayLists:
         self.spent += perf_counter() - start
         if not valid:  # the output is incomplete
             rays.arrays().check()
-            raise changed()
+            raise changed_error()
         if ready.accelerated.cutouts is not None:
             add_hits(ready.accelerated.cutouts, rays.arrays(), rays.cull_faces, any_hit, out, threads)
         return out
@@ -107,15 +107,15 @@ class RayLists:
             ready = self._ready
             if ready is None or ready.time != time:
                 precompile(rays_job)
-                self.spent, plan = 0.0, parse_plan(PLANS[0])
+                self.spent, plan = 0.0, parse_plan(RAY_PLANS[0])
             elif self.spent > ready.upgrade_after:
                 precompile(best_tree_job)
                 self._trees.evict(ready.plan)
-                plan = parse_plan(PLANS[1])
+                plan = parse_plan(RAY_PLANS[1])
             else:  # another thread has built it
                 return ready
             accelerated = self._trees.of(Accelerator(plan, self._threads), time)
-            upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == PLANS[0] else np.inf
+            upgrade_after = seconds_before_best(self._data.n_triangles) if str(plan) == RAY_PLANS[0] else np.inf
             self._ready = _RayTree(time, plan, upgrade_after, accelerated, RayTracer(accelerated.prepared))
             return self._ready
 
@@ -125,7 +125,7 @@ def rays_job() -> Job:
 
     def work() -> None:
         triangles = small_scene().triangles(0.0, 1)
-        tracer = RayTracer(Accelerator(parse_plan(PLANS[0]), 1).build(triangles).prepared)
+        tracer = RayTracer(Accelerator(parse_plan(RAY_PLANS[0]), 1).build(triangles).prepared)
         rays = rays_of(np.zeros(3), np.ones(3), 0.0, 1.0, None, None, (0.0, 0.0, 0.0), 1)
         for any_hit in True, False:
             tracer.trace(rays, any_hit, hit_arrays(1, any_hit), 1)

@@ -1,7 +1,7 @@
 """Scenes in a store: chunks are read when rays reach them, and evicted to stay within a memory budget.
 
 Images are traced in bands of rows, and ray lists in batches of coherent rays, so that each chunk is read once per band
-or batch. For `antumbra explain`, `tree_for` joins the part of a store's tree that segments can reach.
+or batch. For `antumbra explain`, `explained_tree` joins the part of a store's tree that segments can reach.
 
 A flight over a large city needs more chunks than fit in memory. If all camera rays were traced before all shadow rays,
 both would read every chunk. The chunks of a band fit in memory, so its shadow rays reuse those of its camera rays
@@ -24,7 +24,7 @@ from ..kernels.parallel import items, new_ticket, run
 from ..query.gbuffer import from_hits
 from ..query.pixel_refinement import subpixel_rays
 from ..query.query_bounds import morton_codes
-from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed, hit_arrays
+from ..query.ray_list import HitArrays, RayArguments, RayArrays, changed_error, hit_arrays
 from ..query.ray_passes import RayPass, camera_pass
 from ..query.shadow_query import ShadowQuery, Surfaces, new_bits
 from ..scene.camera import Camera, CameraRays, ExplicitRays
@@ -35,11 +35,11 @@ from ..store.store_format import Chunk
 from ..store.system_resources import release_freed, resident_memory
 from ..techniques.chcrt.chc_rt import ChcRtState, camera_hits, nearest_hits, prepare, ray_hits
 from ..techniques.chcrt.nearest_hits import mark_hits, number_hits
-from ..techniques.chcrt.occlusion_queries import Pairs, ask
+from ..techniques.chcrt.occlusion_queries import Pairs, answer_queries
 from ..techniques.chcrt.picture_ray_sets import SegmentRaySets, segments_of
 from ..techniques.chcrt.tree_parts import parts_of_chunks
 from ..techniques.tracer_options import ChcRtOptions
-from ..trace.rays.ray_hits import Nearest, surfaces_met
+from ..trace.rays.ray_hits import Nearest, hit_surfaces
 from ..trace.rays.single_rays import leaf_depths
 from ..trace.tree_list import Hits
 from .accelerator import Accelerated, Accelerator, Progress
@@ -137,7 +137,7 @@ def trace_batches(
         rays, factors = _lengthened(rays)
         targets = part.local()[1] if part.segments else None
         if not (np.isfinite(rays.origins).all() and np.isfinite(part.local()[1]).all()):
-            raise changed()  # they were valid when they were checked
+            raise changed_error()  # they were valid when they were checked
         with np.errstate(over="ignore", under="ignore"):  # such bounds are beyond any t
             spans = spans / factors
         hits = ray_hits(paged.accelerated.prepared, rays, spans, cull_faces, any_hit, paged.threads, targets)
@@ -383,7 +383,7 @@ class Paged:
         """Yield the surfaces hit by passes, which must be the latest query."""
         triangles, faces = self.hit_triangles(hits)
         for rays, hit, face in zip(passes, hits, faces):
-            gbuffer = surfaces_met(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
+            gbuffer = hit_surfaces(rays, face.reshape(-1), hit.t.reshape(-1), shape, triangles, self.threads)
             yield Surfaces(gbuffer, triangles, hit.face, self.store.meta.box)
 
     def trace_rays(self, rays: RayArguments, any_hit: bool, time: float, threads: int | None = None) -> HitArrays:
@@ -463,7 +463,7 @@ class Paged:
 _TRIANGLE_BYTES = 140  # memory of a triangle while the tree is joined
 
 
-def tree_for(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndarray]:
+def explained_tree(paged: Paged, queries: Sequence[ShadowQuery]) -> tuple[Bvh, np.ndarray]:
     """The tree over the chunks that segments may enter: (Bvh, index in the whole scene of each of its triangles).
 
     Other chunks become empty children, so each ray takes the same steps as through the whole tree.
@@ -509,7 +509,7 @@ def _reached_chunks(paged: Paged, queries: Sequence[ShadowQuery]) -> np.ndarray:
             for s in range(rays.sets):
                 screen = np.full(k, len(rays.tiles.spans) - 1, np.int32)  # the tile that covers the whole screen
                 pairs = Pairs(screen, np.full(k, s, np.int32), np.arange(k, dtype=np.int32))
-                reached |= ask(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
+                reached |= answer_queries(rays.rays, scheduled.parts.heads, pairs, 0, True, paged.threads).counts > 0
     return np.flatnonzero(reached)
 
 

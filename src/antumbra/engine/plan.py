@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, cast
 
-from ..checks import instance, quoted, spelling_hint
+from ..checks import checked_instance, quoted, spelling_hint
 from ..errors import InputError
 from ..techniques.srdh.representative_rays import SrdhRays
 from .method_registry import BUILDERS, KINDS, OPTIMISERS, TRACERS, Tracer, add_plugins, find_method, own_methods
@@ -59,7 +59,7 @@ class Plan:
         if self.build is None and self.tracer.builds and not self.tracer.chooses:
             object.__setattr__(self, "build", "bsah")
         if self.sample is not None:
-            instance(self.sample, SrdhRays, "sample")
+            checked_instance(self.sample, SrdhRays, "sample")
             if not self.wants_rays:
                 raise InputError(_no_guide([self]))
 

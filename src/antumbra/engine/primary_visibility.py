@@ -26,7 +26,7 @@ from ..scene.triangle_setup import solid_vertices
 from ..scene.triangles import Triangles
 from ..techniques.chcrt.chc_rt import nearest_scheduled, primary_hits
 from ..techniques.culling.pre_bvh_culling import solid_tree
-from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, show_cutouts
+from ..trace.alpha_test import CutoutTree, add_shadows, cutout_tree, replace_by_cutouts
 from ..trace.primary.primary_rays import trace_primary
 from ..trace.rays.ray_hits import Nearest, nearest_surfaces
 from .accelerator import Accelerated
@@ -80,7 +80,7 @@ def _any_tree(triangles: Triangles, threads: int | None) -> Accelerated:
 def nearest_in(tree: Accelerated, threads: int | None = None) -> Nearest:
     """The closest-hit function of a tree of all triangles."""
     cutouts, triangles = tree.cutouts, tree.triangles
-    show = partial(show_cutouts, cutouts, threads=threads) if cutouts is not None else None
+    show = partial(replace_by_cutouts, cutouts, threads=threads) if cutouts is not None else None
     if tree.scheduled is not None:
         scheduled = partial(nearest_scheduled, scheduled=tree.scheduled, show=show)
         return partial(scheduled, triangles=triangles, threads=threads)
@@ -127,7 +127,7 @@ def _show_cutouts(
 ) -> None:
     """Replace the hits of selected pixels by nearer hits on alpha-masked faces."""
     faces, ts = face[selected], t[selected]
-    show_cutouts(cutouts, rays_through(rays, selected, threads), faces, ts, threads)
+    replace_by_cutouts(cutouts, rays_through(rays, selected, threads), faces, ts, threads)
     face[selected], t[selected] = faces, ts
 
 
@@ -154,7 +154,7 @@ _RETRY_PERIOD = 64  # frames after which the slower method is tried again
 _T = TypeVar("_T")
 
 
-def compiled_for(method: str) -> str:
+def precompiled_method(method: str) -> str:
     """The method whose kernels are compiled before the first frame, given the `gbuffer` option."""
     return RASTER if method == AUTO else method
 

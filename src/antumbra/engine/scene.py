@@ -18,7 +18,7 @@ from ..scene import camera as framing
 from ..scene.alpha_masks import Cutouts
 from ..scene.appearance import Appearance
 from ..scene.camera import MAX_SIZE, Camera
-from ..scene.default_picture import KINDS, DefaultView, skies_with
+from ..scene.default_picture import KINDS, DefaultView, missing_skies
 from ..scene.lights import Light, QuadLight
 from ..scene.mesh import MeshInfo, ObjectInfo, Source
 from ..scene.scene_data import CityModel, MemoryData, SceneData
@@ -186,7 +186,7 @@ class AnyScene:
         """
         time = self.clamped(time)
         file_lights = [self.light(i, time) for i in range(len(self.lights))]
-        return file_lights + skies_with(file_lights, self.up) if file_lights else self.view.lights()
+        return file_lights + missing_skies(file_lights, self.up) if file_lights else self.view.lights()
 
     def default_light(self) -> QuadLight:
         """A single light: a `QuadLight` above the scene, as wide as the radius of its bounding sphere."""

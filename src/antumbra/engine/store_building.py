@@ -12,7 +12,7 @@ from ..generate.generated_scene import StreamedCity
 from ..kernels.parallel import thread_count
 from ..progress import Progress, show_progress, with_progress
 from ..scene.scene_data import SceneData
-from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, build_compiled
+from ..store.store_build import CHUNK, MIN_MEMORY, BuildReport, write_store
 from ..store.store_format import STORE_SUFFIX
 from .precompilation import Job, fixed_job, precompile, small_scene
 from .scene import AnyScene
@@ -66,7 +66,7 @@ def build_store(
     precompile(store_job)
     with show_progress(f"building {path.name}") as callback:
         bar = None if callback is None else lambda text, done, total: callback(done, total)
-        return build_compiled(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
+        return write_store(data, path, max_memory, threads, chunk, progress if callable(progress) else bar)
 
 
 def _scene_data_of_all(scenes: Any) -> Iterator[SceneData | StreamedCity]:
@@ -89,6 +89,6 @@ def store_job() -> Job:
 
     def work() -> None:
         with temporary_folder() as folder:
-            build_compiled([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
+            write_store([small_scene()], folder / "small.antumbra", threads=2, chunk=64)
 
     return fixed_job("building stores", work)

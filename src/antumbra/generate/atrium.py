@@ -27,7 +27,7 @@ from .shapes import (
     merge,
     place_copies,
     prism,
-    raised,
+    raise_mesh,
     revolve,
     steps,
 )
@@ -447,10 +447,10 @@ def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
     """The fountain, pots with plants, amphorae, benches, crates, curtains and banners."""
     pots = np.array([(-2.9, 5.6), (4.3, 4.2), (-4.2, -1.4), (4.3, -6.6), (-4.1, -8.8), (3.9, 9.0)])
     leaves = palm(rng, steps(15, d, 4), steps(18, d, 3), 2.3, 1.75, d)
-    kinds = [merge(raised(leaves, 0.55), pot(0.65, 0.42, d))]
+    kinds = [merge(raise_mesh(leaves, 0.55), pot(0.65, 0.42, d))]
     if d > SKETCH:
         leaves = agave(rng, steps(26, d**0.5, 6), 0.95, steps(6, d, 2))
-        kinds.append(merge(raised(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
+        kinds.append(merge(raise_mesh(leaves, 0.5), pot(0.6, 0.45, d, p.CLAY)))
     parts = _fountain(d)
     for k, kind in enumerate(kinds):
         places = pots[k::2]
@@ -531,10 +531,10 @@ def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     parts.append(place_copies(crate((0.8, 0.68, 0.75), round(4 * d**0.5)), stack, turn, [1, 1, 0.8, 1, 1, 0.8]))
     balls = np.array([(x, z) for x in (-1.9, 1.9) for z in (FOUNTAIN[1] - 2.1, FOUNTAIN[1] + 2.1)])
     parts.append(
-        place_copies(merge(raised(bush(rng, 0.36, d), 0.38), pot(0.45, 0.3, d, p.MARBLE)), at_height(balls, 0.0))
+        place_copies(merge(raise_mesh(bush(rng, 0.36, d), 0.38), pot(0.45, 0.3, d, p.MARBLE)), at_height(balls, 0.0))
     )
     green = merge(
-        raised(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
+        raise_mesh(shrub(rng, steps(260, d * d, 12), 0.42, 0.8, 0.15 / max(1.0, d**0.5)), 0.42), pot(0.5, 0.34, d)
     )
     tubs, _ = arcade_positions(BAY, HALF_X + 0.1, HALF_Z + 0.1, corners=False)
     if d > COARSE:

@@ -50,7 +50,7 @@ def register(name: str, recipe: Recipe) -> None:
     PROCEDURAL[name] = recipe
 
 
-def add_scenes() -> None:
+def load_plugin_scenes() -> None:
     """Register the scenes of all packages with an entry point ``antumbra.scenes``."""
     plugins.load_plugins("antumbra.scenes")
 
@@ -66,7 +66,7 @@ def find_scene(name: str) -> Recipe:
     if not isinstance(name, str):
         raise InputError(f"name is {quoted(name)}; choose one of {', '.join(PROCEDURAL)}")
     if name not in PROCEDURAL:
-        add_scenes()
+        load_plugin_scenes()
     if name not in PROCEDURAL:
         cure = f"{spelling_hint(name, PROCEDURAL)}choose one of {', '.join(PROCEDURAL)}"
         raise InputError(f"there is no procedural scene {name!r}; {cure}")
@@ -111,10 +111,10 @@ __all__ = [
     "PROCEDURAL",
     "ProceduralScene",
     "Recipe",
-    "add_scenes",
     "city_blocks",
     "city_view",
     "find_scene",
     "generate",
+    "load_plugin_scenes",
     "register",
 ]

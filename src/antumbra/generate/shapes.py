@@ -42,12 +42,12 @@ def merge(*meshes: PaletteMesh) -> PaletteMesh:
     )
 
 
-def raised(mesh: PaletteMesh, y: float) -> PaletteMesh:
+def raise_mesh(mesh: PaletteMesh, y: float) -> PaletteMesh:
     """The mesh, raised by `y` metres."""
     return mesh._replace(vertices=mesh.vertices + np.array([0.0, y, 0.0], np.float32))
 
 
-def outward(mesh: PaletteMesh) -> PaletteMesh:
+def orient_outward(mesh: PaletteMesh) -> PaletteMesh:
     """A closed mesh with its faces oriented outward, so that its signed volume is positive."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]].astype(np.float64) - mesh.vertices[0] for i in range(3))
     if np.sum(np.cross(a, b) * c) < 0.0:
@@ -105,7 +105,7 @@ def shell(front: ArrayLike, back: ArrayLike, colour: ArrayLike = 0, rim_colour: 
     cells = _colours(colour, len(front_faces))
     edge = _colours(cells[0] if rim_colour is None else rim_colour, len(wall))
     vertices = np.concatenate([front.reshape(-1, 3), back.reshape(-1, 3)])
-    return outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
+    return orient_outward(PaletteMesh(vertices, faces, np.concatenate([cells, cells, edge])))
 
 
 def block(points: ArrayLike, level: float, colour: ArrayLike = 0) -> PaletteMesh:
@@ -117,7 +117,7 @@ def block(points: ArrayLike, level: float, colour: ArrayLike = 0) -> PaletteMesh
     under = np.arange(m * n, m * n + len(rim), dtype=np.int32)
     wall = _split(np.stack([np.append(under, under[0]), np.append(rim, rim[0])]))
     cap = np.stack([np.full_like(under, m * n + len(rim)), np.roll(under, -1), under], axis=1)
-    return outward(
+    return orient_outward(
         PaletteMesh(
             np.concatenate([top.vertices, foot, foot.mean(axis=0, keepdims=True)]),
             np.concatenate([top.faces, wall, cap]),
@@ -151,7 +151,7 @@ def lofts(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> P
 
 def loft(sections: ArrayLike, colour: ArrayLike = 0, closed: bool = False) -> PaletteMesh:
     """The solid through (n, k, 3) sections of either orientation; see `lofts`."""
-    return outward(lofts(np.asarray(sections)[None], colour, closed))
+    return orient_outward(lofts(np.asarray(sections)[None], colour, closed))
 
 
 def capped(rings: ArrayLike, low: ArrayLike, high: ArrayLike, colour: ArrayLike = 0) -> PaletteMesh:
@@ -345,7 +345,7 @@ def place_copies(
     return ScenePart(mesh, offset, matrix, np.broadcast_to(np.asarray(shade, np.uint8), (k,)))
 
 
-def moved(parts: Iterable[ScenePart], at: ArrayLike = (0.0, 0.0, 0.0), turn: ArrayLike = 0.0) -> list[ScenePart]:
+def move_parts(parts: Iterable[ScenePart], at: ArrayLike = (0.0, 0.0, 0.0), turn: ArrayLike = 0.0) -> list[ScenePart]:
     """The parts, rotated as a whole about Y (radians), then translated by `at` (3,)."""
     around = rotation_y(turn)[0].astype(np.float32)
     shift = np.asarray(at, np.float32)

@@ -15,7 +15,7 @@ from ..formats.gltf.gltf_file import (
     glb_bytes,
     up_axis_transform,
 )
-from ..picture.heat_maps import Panel, Scale, linear_scale, scale_of, sheet
+from ..picture.heat_maps import Panel, Scale, linear_scale, linear_ticks, panel_sheet
 from ..picture.renderer import render
 from ..scene.camera import Camera, ExplicitRays, axes, fitted_camera
 from ..scene.lights import AmbientOcclusion
@@ -55,8 +55,8 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
 
     The table's marks are drawn as dots.
     """
-    values, known = shown_values(table, name)
-    scale = shown_scale(table[name], known)
+    values, known = column_values(table, name)
+    scale = column_scale(table[name], known)
     values[~known] = np.nan
     if table.sensors.raster is not None:
         picture, places = _map(table, values, scale)
@@ -65,10 +65,10 @@ def false_colours(table: Any, name: str) -> NDArray[np.uint8]:
     column = table.columns[name]
     caption = f"{name} [{column.unit}]" if column.unit else name
     panel = Panel(_dotted(picture, places), [column.about[:1].upper() + column.about[1:]])
-    return sheet([panel], scale.bar(caption))
+    return panel_sheet([panel], scale.bar(caption))
 
 
-def shown_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def column_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(n,) float64: the values of a column; (n,) bool: which of them to show.
 
     NaN, negative integers (no index) and raster cells off the surfaces that the raster follows are not shown.
@@ -80,7 +80,7 @@ def shown_values(table: Any, name: str) -> tuple[NDArray[np.float64], NDArray[np
     return values, known & table.sensors.covered
 
 
-def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
+def column_scale(values: np.ndarray, known: np.ndarray) -> Scale:
     """The colour scale of a column.
 
     Booleans have two colours, integers a scale up to their maximum; the scale of floats leaves out a few outliers.
@@ -90,7 +90,7 @@ def shown_scale(values: np.ndarray, known: np.ndarray) -> Scale:
     if values.dtype.kind not in "iu" or not known.any():
         return linear_scale(values[known].astype(np.float64))
     top = max(int(values[known].max()), 1)
-    ticks = np.unique(np.ceil(scale_of(np.array([float(top)]))))
+    ticks = np.unique(np.ceil(linear_ticks(np.array([float(top)]))))
     return Scale(np.append(ticks[ticks < top], top).astype(np.float64), False)
 
 
@@ -191,8 +191,8 @@ def coloured_model(table: Any, name: str) -> bytes:
     """
     sensors, scene = table.sensors, table.scene
     assert scene is not None
-    values, known = shown_values(table, name)
-    scale = shown_scale(table[name], known)
+    values, known = column_values(table, name)
+    scale = column_scale(table[name], known)
     sensor_colours = srgb_to_linear(scale.colours(np.nan_to_num(values), known) / 255.0)
     sensor_colours[~known] = _GREY
     corners = corners_of(scene) - scene.origin

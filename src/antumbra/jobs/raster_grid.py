@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, instance, number, points, text, whole_number
+from ..checks import as_array, checked_instance, number, points, text, whole_number
 from ..engine.scene import AnyScene
 from ..errors import InputError
 from ..extras import import_extra
@@ -53,7 +53,7 @@ class Raster(NamedTuple):
 
 def checked_raster(raster: Raster) -> Raster:
     """`raster`, if it is a `Raster` whose fields are valid; otherwise an InputError."""
-    instance(raster, Raster, "raster")
+    checked_instance(raster, Raster, "raster")
     for name in ("west", "north"):
         number(getattr(raster, name), f"{name} of the raster")
     number(raster.spacing, "the spacing of the raster", 0.0, np.inf)

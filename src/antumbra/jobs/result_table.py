@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checks import instance, points, quoted, spelling_hint
+from ..checks import checked_instance, points, quoted, spelling_hint
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import scene_of
 from ..errors import InputError
@@ -236,11 +236,11 @@ class Table:
     marks: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        instance(self.sensors, Sensors, "sensors")
+        checked_instance(self.sensors, Sensors, "sensors")
         if not isinstance(self.columns, dict) or not all(isinstance(name, str) for name in self.columns):
             raise InputError(f"columns are {quoted(self.columns)}; they must be a dict of names to antumbra.Column")
         for name, column in self.columns.items():
-            values = instance(column, Column, f"column {name!r}").values
+            values = checked_instance(column, Column, f"column {name!r}").values
             if not isinstance(values, np.ndarray) or values.shape != (len(self.sensors),):
                 raise InputError(f"column {name!r} must be an array of {len(self.sensors)} values, one for each sensor")
         if not isinstance(self.about, dict):
@@ -249,7 +249,7 @@ class Table:
             self.scene = scene_of(self.scene)
             check_on_scene(self.sensors, self.scene)
         if self.camera is not None:
-            instance(self.camera, Camera, "camera")
+            checked_instance(self.camera, Camera, "camera")
         self.marks = None if self.marks is None else points(self.marks, "marks")
         raster = self.sensors.raster
         crs = (self.scene and self.scene.crs) or (raster and raster.crs)

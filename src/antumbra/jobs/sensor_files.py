@@ -18,7 +18,7 @@ from ..extras import import_extra
 from ..files import checked_file
 from ..formats.array_files import check_expansion, mapped_array, npz_arrays
 from ..kernels.parallel import thread_count
-from ..scene.crs import check_plan, checked_crs
+from ..scene.crs import check_horizontal_crs, checked_crs
 from .ground_areas import AreaLike, area_sensors
 from .raster_grid import SUFFIXES as RASTERS
 from .sensors import Sensors, face_sensors, grid_sensors, point_sensors, raster_sensors, vertex_sensors
@@ -110,7 +110,7 @@ def check_file_crs(scene: AnyScene, *paths: Path | None) -> None:
     for path in paths:
         if scene.crs and path is not None and path.suffix.lower() == ".parquet":
             with _reader_errors(path):
-                check_plan(path.name, _crs_of(path), scene.crs)
+                check_horizontal_crs(path.name, _crs_of(path), scene.crs)
 
 
 def _number(text: str, sensors: str) -> float:

@@ -19,7 +19,7 @@ from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
 from ..kernels.parallel import thread_count
 from ..query.receivers import Receivers
-from ..scene.crs import check_plan
+from ..scene.crs import check_horizontal_crs
 from .raster_grid import Raster, aligned_raster, check_count, checked_raster, plan_of, raster_in, raster_of_file
 
 # --- Checked fields of `Sensors` --------------------------------------------------------------------------------------
@@ -413,7 +413,7 @@ def raster_of(scene: AnyScene, spacing: float | str | PathLike[str], plan: np.nd
         side = number(spacing, "the spacing of sensors", 0.0, np.inf)
         return aligned_raster(plan_of(scene) if plan is None else plan, side)
     raster = raster_of_file(path_of(spacing, "the raster file"))
-    check_plan(str(spacing), raster.crs, scene.crs)
+    check_horizontal_crs(str(spacing), raster.crs, scene.crs)
     return raster
 
 

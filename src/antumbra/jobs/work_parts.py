@@ -22,7 +22,7 @@ from ..files import atomic_output
 from ..picture.frame import Frame
 from ..picture.render_options import RenderOptions
 from ..picture.renderer import Renderer
-from ..picture.row_bands import BAND, band_array_names, joined_bits
+from ..picture.row_bands import BAND, band_array_names, bits_of_bands
 from ..scene.camera import Camera
 from ..scene.lights import Light
 from ..version import VERSION
@@ -300,6 +300,6 @@ def render_bands(
     parts = Parts("bands of the picture", camera.height, BAND, band, executor.folder, about)
     if not executor.finish([parts]):
         return None
-    frame = renderer.from_rows(request, joined_bits(parts.joined(band_array_names(request))))
+    frame = renderer.from_rows(request, bits_of_bands(parts.joined(band_array_names(request))))
     executor.end([parts])  # the bits are in memory
     return frame

@@ -59,17 +59,17 @@ def crosses(a, s):
 
 
 @inlined
-def plus(a, b):
+def add3(a, b):
     return Vec3(a.x + b.x, a.y + b.y, a.z + b.z)
 
 
 @inlined
-def minus(a, b):
+def subtract3(a, b):
     return Vec3(a.x - b.x, a.y - b.y, a.z - b.z)
 
 
 @inlined
-def times(a, s):
+def scale3(a, s):
     """a * s, componentwise."""
     return Vec3(a.x * s, a.y * s, a.z * s)
 
@@ -94,13 +94,13 @@ def total(v):
 @inlined
 def middles_and_halves(low, high):
     """(middles, half extents) of boxes from their corners, padded so that middle -+ half contains each box."""
-    m = plus(times(low, _HALF), times(high, _HALF))
-    up, down = minus(high, m), minus(m, low)
+    m = add3(scale3(low, _HALF), scale3(high, _HALF))
+    up, down = subtract3(high, m), subtract3(m, low)
     return m, Vec3(maximum(up.x, down.x) * _MORE, maximum(up.y, down.y) * _MORE, maximum(up.z, down.z) * _MORE)
 
 
 @inlined
-def scalars(p, at, stride):
+def get3(p, at, stride):
     """Load three numbers, `stride` apart."""
     return Vec3(get(p, at), get(p, at + stride), get(p, at + 2 * stride))
 
@@ -118,7 +118,7 @@ def broadcasts(p, at, stride):
 
 
 @inlined
-def keep(p, at, stride, v):
+def store3(p, at, stride, v):
     """Store three f32x16, `stride` float32 apart."""
     store(p, at, v.x)
     store(p, at + stride, v.y)

@@ -21,7 +21,7 @@ from ..cli.arguments import open_scene, parse_scene
 from ..engine.scene import AnyScene, procedural
 from ..engine.scene_loading import load
 from ..errors import InputError
-from ..generate.procedural_scenes import PROCEDURAL, add_scenes
+from ..generate.procedural_scenes import PROCEDURAL, load_plugin_scenes
 from ..scene.camera import Camera
 from ..scene.lights import Light, PointLight, QuadLight, tangents
 
@@ -72,7 +72,7 @@ def real_path(name: str, part: str = "scene.glb") -> Path | None:
 
 def file_of(name: str) -> Path | None:
     """The scene file of a folder of $ANTUMBRA_SCENES or a path; None if there is none, or for a procedural scene."""
-    add_scenes()
+    load_plugin_scenes()
     here = Path(name) if name not in PROCEDURAL and Path(name).is_file() else None
     return real_path(name) or here
 

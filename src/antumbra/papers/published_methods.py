@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..bvh.block_tree import block_tree
-from ..bvh.child_order import sooner_first
+from ..bvh.child_order import order_children
 from ..bvh.nodes import BACK_TO_FRONT, FRONT_TO_BACK, LEFT_FIRST, Bvh
 from ..engine.method_registry import (
     BENTHIN,
@@ -82,7 +82,7 @@ ORDERS: dict[str, TraversalOrder] = {
     ),
     "rtsah": TraversalOrder(
         LEFT_FIRST,
-        sooner_first,
+        order_children,
         "the child with the lower expected cost of finding a blocker first, estimated from its density",
         "Ize and Hansen 2011, RTSAH traversal order for occlusion rays",
     ),

@@ -265,7 +265,7 @@ def chc_rt(
 
     from ..generate.palette import check_request
     from ..kernels.parallel import thread_count
-    from ..store.system_resources import peak_resident
+    from ..store.system_resources import peak_resident_memory
     from .chc_rt import chcrt_tables as session
     from .chc_rt import walkthroughs as chcrt_views
     from .chc_rt.walkthrough_timing import Pace
@@ -298,7 +298,7 @@ def chc_rt(
             from .chc_rt.chcrt_figures import write_plot
 
             write_plot(walked, path)
-    differs, peak = session.differing(rows), peak_resident()
+    differs, peak = session.differing(rows), peak_resident_memory()
     verdict = {
         True: "the same by all methods",
         False: f"DIFFER for {differs:,} rays: please report this",

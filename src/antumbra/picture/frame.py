@@ -16,9 +16,9 @@ from ..scene.sky import Sky
 from ..trace.counters import new_counters
 from .frame_request import Request
 from .image_files import LUMINANCE
-from .irradiance import Facing, facing_of
+from .irradiance import PixelNormals, pixel_normals
 from .light_visibility import irradiance_shares
-from .pixel_appearance import albedo, eye_of, places_of, shading_normals
+from .pixel_appearance import albedo, eye_of, shading_normals, surface_points
 from .shading import arriving_irradiance, shade
 
 # --- Results: frame, layers, ground and timings -----------------------------------------------------------------------
@@ -245,9 +245,9 @@ def smooths_light(request: Request, light: Light) -> bool:
     return request.smooth or (request.smooth_skies and isinstance(light, Sky))
 
 
-def surface_facing(surfaces: Surfaces) -> Facing:
+def surface_facing(surfaces: Surfaces) -> PixelNormals:
     """The normals of these surfaces."""
-    return facing_of(surfaces.gbuffer, surfaces.shading)
+    return pixel_normals(surfaces.gbuffer, surfaces.shading)
 
 
 def shade_surfaces(
@@ -285,7 +285,7 @@ def with_appearance(state: FrameState, surfaces: Surfaces, parts: int = 1) -> Su
     appearance, request = state.tracer.scene.appearance, state.request
     if appearance is None:
         return surfaces
-    places = places_of(surfaces)
+    places = surface_points(surfaces)
     if request.options.textures and (appearance.textured.any() or appearance.colours is not None):
         eye = eye_of(state.tracer.view, parts)
         surfaces = surfaces._replace(albedo=albedo(places, surfaces.triangles.colour, appearance, eye, state.threads))

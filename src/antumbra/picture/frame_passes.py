@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from ..engine.engine import Engine
 from ..engine.frame_tracer import FrameMethods
-from ..query.gbuffer import PictureSurfaces, seen_by
+from ..query.gbuffer import PictureSurfaces, picture_surfaces
 from ..query.pixel_refinement import BLOCK, block_copies, block_means, edges, picture_of
 from ..query.ray_passes import diffuse_rays
 from ..query.receivers import NOTHING
-from ..query.shadow_query import ShadowQuery, Surfaces, stacked
-from ..scene.lights import Light, is_bounced, light_names
+from ..query.shadow_query import ShadowQuery, Surfaces, join_bands
+from ..scene.lights import Light, is_indirect, light_names
 from ..scene.sky import Sky
 from ..trace.counters import as_dict
 from ..trace.rays.ray_hits import Nearest
@@ -222,7 +222,7 @@ def find_and_trace(state: FrameState) -> tuple[Surfaces, TracedLights]:
         bits.append(traced.bits)
     if len(bands) == 1:
         return surfaces, traced
-    surfaces = stacked(bands)
+    surfaces = join_bands(bands)
     state.tracer.triangles = surfaces.triangles
     queries = queries_of(state, surfaces, state.request.samples)
     return surfaces, TracedLights(queries, [np.concatenate(of_light) for of_light in zip(*bits)])
@@ -254,7 +254,7 @@ def visible_fractions(
     state: FrameState, surfaces: Surfaces, traced: TracedLights
 ) -> tuple[PictureSurfaces, list[LightFractions]]:
     """The visible surfaces as input of filters, and the visible fraction of each light, filtered on request."""
-    visible, facing = seen_by(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
+    visible, facing = picture_surfaces(surfaces.gbuffer, state.tracer.view), surface_facing(surfaces)
     fractions = [light_fractions(visible, facing, q, b, state.request.smooth, state.threads) for q, b in zip(*traced)]
     state.clock.lap("filter")
     return visible, fractions
@@ -321,7 +321,7 @@ def shade_frame(
     light.
     """
     arrived, lights = arriving_light(state, surfaces, traced, visible), state.request.lights
-    direct = [k for k, light in enumerate(lights) if not is_bounced(light)]
+    direct = [k for k, light in enumerate(lights) if not is_indirect(light)]
     fill = ambient_light(surfaces.gbuffer, [lights[k] for k in direct], [arrived[k] for k in direct])
     ambient = fill if indirect is None and len(direct) == len(lights) else np.zeros(3, np.float32)
     image = shade_surfaces(state, surfaces, arrived, shares, ambient, indirect)

@@ -34,7 +34,7 @@ class ColourBar(NamedTuple):
     caption: str
 
 
-def sheet(panels: Sequence[Panel], bar: ColourBar) -> NDArray[np.uint8]:
+def panel_sheet(panels: Sequence[Panel], bar: ColourBar) -> NDArray[np.uint8]:
     """(H, W, 3) uint8 sRGB: rows of panels above a colour bar. All panels have one size and number of lines."""
     from PIL import Image, ImageDraw
 
@@ -71,7 +71,7 @@ def draw_bar(bar: ColourBar, width: int, letters: int) -> NDArray[np.uint8]:
     return np.asarray(image)
 
 
-def blank(shape: tuple[int, int], text: str) -> NDArray[np.uint8]:
+def blank_panel(shape: tuple[int, int], text: str) -> NDArray[np.uint8]:
     """(h, w, 3) uint8 sRGB: a grey panel with a line of text in the middle, in place of a picture."""
     from PIL import Image, ImageDraw
 
@@ -141,7 +141,7 @@ def heat_colours(values: np.ndarray, top: float) -> NDArray[np.uint8]:
     return colours
 
 
-def scale_of(values: np.ndarray) -> NDArray[np.float64]:
+def linear_ticks(values: np.ndarray) -> NDArray[np.float64]:
     """The ticks of a linear scale from 0: at most nine round numbers."""
     top = float(np.percentile(values, _PERCENTILE)) if values.size else 0.0
     if not top > 0.0:
@@ -189,7 +189,7 @@ class Scale(NamedTuple):
 
 def linear_scale(values: np.ndarray) -> Scale:
     """A linear scale from 0 that ignores a few extreme values."""
-    ticks = scale_of(values)
+    ticks = linear_ticks(values)
     return Scale(ticks, False, _beyond(values, ticks))
 
 
@@ -198,7 +198,7 @@ def _beyond(values: np.ndarray, ticks: NDArray[np.float64]) -> bool:
     return bool(values.size and values.max() > ticks[-1] * (1.0 + _ROUNDING))
 
 
-def log_scale_of(values: np.ndarray) -> Scale:
+def log_scale(values: np.ndarray) -> Scale:
     """A logarithmic scale with ticks at 1, 2 and 5 times powers of ten, which also begin and end it."""
     positive = np.asarray(values)[np.asarray(values) > 0.0]
     lower, upper = np.percentile(positive, (100.0 - _PERCENTILE, _PERCENTILE)) if positive.size else (1.0, 1.0)
@@ -230,4 +230,4 @@ def heat_map(
     """
     scale = linear_scale(np.concatenate([panel[known] for panel in panels]))
     labelled_panels = [Panel(scale.colours(panel, known), lines) for panel, lines in zip(panels, labels)]
-    return sheet(labelled_panels, scale.bar(caption))
+    return panel_sheet(labelled_panels, scale.bar(caption))

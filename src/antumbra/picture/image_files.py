@@ -263,7 +263,7 @@ def exr_channels(frame: Any) -> dict[str, np.ndarray]:
             channels |= _split(f"light.{name}.", image)
         if layers.indirect is not None:
             channels |= _split("indirect.", layers.indirect)
-    return {name: stored(values) for name, values in channels.items()}
+    return {name: exr_values(values) for name, values in channels.items()}
 
 
 def exr_header(frame: Any) -> dict[str, str]:
@@ -276,7 +276,7 @@ def exr_header(frame: Any) -> dict[str, str]:
     }
 
 
-def stored(values: np.ndarray) -> np.ndarray:
+def exr_values(values: np.ndarray) -> np.ndarray:
     """Convert to a type that OpenEXR has. It has no signed integers: int32 ids become UINT with the same bits."""
     values = np.ascontiguousarray(values)
     return values.view(np.uint32) if values.dtype == np.int32 else values.astype(np.float32, copy=False)

@@ -22,7 +22,7 @@ from ..scene.lights import DIRECTIONAL, SPHERE, LightPatch
 # --- Terminator of interpolated normals, see docs/design/shading.md ---------------------------------------------------
 
 
-class Facing(NamedTuple):
+class PixelNormals(NamedTuple):
     """Shading and geometric normals of the pixels, for kernels."""
 
     normal: np.ndarray  # (H, W, 3) float32: shading normals
@@ -31,11 +31,11 @@ class Facing(NamedTuple):
     soft: bool  # whether shading and geometric normals differ
 
 
-def facing_of(gbuffer: GBuffer, shading: ShadingNormals | None) -> Facing:
+def pixel_normals(gbuffer: GBuffer, shading: ShadingNormals | None) -> PixelNormals:
     """The normals of a G-buffer; `shading`: its interpolated normals, or None."""
     if shading is None:
-        return Facing(gbuffer.normal, gbuffer.normal, gbuffer.depth, False)
-    return Facing(shading.normal, gbuffer.normal, shading.bend, True)
+        return PixelNormals(gbuffer.normal, gbuffer.normal, gbuffer.depth, False)
+    return PixelNormals(shading.normal, gbuffer.normal, shading.bend, True)
 
 
 @inlined
@@ -379,6 +379,6 @@ def list_irradiance(
     if isinstance(lights, PointLights):
         distant, points, normals, least = False, samples - gbuffer.origin, lights.normals, lights.nearest**2
     normals = np.empty((0, 0, 3)) if normals is None else np.ascontiguousarray(normals[lights.sets])
-    args = gbuffer, facing_of(gbuffer, shading), points, distant, normals, lights.weights(), least, bits, out
+    args = gbuffer, pixel_normals(gbuffer, shading), points, distant, normals, lights.weights(), least, bits, out
     run(_list_rows, thread_count(threads), new_ticket(len(out), 4), *args)
     return out

@@ -19,7 +19,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, fraction_lit, patch_of, query_pointers, sample_of, set_of, three_at
 from ..scene.lights import AMBIENT, SPHERE, LightPatch, is_list
 from .discontinuity_filter import filter_fractions, filter_shares
-from .irradiance import Facing, terminator_factor
+from .irradiance import PixelNormals, terminator_factor
 
 # --- Shares of irradiance ---------------------------------------------------------------------------------------------
 #
@@ -93,7 +93,7 @@ def is_weighted(patch: LightPatch) -> bool:
 
 
 def irradiance_shares(
-    facing: Facing, query: ShadowQuery, bits: np.ndarray, threads: int | None = None
+    facing: PixelNormals, query: ShadowQuery, bits: np.ndarray, threads: int | None = None
 ) -> NDArray[np.float32]:
     """(H, W) float32: the share of each receiver's unshadowed irradiance that arrives; 1 where there is no receiver.
 
@@ -143,7 +143,7 @@ def without_equal_samples(query: ShadowQuery) -> ShadowQuery:
 
 def light_fractions(
     surfaces: PictureSurfaces,
-    facing: Facing,
+    facing: PixelNormals,
     query: ShadowQuery,
     bits: np.ndarray,
     smooth: bool,
@@ -189,7 +189,7 @@ def finer_query(
 def refine_fractions(
     before: LightFractions,
     surfaces: PictureSurfaces,
-    facing: Facing,
+    facing: PixelNormals,
     finer: ShadowQuery,
     bits: np.ndarray,
     smooth: bool,
@@ -226,7 +226,7 @@ def _directions_kernel(ticket, query, bits, out):
         put(sums, 3 * i + 2, np.float32(z))
 
 
-def open_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> NDArray[np.float32]:
+def unoccluded_directions(query: ShadowQuery, bits: np.ndarray, threads: int | None = None) -> NDArray[np.float32]:
     """(h, w, 3) float32: the sum of unit vectors to the samples that each receiver sees; `bits`: the query's answer."""
     out = np.empty((*query.sides.shape, 3), np.float32)
     ticket = new_ticket(query.sides.size, 1024)

@@ -22,7 +22,7 @@ from ..scene.materials import CLAMP, LINEAR, MIRROR, REPEAT, Texture
 # --- Barycentric weights ----------------------------------------------------------------------------------------------
 
 
-class Places(NamedTuple):
+class SurfacePoints(NamedTuple):
     """The points that pixels see, and their triangles."""
 
     position: np.ndarray  # (H, W, 3) float32
@@ -33,10 +33,12 @@ class Places(NamedTuple):
     corners: np.ndarray  # (n, 9) float32
 
 
-def places_of(surfaces: Surfaces) -> Places:
+def surface_points(surfaces: Surfaces) -> SurfacePoints:
     """The points of surfaces, as input of kernels."""
     g = surfaces.gbuffer
-    return Places(g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9))
+    return SurfacePoints(
+        g.position, g.normal, g.depth, g.face, surfaces.ids, surfaces.triangles.vertices.reshape(-1, 9)
+    )
 
 
 class TriangleFrame(NamedTuple):
@@ -358,7 +360,7 @@ def _albedo_rows(ticket, places, face_colours, eye, out):
 
 
 def albedo(
-    places: Places, colour: np.ndarray, appearance: Appearance, eye: Eye, threads: int | None = None
+    places: SurfacePoints, colour: np.ndarray, appearance: Appearance, eye: Eye, threads: int | None = None
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32: linear base colours; 0 in the background.
 
@@ -373,7 +375,7 @@ def albedo(
     return out
 
 
-def _face_colours(places: Places, colour: np.ndarray, appearance: Appearance, threads: int) -> FaceColours:
+def _face_colours(places: SurfacePoints, colour: np.ndarray, appearance: Appearance, threads: int) -> FaceColours:
     materials = appearance.materials
     counts = np.bincount(appearance.material_of_face[places.ids[places.ids >= 0]] + 1, minlength=len(materials) + 1)
     textures = [material.texture if count else None for material, count in zip(materials, counts[1:])]
@@ -454,7 +456,7 @@ def _normal_rows(ticket, places, corner_normals, bends, out):
             put(shading, 3 * at + 2, np.float32(n[2]))
 
 
-def shading_normals(places: Places, appearance: Appearance, threads: int | None = None) -> ShadingNormals:
+def shading_normals(places: SurfacePoints, appearance: Appearance, threads: int | None = None) -> ShadingNormals:
     """Interpolated normals; geometric normals where a face has none. The scene must have normals."""
     out = ShadingNormals(np.empty(places.normal.shape, np.float32), np.empty(places.ids.shape, np.float32))
     ticket = new_ticket(len(places.ids), 8)

@@ -5,7 +5,7 @@ The `*_job` functions describe the jobs, and the `precompile_*` functions run th
 
 from dataclasses import replace
 
-from ..engine.engine import Engine, record_of, recorded, trace_all_ways, wide_lights_job
+from ..engine.engine import Engine, record_name, recorded, trace_all_strategies, wide_lights_job
 from ..engine.plan import Plan
 from ..engine.precompilation import Job, fixed_job, precompile, small_scene, small_view
 from ..scene.camera import Camera
@@ -69,10 +69,10 @@ def rendering_job(plan: Plan, gbuffer: str = "raster", counters: bool = False) -
 
     def work() -> None:
         if plan.tracer.chooses:
-            trace_all_ways(counters)
+            trace_all_strategies(counters)
         _render_small(plan, gbuffer, replace(PLAIN, counters=counters))
 
-    return Job(record_of(plan, gbuffer, counters), work, recorded(plan, gbuffer, counters))
+    return Job(record_name(plan, gbuffer, counters), work, recorded(plan, gbuffer, counters))
 
 
 def quality_job() -> Job:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from ..checks import choice, flag, instance, number
+from ..checks import checked_instance, choice, flag, number
 from ..query.light_samples import SAMPLERS
 from ..scene.lights import MAX_SPP
 from .option_fields import (
@@ -303,7 +303,7 @@ def options_of(options: RenderOptions | None, keywords: dict[str, Any]) -> Rende
     """The options of a call: its argument ``options``, with single fields replaced by its keywords."""
     if options is None:
         return RenderOptions(**keywords)
-    return replace(instance(options, RenderOptions, "options"), **keywords)
+    return replace(checked_instance(options, RenderOptions, "options"), **keywords)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, ParamSpec, Protocol
 
-from ..checks import choice, instance
+from ..checks import checked_instance, choice
 from ..engine.accelerator import Accelerated, Accelerator, Progress
 from ..engine.engine import Engine
 from ..engine.frame_tracer import RenderSource
 from ..engine.plan import Plan
-from ..engine.primary_visibility import AUTO, METHODS, compiled_for, primary_visibility
+from ..engine.primary_visibility import AUTO, METHODS, precompiled_method, primary_visibility
 from ..engine.scene import AnyScene
 from ..engine.scene_loading import SceneLike, scene_of
 from ..errors import InputError
@@ -196,7 +196,7 @@ class Renderer:
 
     def _precompile(self, request: Request) -> None:
         """Compile all kernels that the frame calls."""
-        gbuffer, showing, options = compiled_for(self.source.gbuffer), self.accelerator.showing, request.options
+        gbuffer, showing, options = precompiled_method(self.source.gbuffer), self.accelerator.showing, request.options
         precompile_plan(self.plan, gbuffer, options.counters)
         self.source.warm_up()
         if request.smooth or request.smooth_skies or request.finer is not None:
@@ -227,7 +227,7 @@ def _check_view(scene: AnyScene, camera: Any, lights: Any) -> tuple[Camera, list
     """Check the camera and the lights, and their order."""
     if isinstance(lights, Camera) or (isinstance(camera, (Light, list, tuple)) and not isinstance(camera, Camera)):
         raise InputError("camera and lights are in the wrong order; write render(scene, camera, lights)")
-    return instance(camera, Camera, "camera"), check_lights(lights, scene.up)
+    return checked_instance(camera, Camera, "camera"), check_lights(lights, scene.up)
 
 
 @_render_function(RenderKeywords)

@@ -7,7 +7,7 @@ bands. docs/design/shards.md compares this with bands of finished pixels.
 import numpy as np
 
 from ..engine.engine import Engine
-from ..query.gbuffer import seen_by
+from ..query.gbuffer import picture_surfaces
 from ..query.pixel_refinement import blocks_of, edges, picture_of
 from ..query.receivers import NOTHING
 from ..query.shadow_query import Surfaces
@@ -29,7 +29,7 @@ def band_array_names(request: Request) -> list[str]:
     return [f"{kind} {i}" for kind in kinds for i in lights] + ([] if request.passes is None else ["indirect"])
 
 
-def joined_bits(arrays: dict[str, np.ndarray]) -> TracedBits:
+def bits_of_bands(arrays: dict[str, np.ndarray]) -> TracedBits:
     """The bits of a picture; `arrays`: those of its bands, each concatenated."""
 
     def named(kind: str) -> list[np.ndarray]:
@@ -83,7 +83,7 @@ class RowBands:
         """Trace refined penumbrae: the bits of their finer samples."""
         state, arrays = self._state, {}
         assert state.request.finer is not None
-        visible = seen_by(surfaces.gbuffer, state.tracer.view)
+        visible = picture_surfaces(surfaces.gbuffer, state.tracer.view)
         for i, (query, bits, samples) in enumerate(zip(*traced, state.request.finer.penumbra)):
             finer = finer_query(visible, query, bits, samples, state.threads)
             sides = np.full_like(finer.sides, NOTHING)
@@ -121,12 +121,14 @@ class RowBands:
         band_rows = slice(rows.start + inner.start, rows.start + inner.stop)
         if self._surfaces is None:
             edge = np.zeros(shape, np.bool_)
-            visible = seen_by(surfaces.gbuffer, state.tracer.view)
+            visible = picture_surfaces(surfaces.gbuffer, state.tracer.view)
             edge[band_rows] = edges(visible, edge_colours(state), state.threads)[inner]
             count = np.count_nonzero(edge)
             return state.tracer.subpixels(edge) if count else surfaces, range(count)
         if self._edges is None:
-            edge = edges(seen_by(self._surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads)
+            edge = edges(
+                picture_surfaces(self._surfaces.gbuffer, state.tracer.view), edge_colours(state), state.threads
+            )
             self._edges = edge, state.tracer.subpixels(edge)
         edge, pixels = self._edges
         before = np.count_nonzero(edge[: band_rows.start])

@@ -18,7 +18,7 @@ from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadingNormals, ShadowQuery
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import LightList
-from ..scene.lights import Light, is_bounced
+from ..scene.lights import Light, is_indirect
 from ..scene.sky import Sky
 from .discontinuity_filter import smooth_irradiance
 from .irradiance import irradiance, list_irradiance
@@ -158,7 +158,7 @@ def ambient_light(gbuffer: GBuffer, lights: Sequence[Light], arrived: Sequence[n
     """
     open_skies = [light for light in lights if light.domain == "hemisphere"]
     skies: NDArray[np.float32] = _tints(open_skies).prod(0)
-    if any(is_bounced(light) for light in lights):
+    if any(is_indirect(light) for light in lights):
         return np.zeros(3, np.float32)
     shape, shining = gbuffer.face.shape, _shining(lights)
     total = _stack([arrived[k] for k in shining], shape).sum(axis=(1, 2), dtype=np.float64)

@@ -9,18 +9,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..query.gbuffer import GBuffer, PictureSurfaces, seen_by
+from ..query.gbuffer import GBuffer, PictureSurfaces, picture_surfaces
 from ..query.pixel_refinement import block_means, subpixel_rays
 from ..query.query_bounds import place, reach_of
 from ..query.ray_passes import GroundHits, ground_hits, plane_below, rays_through
 from ..query.receivers import NOTHING
 from ..query.shadow_query import ShadowQuery, Surfaces, below_horizon
 from ..scene.light_lists import LightList
-from ..scene.lights import DIRECTIONAL, Light, is_bounced
+from ..scene.lights import DIRECTIONAL, Light, is_indirect
 from ..techniques.culling.culling_grid import targets_of
 from .discontinuity_filter import smooth_irradiance
 from .frame import FrameState, Ground, TracedLights, smooths_light, trace_queries, trace_query
-from .irradiance import facing_of
+from .irradiance import pixel_normals
 from .light_visibility import finer_query, irradiance_shares, light_fractions, refine_fractions
 from .shading import arriving_irradiance, shade
 
@@ -45,7 +45,7 @@ class ShadowCatcher:
         self._state, self._ambient, self._up, self._height = state, ambient, up, height
         self._box = state.tracer.box()
         self._plane = plane_below(self._box, up, height - origin["xyz".index(up)])
-        self._chosen = [k for k, light in enumerate(state.request.lights) if not is_bounced(light)]
+        self._chosen = [k for k, light in enumerate(state.request.lights) if not is_indirect(light)]
         self._lights = [state.request.lights[k] for k in self._chosen]
 
     def ground(self, surfaces: Surfaces) -> Ground:
@@ -62,7 +62,7 @@ class ShadowCatcher:
         state.tracer.prepare_again([*queries, *finest], state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        visible, facing = seen_by(gbuffer, state.tracer.view), facing_of(gbuffer, None)
+        visible, facing = picture_surfaces(gbuffer, state.tracer.view), pixel_normals(gbuffer, None)
         fractions = [light_fractions(visible, facing, q, b, request.smooth, state.threads) for q, b in zip(*traced)]
         state.clock.lap("filter")
         for i, (query, bits, samples) in enumerate(zip(*traced, finer)):
@@ -91,7 +91,7 @@ class ShadowCatcher:
         state.tracer.prepare_again(queries, state.clock.lap)
         traced = trace_queries(state, queries)
         state.clock.lap("trace")
-        facing = facing_of(hits.gbuffer, None)
+        facing = pixel_normals(hits.gbuffer, None)
         shares = [irradiance_shares(facing, query, bits, state.threads) for query, bits in zip(*traced)]
         lit, unshadowed = (block_means(part, count) for part in self._irradiances(hits.gbuffer, traced, shares, None))
         strength = block_means(hits.kept, count) / np.maximum(
@@ -191,7 +191,7 @@ class ShadowCatcher:
         if light.domain in ("list", "hemisphere") or lowest > (0.0 if relative else self._plane.height):
             return np.ones(query.sides.shape, np.float32)
         below = below_horizon(query, self._state.threads)
-        return irradiance_shares(facing_of(gbuffer, None), query, below, self._state.threads)
+        return irradiance_shares(pixel_normals(gbuffer, None), query, below, self._state.threads)
 
 
 def _ratio(lit: np.ndarray, unshadowed: np.ndarray) -> np.ndarray:

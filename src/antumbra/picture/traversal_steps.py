@@ -222,9 +222,9 @@ def _count_plan_in_store(accelerator: Accelerator, picture: PictureQueries) -> _
 
     `_CountedTrace.ids` are the scene indices of the triangles in the chunks that rays may enter.
     """
-    from ..engine.paged_source import tree_for
+    from ..engine.paged_source import explained_tree
 
-    bvh, ids = tree_for(picture.source, picture.queries)
+    bvh, ids = explained_tree(picture.source, picture.queries)
     accelerated = picture.source.accelerated
     bits, tests = zip(*(trace_windows(accelerator, accelerated, query) for query in picture.queries))
     faces = picture.queries[0].ids

@@ -183,7 +183,7 @@ class PictureSurfaces(NamedTuple):
     pixel: np.float32  # width of a pixel at depth 1
 
 
-def seen_by(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> PictureSurfaces:
+def picture_surfaces(gbuffer: GBuffer, rays: CameraRays | ExplicitRays) -> PictureSurfaces:
     """The surfaces of a G-buffer computed with these rays."""
     depth = gbuffer.depth
     pixel: float

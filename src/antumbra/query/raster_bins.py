@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.exact.filters import widest
+from ..kernels.exact.filters import max_magnitude
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import CHUNK, items, new_ticket, run, shares
 from ..kernels.simd import (
@@ -132,7 +132,7 @@ def careful_box(view, padding, corners, i):
     va, vb, vc = corner_from(corners, i, 0, eye), corner_from(corners, i, 1, eye), corner_from(corners, i, 2, eye)
     a, b, c = pixel_vector(view, va), pixel_vector(view, vb), pixel_vector(view, vc)
     z, x, y = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
-    r = (widest(va), widest(vb), widest(vc))
+    r = (max_magnitude(va), max_magnitude(vb), max_magnitude(vc))
     front, behind = _NEAR64 * view.norm_z, -_APART * view.norm_z
     if z[0] >= front * r[0] and z[1] >= front * r[1] and z[2] >= front * r[2]:
         x0, x1, x2 = x[0] / z[0], x[1] / z[1], x[2] / z[2]

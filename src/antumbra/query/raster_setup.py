@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..kernels.exact.filters import hit_t, plane, widest
+from ..kernels.exact.filters import hit_t, max_magnitude, plane
 from ..kernels.jit import inlined, kernel
 from ..kernels.simd import get
 from ..scene.camera import CameraRays
@@ -205,7 +205,7 @@ def edge_functions(view, corners, i, x0, y0, x_reach, y_reach):
     v0 = corner_from(corners, i, 0, (0.0, 0.0, 0.0))
     a = (v0[0] - view.eye_x, v0[1] - view.eye_y, v0[2] - view.eye_z)
     p, q = corner_from(corners, i, 1, v0), corner_from(corners, i, 2, v0)
-    r, longest_p, longest_q = widest(a), widest(p), widest(q)
+    r, longest_p, longest_q = max_magnitude(a), max_magnitude(p), max_magnitude(q)
     s = longest_p if longest_p > longest_q else longest_q
     fx, fy, w, h = np.float64(x0), np.float64(y0), np.float64(x_reach), np.float64(y_reach)
     ha = _relative(pixel_vector(view, a), fx, fy)
@@ -259,7 +259,7 @@ def eye_plane(corners, i, o):
     f = np.float64
     a, n, error = plane(corners, i, f(o[0]), f(o[1]), f(o[2]))
     volume = a[0] * n[0] + a[1] * n[1] + a[2] * n[2]
-    accurate = error * widest(a) + _FLOOR <= _ACCURACY * abs(volume)
+    accurate = error * max_magnitude(a) + _FLOOR <= _ACCURACY * abs(volume)
     return EyePlane(np.int64(i), n[0], n[1], n[2], volume, error / _ACCURACY if accurate else np.inf)
 
 

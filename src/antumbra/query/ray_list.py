@@ -281,7 +281,7 @@ class RayArrays(NamedTuple):
         _require(~np.isnan(self.tmax).any(1), "tmax is NaN (ray {})")
 
 
-def changed() -> InputError:
+def changed_error() -> InputError:
     """The error for rays whose validity differs between tracing and the check afterwards."""
     return InputError("the ray arrays changed during tracing; pass copies of arrays that other threads write")
 

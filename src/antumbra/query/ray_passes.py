@@ -16,7 +16,7 @@ from ..kernels.jit import kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..scene.camera import CameraRays, ExplicitRays
 from ..scene.light_lists import N_SETS
-from ..scene.lights import MAX_SPP, Light, is_bounced
+from ..scene.lights import MAX_SPP, Light, is_indirect
 from .gbuffer import GBuffer, pixel_direction
 from .light_samples import domain_sets, hemisphere, light_samples, sample_point
 from .receivers import NOTHING, SHIFT
@@ -72,7 +72,7 @@ def diffuse_passes(lights: Sequence[Light], n: int, sampler: str) -> Passes:
         name = type(light).__name__
         if light.domain == "hemisphere":
             raise InputError(f"{name} dims the ambient light that bounce replaces; leave one of them out")
-        if is_bounced(light):
+        if is_indirect(light):
             raise InputError(f"{name} with indirect=True and bounce both add bounced light; leave one of them out")
     # Eq. (1) of docs/design/sampling.md: pixel (x, y) uses the set of row y mod 4 and column x mod 4
     directions = domain_sets(n, sampler, "hemisphere").transpose(1, 0, 2).reshape(n, 4, 4, 3)

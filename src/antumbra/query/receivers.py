@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array, unit_vectors
 from ..errors import InputError
-from ..kernels.exact.filters import plane, side_of, widest
+from ..kernels.exact.filters import max_magnitude, plane, side_of
 from ..kernels.jit import inlined, kernel
 from ..kernels.parallel import new_ticket, run, shares, thread_count
 from ..kernels.simd import get, ptr, put
@@ -59,7 +59,7 @@ def _offset_point(p, n, side, known, corners, face):
     known : the `_Face` of `face`
     """
     f = np.float32
-    widest_point, widest_corner = widest(p), known.size
+    widest_point, widest_corner = max_magnitude(p), known.size
     shift = SHIFT * (
         widest_point if widest_point > widest_corner else widest_corner
     )  # Eq. (1) of docs/design/receivers.md

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.exact.filters import plane, widest
+from ..kernels.exact.filters import max_magnitude, plane
 from ..kernels.exact.predicate import exact_plane_side
 from ..kernels.jit import F32Ptr, F64Ptr, I8Ptr, I32Ptr, inlined, kernel
 from ..kernels.parallel import items, new_ticket, run, thread_count
@@ -171,7 +171,7 @@ def is_above(horizon, lx, ly, lz, corners):
         return True
     a = (np.float64(lx) - horizon.px, np.float64(ly) - horizon.py, np.float64(lz) - horizon.pz)
     height = a[0] * horizon.nx + a[1] * horizon.ny + a[2] * horizon.nz
-    if abs(height) <= horizon.error * widest(a):
+    if abs(height) <= horizon.error * max_magnitude(a):
         if horizon.face < 0:
             return False
         return exact_plane_side(np.float64(lx), np.float64(ly), np.float64(lz), corners, horizon.face) == horizon.side
@@ -275,7 +275,7 @@ def surfaces_of(gbuffer: GBuffer, triangles: Triangles) -> Surfaces:
     return Surfaces(gbuffer, triangles, gbuffer.face)
 
 
-def stacked(bands: Sequence[Surfaces]) -> Surfaces:
+def join_bands(bands: Sequence[Surfaces]) -> Surfaces:
     """The surfaces of a picture's consecutive bands, from top to bottom. Each triangle is stored once."""
     meshes = [band.triangles for band in bands if (band.ids >= 0).any()] or [bands[0].triangles]
     ids, first = np.unique(np.concatenate([triangles.face_id for triangles in meshes]), return_index=True)

@@ -73,7 +73,7 @@ def find_cutouts(appearance: Appearance) -> Cutouts | None:
                     masks.append(_mask_of(*key))
                 mask[rows] = numbers[key]
     uv = np.zeros((len(mask), 3, 2), np.float32) if appearance.uv is None else appearance.uv
-    return with_masks(uv, mask, masks)
+    return cutouts_of(uv, mask, masks)
 
 
 def _least_byte(appearance: Appearance, material: Material, faces: np.ndarray) -> NDArray[np.int_]:
@@ -100,7 +100,7 @@ def _mask_of(texture: Texture | None, least: int) -> AlphaMask:
     return AlphaMask(alpha >= least, (texture.wrap_s, texture.wrap_t))
 
 
-def with_masks(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> Cutouts | None:
+def cutouts_of(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence[AlphaMask]) -> Cutouts | None:
     """The `Cutouts` of faces with given masks; None if no face has holes.
 
     uv : (n, 3, 2) float32, texture coordinates of the corners of all faces
@@ -109,7 +109,7 @@ def with_masks(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
     kinds = np.full(len(mask), SOLID, np.int8)
     for k, each in enumerate(masks):
         faces = np.flatnonzero(mask == k)
-        kinds[faces] = _kinds(finite(uv[faces]), each)
+        kinds[faces] = _kinds(finite_uv(uv[faces]), each)
     if not kinds.any():
         return None
     cut = np.flatnonzero(kinds == CUT).astype(np.int32)
@@ -117,10 +117,10 @@ def with_masks(uv: NDArray[np.float32], mask: NDArray[np.int32], masks: Sequence
     first = np.cumsum([0, *(len(row) for row in rows)])[:-1]
     shapes = np.array([(*each.solid.shape[::-1], *each.wrap) for each in masks], np.int32)
     solid = np.flatnonzero(kinds == SOLID).astype(np.int32)
-    return Cutouts(solid, cut, finite(uv[cut]), mask[cut].astype(np.int32), shapes, first, np.concatenate(rows))
+    return Cutouts(solid, cut, finite_uv(uv[cut]), mask[cut].astype(np.int32), shapes, first, np.concatenate(rows))
 
 
-def finite(uv: np.ndarray) -> NDArray[np.float32]:
+def finite_uv(uv: np.ndarray) -> NDArray[np.float32]:
     """Texture coordinates with NaN and infinity replaced, float32."""
     out: NDArray[np.float32] = np.clip(np.nan_to_num(uv, nan=0.0), -_FAR, _FAR).astype(np.float32)
     return out

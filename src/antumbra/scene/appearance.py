@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .materials import Look, Material, Texture
+from .materials import Material, MeshAppearance, Texture
 from .mesh import Source
 from .scene_bounds import faces_of
 
@@ -41,7 +41,7 @@ class Appearance:
 class _MeshFaces(NamedTuple):
     """The faces of all copies of a mesh."""
 
-    look: Look
+    look: MeshAppearance
     faces: np.ndarray  # (f, 3) int
     first: int  # index of its first face in the scene
     copies: int

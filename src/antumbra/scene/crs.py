@@ -28,7 +28,7 @@ def checked_crs(crs: object) -> str:
     return crs if isinstance(crs, str) else parsed.to_string()
 
 
-def check_plan(name: str, crs: str | None, scene: str | None) -> None:
+def check_horizontal_crs(name: str, crs: str | None, scene: str | None) -> None:
     """Raise InputError if the horizontal CRS of a file differs from the scene's.
 
     name : the file, for the message

@@ -23,14 +23,14 @@ class Room(NamedTuple):
     open: bool  # whether much of the sky is visible from the middle
     height: float  # from the middle up to the ceiling; 0.0 without one
     points: NDArray[np.float64] | None = None  # (k, 3) float64, world: framed content of a closed box; None: its walls
-    planes: NDArray[np.float64] | None = None  # (m, 4) float64, world: faces of the closed box, see `way_out`
+    planes: NDArray[np.float64] | None = None  # (m, 4) float64, world: faces of the closed box, see `exit_distance`
 
     def way(self, start: np.ndarray, along: np.ndarray) -> float:
         """Ray parameter at which the ray start + t along leaves the closed box; inf without a box."""
-        return np.inf if self.planes is None else way_out(self.planes, start, along)
+        return np.inf if self.planes is None else exit_distance(self.planes, start, along)
 
 
-def way_out(planes: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
+def exit_distance(planes: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
     """Ray parameter at which start + t along leaves the convex set n . x + d <= 0; planes: (m, 4) rows (n, d)."""
     distance, rate = -(planes[:, :3] @ start + planes[:, 3]), planes[:, :3] @ along
     return float((distance[rate > 0.0] / rate[rate > 0.0]).min())
@@ -94,12 +94,12 @@ class DefaultView(NamedTuple):
         return [SphereLight(middle, _LAMP_RADIUS * height, intensity=np.pi * distance**2), Sky(up=self.up)]
 
 
-def view_of_box(bounds: np.ndarray, up: str) -> DefaultView:
+def view_of_bounds(bounds: np.ndarray, up: str) -> DefaultView:
     """The default view of a scene from its bounds alone."""
     return DefaultView(corners_of(bounds), up, None)
 
 
-def skies_with(lights: list[Light], up: str) -> list[Light]:
+def missing_skies(lights: list[Light], up: str) -> list[Light]:
     """The skies to add to a scene's own lights: one that matches the brightest sun, if there is a sun but no sky."""
     suns = [light for light in lights if isinstance(light, DirectionalLight)]
     if not suns or any(isinstance(light, Sky) for light in lights):

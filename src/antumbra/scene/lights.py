@@ -331,7 +331,7 @@ def is_list(patch: LightPatch) -> bool:
     return patch.kind == LIST or (patch.kind == DIRECTIONAL and bool(patch.w.any()))
 
 
-def is_bounced(light: Light) -> bool:
+def is_indirect(light: Light) -> bool:
     """Whether a light represents bounced light."""
     return bool(getattr(light, "indirect", False))
 

@@ -237,7 +237,7 @@ class Material(NamedTuple):
 PLAIN = Material()
 
 
-class Look(NamedTuple):
+class MeshAppearance(NamedTuple):
     """The appearance of a mesh beyond one colour per face. Rows are vertices; faces index them as they do positions."""
 
     materials: tuple[Material, ...]
@@ -255,14 +255,14 @@ def look_of(
     colours: NDArray[Any] | None = None,
     normals: ArrayLike | None = None,
     rest_positions: NDArray[Any] | None = None,
-) -> Look | None:
+) -> MeshAppearance | None:
     """The look of a mesh; None if one colour per face suffices."""
     uv = None if uv is None or material.texture is None else np.nan_to_num(np.asarray(uv, np.float32))
     if uv is None and colours is None and normals is None and material.alpha_mode == OPAQUE:
         return None
     colours = None if colours is None else rgba_rows(colours)
     normals = None if normals is None else np.nan_to_num(np.asarray(normals, np.float32))
-    return Look((material,), uv, colours, normals, None if normals is None else rest_positions)
+    return MeshAppearance((material,), uv, colours, normals, None if normals is None else rest_positions)
 
 
 def rgba_rows(colours: NDArray[Any]) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..checks import as_array
 from ..errors import InputError
-from .materials import BYTE_TO_LINEAR, PLAIN, Look, Material, Texture, look_of, mean_colours
+from .materials import BYTE_TO_LINEAR, PLAIN, Material, MeshAppearance, Texture, look_of, mean_colours
 
 # --- Indexed triangles and their checks -------------------------------------------------------------------------------
 
@@ -27,7 +27,7 @@ class Mesh(NamedTuple):
     positions: np.ndarray  # (v, 3) float32 or float64; faces reference every one
     faces: NDArray[np.int32] | None  # (f, 3) int32; None: every three positions are a face
     colour: NDArray[np.float32]  # (3,) or (f, 3) float32, linear, in [0, 1]: mean colours
-    look: Look | None = None  # textures, vertex colours, normals; None: the mean colours suffice
+    look: MeshAppearance | None = None  # textures, vertex colours, normals; None: the mean colours suffice
 
 
 class MeshInfo(NamedTuple):
@@ -144,7 +144,7 @@ class Piece(NamedTuple):
     share: float = 0.0
     first: int = 0  # copy i is the object `first + i` of the source
     owners: NDArray[np.int32] | None = None  # (f,) int32: the object of each face if the piece has several; then k = 1
-    look: Look | None = None  # of the mesh
+    look: MeshAppearance | None = None  # of the mesh
     linear: NDArray[np.float64] | None = None  # (k, 3, 3) float64: object-to-world, for the look's normals; None: 1
 
 

@@ -156,7 +156,7 @@ def moving_faces(source: Source, n_triangles: int) -> NDArray[np.float64]:
     return np.concatenate([sampled_faces(source, n_triangles * moments, t) for t, _ in zip(times, range(moments))])
 
 
-def detail(faces: np.ndarray) -> NDArray[np.float64]:
+def detail_box(faces: np.ndarray) -> NDArray[np.float64]:
     """(2, 3) float64: a box around nearly all triangles of a sample.
 
     Triangles are counted, not weighted by area, so a wide ground plane of few triangles or an isolated distant part
@@ -176,7 +176,7 @@ def detail(faces: np.ndarray) -> NDArray[np.float64]:
     )
 
 
-def within(faces: np.ndarray, box: np.ndarray) -> NDArray[np.float64]:
+def corners_within(faces: np.ndarray, box: np.ndarray) -> NDArray[np.float64]:
     """(k, 3) float64: the sample's corners inside a box; the corners of the box itself if there are none."""
     corners = faces.reshape(-1, 3)
     inside = corners[((corners >= box[0]) & (corners <= box[1])).all(1)]

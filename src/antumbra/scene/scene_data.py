@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import as_array, choice, instance, items, number, quoted, text, whole_number
+from ..checks import as_array, checked_instance, choice, items, number, quoted, text, whole_number
 from ..errors import InputError, one_line
 from .alpha_masks import Cutouts, find_cutouts
 from .appearance import Appearance, appearance_of
@@ -198,7 +198,7 @@ class MemoryData(SceneData):
     ):
         if not all(hasattr(source, part) for part in ("pieces", "cameras", "lights")):
             raise InputError(f"source is {quoted(source)}; make a Scene by load, Scene.from_arrays or Scene.from_mesh")
-        self.city = None if city is None else instance(city, CityModel, "city")
+        self.city = None if city is None else checked_instance(city, CityModel, "city")
         self.name, self.up = one_line(text(name, "name")), check_up_axis(up)
         self.notes = tuple(one_line(note) for note in items(notes, str, "notes"))
         self.crs = None if crs is None else text(crs, "crs")

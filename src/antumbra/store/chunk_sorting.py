@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bvh import binned_sah
-from ..bvh.lbvh import cut_top
+from ..bvh.lbvh import split_top
 from ..bvh.morton_sort import Grid, radix_sort, write_codes
 from ..bvh.triangle_bounds import TRIANGLES_PER_SHARE
 from ..kernels.parallel import new_ticket, run
@@ -179,7 +179,7 @@ def cut_chunks(codes: np.ndarray, max_triangles: int) -> list[tuple[int, int]]:
     half-open range of indices of codes.
     """
     chunks: list[tuple[int, int]] = []
-    for first, last in cut_top(codes, np.int64(0), max_triangles)[1].tolist():
+    for first, last in split_top(codes, np.int64(0), max_triangles)[1].tolist():
         if (
             chunks
             and last - chunks[-1][0] <= max_triangles

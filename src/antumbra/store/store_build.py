@@ -19,7 +19,7 @@ from ..scene.scene_data import MemoryData, SceneData
 from .chunk_sorting import SortSettings, chunks_of, grid_over, sorted_groups
 from .staging_files import MAX_FACES, StagingFile, gather_triangles
 from .store_file import StoreData, StoreWriter, top_tree
-from .store_format import Meta
+from .store_format import StoreMeta
 from .system_resources import check_disk_space
 
 MIN_MEMORY = 384 << 20
@@ -44,7 +44,7 @@ class BuildReport(NamedTuple):
 
 
 class _Description(TypedDict):
-    """The fields of `Meta` that the scenes supply."""
+    """The fields of `StoreMeta` that the scenes supply."""
 
     name: str
     up: str
@@ -54,7 +54,7 @@ class _Description(TypedDict):
     notes: tuple[str, ...]
 
 
-def build_compiled(
+def write_store(
     scenes: Iterable[SceneData | StreamedCity],
     path: Path,
     max_memory: int = MIN_MEMORY,
@@ -169,7 +169,7 @@ class _Build:
         )
         box = np.stack([lower, upper])
         built = {"chunk": self.chunk, "builder": "bsah", "top": "bsah, reinsert"}
-        meta = Meta(n_triangles=n, bounds=bounds, origin=origin, box=box, built=built, **description)
+        meta = StoreMeta(n_triangles=n, bounds=bounds, origin=origin, box=box, built=built, **description)
         size = writer.finish(top, meta)
         self._end_phase("finish")
         self.seconds["total"] = perf_counter() - self._start

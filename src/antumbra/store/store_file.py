@@ -40,7 +40,7 @@ from .store_format import (
     VERSION,
     Chunk,
     Chunks,
-    Meta,
+    StoreMeta,
     chunk_places,
     chunk_views,
     meta_from_json,
@@ -78,12 +78,12 @@ def top_tree(boxes: np.ndarray, threads: int) -> TopTree:
 class Directory(NamedTuple):
     """The contents of the directory."""
 
-    meta: Meta  # the scene without its triangles
+    meta: StoreMeta  # the scene without its triangles
     chunks: Chunks  # the table of all chunks
     top: TopTree  # the tree over the chunks
 
 
-def encode_directory(table: np.ndarray, top: TopTree, meta: Meta) -> bytes:
+def encode_directory(table: np.ndarray, top: TopTree, meta: StoreMeta) -> bytes:
     """The bytes of a directory, padded with zeros to whole pages; `table` is (k,) TABLE."""
     meta_json = meta_to_json(meta)
     data = COUNTS.pack(len(table), len(top.nodes), len(meta_json)) + table.tobytes() + top.nodes.tobytes() + meta_json
@@ -149,7 +149,7 @@ class StoreWriter:
         """(k,) TABLE: the directory rows of the chunks written so far."""
         return np.stack(self._rows)
 
-    def finish(self, top: TopTree, meta: Meta) -> int:
+    def finish(self, top: TopTree, meta: StoreMeta) -> int:
         """Write the directory, then the header, which marks the store as complete. Return the size of the file."""
         directory = encode_directory(self.table, top, meta)
         self._stream.write(directory)

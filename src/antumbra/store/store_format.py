@@ -126,7 +126,7 @@ def chunk_views(data: NDArray[np.uint8], triangles: int, nodes: int, colours: in
 _CAMERA = ("position", "target", "up", "vfov", "width", "height", "projection", "extent")
 
 
-class Meta(NamedTuple):
+class StoreMeta(NamedTuple):
     """The scene of a store, without its triangles."""
 
     name: str  # name of the scene
@@ -142,7 +142,7 @@ class Meta(NamedTuple):
     crs: str | None = None  # of the world coordinates
 
 
-def meta_to_json(meta: Meta) -> bytes:
+def meta_to_json(meta: StoreMeta) -> bytes:
     """The metadata as JSON."""
     record = meta._asdict()
     if meta.crs is None:
@@ -153,7 +153,7 @@ def meta_to_json(meta: Meta) -> bytes:
     return json.dumps(record).encode()
 
 
-def meta_from_json(data: bytes) -> Meta:
+def meta_from_json(data: bytes) -> StoreMeta:
     """The metadata from JSON that `meta_to_json` wrote."""
     record = json.loads(data)
     record["bounds"], record["origin"] = np.array(record["bounds"]), np.array(record["origin"])
@@ -161,7 +161,7 @@ def meta_from_json(data: bytes) -> Meta:
     record["cameras"] = [Camera(**values) for values in record["cameras"]]
     record["lights"] = [_light(values) for values in record["lights"]]
     record["notes"] = tuple(record["notes"])
-    return Meta(**record)
+    return StoreMeta(**record)
 
 
 def _plain(value: object) -> object:

@@ -43,7 +43,7 @@ def check_disk_space(folder: Path, file: str, triangles: int, written: int = 0) 
 # --- Memory of this process -------------------------------------------------------------------------------------------
 
 
-def peak_resident() -> int | None:
+def peak_resident_memory() -> int | None:
     """Peak resident memory of this process in bytes, mapped files included; None if unknown."""
     try:
         import resource
@@ -59,7 +59,7 @@ def resident_memory() -> int:
         with open("/proc/self/statm") as stream:
             return int(stream.read().split()[1]) * mmap.PAGESIZE
     except OSError:
-        return peak_resident() or 0
+        return peak_resident_memory() or 0
 
 
 def release_freed() -> None:

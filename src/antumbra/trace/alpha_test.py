@@ -20,7 +20,7 @@ from ..kernels.exact.predicate import ray_along, segment
 from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, U8Ptr, inlined, kernel, overload
 from ..kernels.parallel import items, new_ticket, run, thread_count
 from ..kernels.simd import get, lowest_bit, ptr
-from ..kernels.vec3 import scalars
+from ..kernels.vec3 import get3
 from ..query.ray_list import HitArrays, RayArrays
 from ..query.ray_passes import RayPass
 from ..query.shadow_query import ShadowQuery, new_bits, patch_of, query_pointers, sample_of, set_bit
@@ -131,7 +131,7 @@ def cutout_tree(triangles: Triangles, threads: int | None = None) -> CutoutTree 
 
 @inlined
 def _ray_to(query, patch, i, s):
-    o, (lx, ly, lz) = scalars(query.origins, 3 * i, 1), sample_of(query, patch, i, s)
+    o, (lx, ly, lz) = get3(query.origins, 3 * i, 1), sample_of(query, patch, i, s)
     return segment(o.x, o.y, o.z, lx, ly, lz)
 
 
@@ -234,7 +234,7 @@ def add_nearest(tree: CutoutTree, rays: CutoutRays, out: HitArrays, threads: int
     run(_nearest, thread_count(threads), ticket, tree.bvh, tree.texels, rays, out)
 
 
-def show_cutouts(
+def replace_by_cutouts(
     tree: CutoutTree | None,
     rays: RayPass,
     face: NDArray[np.int32],
@@ -272,7 +272,7 @@ def _find_blocking(ticket, bvh, texels, origins, ends, rays, slots, stops):
         stops[k] = not is_hole(holes, segment(o[0], o[1], o[2], e[0], e[1], e[2]), tree.corners, np.int64(slots[k]))
 
 
-def all_stops(
+def all_cutout_hits(
     tree: CutoutTree,
     origins: NDArray[np.float32],
     ends: NDArray[np.float32],

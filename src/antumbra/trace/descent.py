@@ -321,7 +321,7 @@ def not_started():
 
 
 @inlined
-def left(at):
+def after_leaf(at):
     """The state of a traversal after a leaf."""
     return Traversal(at.link, at.place, np.int64(0), at.height)
 
@@ -336,7 +336,7 @@ def save(memory, at):
 
 
 @inlined
-def saved(memory, alive):
+def load_saved(memory, alive):
     """The saved state of a traversal, without the lanes that are no longer alive."""
     return Traversal(
         np.int64(get(memory, 0)), np.int64(get(memory, 1)), np.int64(get(memory, 2)) & alive, np.int64(get(memory, 3))
@@ -344,7 +344,7 @@ def saved(memory, alive):
 
 
 @inlined
-def popped(links, at, stack, alive):
+def pop_node(links, at, stack, alive):
     """If `at` has no lanes left, pop the stack until an entry has a lane in `alive`."""
     link, place, mask, height = at.link, at.place, at.mask, at.height
     while mask == 0 and height > 0:
@@ -357,11 +357,11 @@ def popped(links, at, stack, alive):
 @inlined
 def entered(links, at, left_lanes, right_lanes, stack):
     """Go to the left child and push the right one; `left_lanes`, `right_lanes`: bits of the lanes that meet them."""
-    return entered_first(links, at, link_at(at.link, 0), left_lanes, right_lanes, stack)
+    return enter_first(links, at, link_at(at.link, 0), left_lanes, right_lanes, stack)
 
 
 @inlined
-def entered_first(links, at, first, one, other, stack):
+def enter_first(links, at, first, one, other, stack):
     """Go to the child at the place `first` and push its sibling; one, other: bits of the lanes that meet them."""
     height = at.height
     if one != 0 and other != 0:
@@ -375,20 +375,20 @@ def entered_first(links, at, first, one, other, stack):
 @inlined
 def next_leaf(tree, slabs, at, stack, alive, counters):
     """Traverse from `at` to the next leaf that a lane in `alive` meets."""
-    at = popped(tree.links, at, stack, alive)
+    at = pop_node(tree.links, at, stack, alive)
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
         for child in range(2):  # before the test; links of leaves are harmless prefetch addresses
             prefetch(tree.nodes, line_at(np.int64(get(tree.links, link_at(at.link, child)))))
         left_lanes, right_lanes = children(tree.nodes, at.link, slabs)
-        at = popped(
+        at = pop_node(
             tree.links, entered(tree.links, at, left_lanes & at.mask, right_lanes & at.mask, stack), stack, alive
         )
     return at
 
 
-class Near(NamedTuple):
+class NearestTraversal(NamedTuple):
     """The state of a closest-hit traversal. The lanes in `mask` are about to visit `link`; mask 0: already visited."""
 
     link: int
@@ -396,7 +396,7 @@ class Near(NamedTuple):
     height: int  # links on the stack
 
 
-class Waiting(NamedTuple):
+class NearestStack(NamedTuple):
     """Pointers to the stack of a closest-hit traversal."""
 
     links: I32Ptr  # int32, WAITING_INTS: link and mask, alternating
@@ -412,13 +412,13 @@ def _popped_near(at, waiting, far):
         entries = load16(waiting.entries, 16 * height)
         link, mask = np.int64(get(waiting.links, 2 * height)), np.int64(get(waiting.links, 2 * height + 1))
         mask &= bits(entries <= far)
-    return Near(link, mask, height)
+    return NearestTraversal(link, mask, height)
 
 
 @inlined
-def visited(at):
+def after_visit(at):
     """The state of a closest-hit traversal after a link."""
-    return Near(at.link, np.int64(0), at.height)
+    return NearestTraversal(at.link, np.int64(0), at.height)
 
 
 @inlined
@@ -431,22 +431,22 @@ def _nearer_child(tree, slabs, at, waiting, far, counters):
     left_lanes &= at.mask
     right_lanes &= at.mask
     if left_lanes | right_lanes == 0:
-        return visited(at)
+        return after_visit(at)
     first = np.int64(get(tree.links, link_at(at.link, 0)))
     second = np.int64(get(tree.links, link_at(at.link, 1)))
     if left_lanes != 0:
         fetch(tree, first)
     if right_lanes == 0:
-        return Near(first, left_lanes, at.height)
+        return NearestTraversal(first, left_lanes, at.height)
     fetch(tree, second)
     if left_lanes == 0:
-        return Near(second, right_lanes, at.height)
+        return NearestTraversal(second, right_lanes, at.height)
     both = left_lanes & right_lanes
     swap = 2 * popcount(bits(b < a) & both) > popcount(both)
     put(waiting.links, 2 * at.height, first if swap else second)
     put(waiting.links, 2 * at.height + 1, left_lanes if swap else right_lanes)
     store(waiting.entries, 16 * at.height, a if swap else b)
-    return Near(second if swap else first, right_lanes if swap else left_lanes, at.height + 1)
+    return NearestTraversal(second if swap else first, right_lanes if swap else left_lanes, at.height + 1)
 
 
 @inlined
@@ -454,6 +454,6 @@ def next_block(tree, slabs, at, waiting, far, counters):
     """Traverse from `at` to the next block that a lane enters before `far`; mask 0: there is none."""
     at = _popped_near(at, waiting, far)
     while at.mask != 0 and (at.link >= 0 or block_leaf(at.link).count == 0):
-        at = _nearer_child(tree, slabs, at, waiting, far, counters) if at.link >= 0 else visited(at)
+        at = _nearer_child(tree, slabs, at, waiting, far, counters) if at.link >= 0 else after_visit(at)
         at = _popped_near(at, waiting, far)
     return at

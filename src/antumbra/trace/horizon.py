@@ -24,7 +24,7 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec3 import Vec3, scalars
+from ..kernels.vec3 import Vec3, get3
 from ..query.receivers import FREE
 from .counters import BELOW_HORIZON, RAYS, count
 from .light_table import ALL_GROUPS
@@ -58,9 +58,9 @@ def _plane_at(chunk, at, is_free):
     """The `SurfacePlane` of a receiver without a triangle, perpendicular to its normal; zero normal if it is free."""
     n = Vec3(_F(0.0), _F(0.0), _F(0.0))
     if not is_free:
-        x, y, z = scalars(chunk.query.normals, 3 * at, 1)
+        x, y, z = get3(chunk.query.normals, 3 * at, 1)
         n = Vec3(_F(x), _F(y), _F(z))
-    return SurfacePlane(scalars(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
+    return SurfacePlane(get3(chunk.query.origins, 3 * at, 1), n, abs(n.x) + abs(n.y) + abs(n.z))
 
 
 @inlined

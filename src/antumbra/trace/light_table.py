@@ -24,7 +24,7 @@ from ..kernels.simd import (
     reduce_max,
     reduce_min,
 )
-from ..kernels.vec3 import Vec3, keep, middles_and_halves, rows
+from ..kernels.vec3 import Vec3, middles_and_halves, rows, store3
 from ..query.light_samples import patch_at, sample_point
 from ..query.shadow_query import ShadowQuery
 from ..scene.lights import FIXED, LIST
@@ -96,8 +96,8 @@ def bound_strata(by_lane, groups):
         p = rows(by_lane, lane * 48, 16)
         low = Vec3(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
         high = Vec3(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
-    keep(groups, STRATA, ALL_GROUPS, low)
-    keep(groups, 3 * ALL_GROUPS + STRATA, ALL_GROUPS, high)
+    store3(groups, STRATA, ALL_GROUPS, low)
+    store3(groups, 3 * ALL_GROUPS + STRATA, ALL_GROUPS, high)
     for k in range(3):
         _join_groups(ptr_at(groups, k * ALL_GROUPS), ptr_at(groups, (3 + k) * ALL_GROUPS))
 
@@ -111,8 +111,8 @@ def bound_targets(points, targets, count):
         low = Vec3(minimum(low.x, p.x), minimum(low.y, p.y), minimum(low.z, p.z))
         high = Vec3(maximum(high.x, p.x), maximum(high.y, p.y), maximum(high.z, p.z))
     middle, half = middles_and_halves(low, high)
-    keep(targets, 0, 16, middle)
-    keep(targets, 48, 16, half)
+    store3(targets, 0, 16, middle)
+    store3(targets, 48, 16, half)
 
 
 @kernel

@@ -57,16 +57,16 @@ from ..kernels.vec3 import (
     Vec3,
     abs_dot,
     abs_dots,
+    add3,
     broadcasts,
     dot,
-    keep,
+    get3,
     largest,
     magnitudes,
     middles_and_halves,
-    minus,
-    plus,
     rows,
-    scalars,
+    store3,
+    subtract3,
     total,
 )
 from .light_table import ALL_GROUPS, POINTS
@@ -98,8 +98,8 @@ class Axis(NamedTuple):
 def axis_of(shafts, group):
     """The `Axis` of a group."""
     return Axis(
-        scalars(shafts, D + group, N),
-        scalars(shafts, HALF + group, N),
+        get3(shafts, D + group, N),
+        get3(shafts, HALF + group, N),
         get(shafts, TWIST + group),
         get(shafts, SPAN + group),
         get(shafts, LEVER + group),
@@ -120,7 +120,7 @@ def _sideways(d, axis):
 @inlined
 def _bound_plane(shafts, at, w, d, receivers, half, size):
     """Write the plane with normal w and the support of the two boxes."""
-    keep(shafts, at, N, w)
+    store3(shafts, at, N, w)
     support = maximum(abs_dots(w, receivers), dot(w, d) + abs_dot(w, half))
     error = total(w) * _ROUNDING + _TINY
     store(shafts, at + 3 * N, support + absolute(support) * _F(2.0**-18) + error * size + _TINY)
@@ -144,7 +144,7 @@ def ensure_shafts(tile):
 @kernel
 def make_shafts(info, groups, shafts):
     """Write the shafts of a tile to all groups, 16 at a time; `info` as in `tile.Tile`."""
-    c, receivers = scalars(info, 0, 1), scalars(info, 3, 1)
+    c, receivers = get3(info, 0, 1), get3(info, 3, 1)
     x1 = receivers.x + receivers.y + receivers.z
     dx = abs(_F(0.5) * (get(groups, 1) + get(groups, 3 * N + 1)) - c.x)
     dy = abs(_F(0.5) * (get(groups, N + 1) + get(groups, 4 * N + 1)) - c.y)
@@ -157,8 +157,8 @@ def make_shafts(info, groups, shafts):
         d1, y1 = total(d), half.x + half.y + half.z
         twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
         span = d1 + (y1 + x1) * _F(2.0)
-        keep(shafts, D + batch, N, d)
-        keep(shafts, HALF + batch, N, half)
+        store3(shafts, D + batch, N, d)
+        store3(shafts, HALF + batch, N, half)
         store(shafts, TWIST + batch, twist + half.z * (receivers.x + receivers.y))
         store(shafts, SPAN + batch, span)
         store(shafts, LEVER + batch, d1 * x1)
@@ -192,9 +192,9 @@ def widened(d, half):
 def make_beams(tile):
     """Write the beams of a tile whose origins and targets are filled."""
     middle, half = rows(tile.targets, 0, 16), rows(tile.targets, 48, 16)
-    d = minus(middle, rows(tile.origins, 0, 16))
-    keep(tile.beams, _D, 16, d)
-    keep(tile.beams, _H, 16, widened(d, half))
+    d = subtract3(middle, rows(tile.origins, 0, 16))
+    store3(tile.beams, _D, 16, d)
+    store3(tile.beams, _H, 16, widened(d, half))
 
 
 @inlined
@@ -258,7 +258,7 @@ def invalidate_inverses(tile):
 def store_inverses(memory, at, o, l):
     """Write the reciprocals of 16 segments from o to l to three rows of `memory`. Return R."""
     reach = reduce_max(maximum(largest(o), largest(l)))
-    low, d = splat16(reach * _LOW + _SEGMENT_TINY), minus(l, o)
+    low, d = splat16(reach * _LOW + _SEGMENT_TINY), subtract3(l, o)
     store(memory, at, _F(1.0) / select(absolute(d.x) > low + low, d.x, low))
     store(memory, at + 16, _F(1.0) / select(absolute(d.y) > low + low, d.y, low))
     store(memory, at + 32, _F(1.0) / select(absolute(d.z) > low + low, d.z, low))
@@ -316,7 +316,7 @@ def _in_box(m, v, e):
     """Bits of the segments along v that meet a box; m: its centre relative to their origins; e: its half extents."""
     half, tiny = _F(0.5), splat16(_TINY)
     d = Vec3(v.x * half, v.y * half, v.z * half)
-    m = minus(m, d)
+    m = subtract3(m, d)
     n, h = magnitudes(m), magnitudes(d)
     meets = (n.x <= h.x + e.x) & (n.y <= h.y + e.y) & (n.z <= h.z + e.z)
     x = absolute(fma(m.y, d.z, -(m.z * d.y))) <= fma(e.y, h.z, fma(e.z, h.y, tiny))
@@ -337,13 +337,13 @@ def shafts_in_box(o, v, start_half, end_half, c, e):
 
     start_half, end_half : half extents of the shaft at its start and at its end
     """
-    m, size = minus(c, o), magnitudes(v)
+    m, size = subtract3(c, o), magnitudes(v)
     pad = fma(maximum(largest(o), largest(c)) + largest(v), splat16(_PAD), splat16(_TINY))
     start, square = dot(size, start_half), dot(v, v)
     reach, length = dot(m, v) + (dot(size, e) + start), square + (start - dot(size, end_half))
     t = select(length > fma(square, splat16(_F(2.0**-8)), splat16(_SURE)), reach / length, splat16(_ONE))
     t = minimum(fma(maximum(t, splat16(_ZERO)), splat16(_F(1.0 + 2.0**-10)), splat16(_F(2.0**-16))), splat16(_ONE))
-    width = plus(start_half, Vec3(t * end_half.x, t * end_half.y, t * end_half.z))
+    width = add3(start_half, Vec3(t * end_half.x, t * end_half.y, t * end_half.z))
     return _in_box(m, v, Vec3(e.x + width.x + pad, e.y + width.y + pad, e.z + width.z + pad))
 
 

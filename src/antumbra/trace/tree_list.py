@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..bvh.block_tree import BlockPointers, BlockTree
 from ..kernels.jit import F32Ptr, I32Ptr, I64Ptr, inlined
 from ..kernels.simd import f32_at, get, i32_at, ptr, put
-from .descent import NOT_STARTED, Traversal, children, save, saved
+from .descent import NOT_STARTED, Traversal, children, load_saved, save
 
 ADDRESSES = 7  # int64 per tree in the table: addresses of its arrays except links, then the link to its root
 CORNERS, ROOT = 5, 6  # columns of the table
@@ -120,7 +120,7 @@ def root_in(tree_list, k):
 
 
 @inlined
-def item(tree_list, i):
+def tree_number(tree_list, i):
     """The number of the tree at place i of the lists."""
     return np.int64(get(tree_list.items, i))
 
@@ -153,9 +153,9 @@ def walk_tree_list(tree_list, i, end, slabs, alive, job, scratch, counters):
     Return (the index in the lists at which to continue, bits of the lanes left). Before it continues, the caller
     settles the deferred tests, because their memory runs low or the next tree has separate arrays.
     """
-    at = saved(scratch.at, alive)
+    at = load_saved(scratch.at, alive)
     while i < end and alive != 0:
-        k = item(tree_list, i)
+        k = tree_number(tree_list, i)
         if np.int64(get(scratch.deferred, 0)) != 0 and are_separate(tree_list, np.int64(get(scratch.at, TREE)), k):
             break
         put(scratch.at, TREE, k)
@@ -184,7 +184,7 @@ def head(low: ArrayLike, high: ArrayLike) -> NDArray[np.float32]:
     return line
 
 
-def whole(tree: BlockTree) -> TreeList:
+def single_tree(tree: BlockTree) -> TreeList:
     """The `TreeList` of a single tree, for the whole screen."""
     everything = np.full(3, _NO_BOX)
     return TreeList(

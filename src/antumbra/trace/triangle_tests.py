@@ -32,7 +32,7 @@ from ..kernels.simd import (
     splat16,
     store,
 )
-from ..kernels.vec3 import Vec3, broadcasts, cross, crosses, dot, dots, keep, largest, minus, rows, scalars, total
+from ..kernels.vec3 import Vec3, broadcasts, cross, crosses, dot, dots, get3, largest, rows, store3, subtract3, total
 from ..query.shadow_query import horizon_of, is_above
 from .counters import TRIANGLE_TESTS, UNCERTAIN, count
 from .rays.ray_traversal import settle
@@ -89,8 +89,8 @@ def triangle_along(v, p, q):
 def triangle_in(corners, slot):
     """The `Triangle` in a slot of a BVH's corners."""
     k = slot * 9
-    v = scalars(corners, k, 1)
-    return triangle_along(v, minus(scalars(corners, k + 3, 1), v), minus(scalars(corners, k + 6, 1), v))
+    v = get3(corners, k, 1)
+    return triangle_along(v, subtract3(get3(corners, k + 3, 1), v), subtract3(get3(corners, k + 6, 1), v))
 
 
 @inlined
@@ -114,7 +114,7 @@ def error_bounds(reach, size, span):
 
 
 @inlined
-def seen_from(origins, span, triangle):
+def lanes_from(origins, span, triangle):
     """`Lanes` of a triangle for 16 origins; span: as in `error_bounds`, f32x16."""
     a = Vec3(triangle.v.x - origins.x, triangle.v.y - origins.y, triangle.v.z - origins.z)
     e, te = error_bounds(largest(a), splat16(triangle.size), span)
@@ -156,18 +156,18 @@ def decide(d, lanes, facing):
 
 
 @inlined
-def keep_lanes(memory, lanes):
+def store_lanes(memory, lanes):
     """Write `Lanes` to LANES float32."""
-    keep(memory, 0, 16, lanes.cp)
-    keep(memory, 48, 16, lanes.qc)
-    keep(memory, 96, 16, lanes.n)
+    store3(memory, 0, 16, lanes.cp)
+    store3(memory, 48, 16, lanes.qc)
+    store3(memory, 96, 16, lanes.n)
     store(memory, 144, lanes.t)
     store(memory, 160, lanes.e)
     store(memory, 176, lanes.te)
 
 
 @inlined
-def kept_lane(memory, k):
+def stored_lane(memory, k):
     """Lane k of stored `Lanes`, in all lanes."""
     return Lanes(
         broadcasts(memory, k, 16),
@@ -190,7 +190,7 @@ def ray_meets(o, d, numbers, facing, limit):
     limit : t beyond which triangles are ignored if they surely lie there; None: no limit
     """
     # Eq. (6) and (7) of docs/design/exactness.md
-    a, p, q = minus(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    a, p, q = subtract3(rows(numbers, 0, 16), o), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n, r = cross(p, q), cross(d, a)
     e1, e2, dn, t = -dot(q, r), dot(p, r), dot(d, n), dot(a, n)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), total(d))

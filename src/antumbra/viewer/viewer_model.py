@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..checks import instance, number
+from ..checks import checked_instance, number
 from ..engine.plan import Plan
 from ..engine.scene import AnyScene, Scene
 from ..errors import InputError
@@ -234,9 +234,9 @@ class Model:
         place: Place | None = None,
     ):
         if camera is not None:
-            instance(camera, Camera, "camera")
+            checked_instance(camera, Camera, "camera")
         if place is not None:
-            place = checked_place(instance(place, Place, "place"))
+            place = checked_place(checked_instance(place, Place, "place"))
         self.scene, self.page_frame, self.place, self.threads = scene, PageFrame.of(scene), place, threads
         self.renderer = Renderer(scene, plan, threads, max_memory=max_memory)
         self.plan, self.time, self.display = plan, scene.clamped(time), DisplayOptions()

@@ -8,7 +8,7 @@ import oracle
 from antumbra.engine.method_registry import BUILDERS
 from antumbra.picture.renderer import Renderer
 from antumbra.query.receivers import NOTHING, surface_receivers
-from antumbra.trace.rays.ray_hits import bounced
+from antumbra.trace.rays.ray_hits import bounce_surfaces
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def _directions(normals, seed):
 @pytest.mark.parametrize("seed", [0, 7])
 def test_it_sees_what_a_ray_meets_first(seen, seed):
     scene, triangles, gbuffer, bvh = seen
-    out = bounced(gbuffer, triangles, bvh, seed)
+    out = bounce_surfaces(gbuffer, triangles, bvh, seed)
     assert out.face.shape == gbuffer.face.shape and np.array_equal(out.origin, gbuffer.origin)
     flat = [a.reshape(-1, *a.shape[2:]) for a in gbuffer[:5]]
     position, normal, face, side = (flat[gbuffer._fields.index(f)] for f in ("position", "normal", "face", "side"))
@@ -60,7 +60,7 @@ def test_it_sees_what_a_ray_meets_first(seen, seed):
 
 def test_surfaces_turn_to_the_ray(seen):
     _, triangles, gbuffer, bvh = seen
-    out = bounced(gbuffer, triangles, bvh)
+    out = bounce_surfaces(gbuffer, triangles, bvh)
     met = out.face >= 0
     corners = triangles.vertices[out.face[met]].astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -75,7 +75,7 @@ def test_surfaces_turn_to_the_ray(seen):
 
 def test_where_nothing_is_met_there_is_nothing(seen):
     _, triangles, gbuffer, bvh = seen
-    out = bounced(gbuffer, triangles, bvh)
+    out = bounce_surfaces(gbuffer, triangles, bvh)
     nothing = out.face < 0
     assert (nothing & (gbuffer.face >= 0)).any() and nothing[gbuffer.face < 0].all()
     assert (out.side[nothing] == NOTHING).all() and np.isinf(out.depth[nothing]).all()
@@ -84,11 +84,11 @@ def test_where_nothing_is_met_there_is_nothing(seen):
 
 def test_seeds_and_threads(seen):
     _, triangles, gbuffer, bvh = seen
-    first = bounced(gbuffer, triangles, bvh, 3, 1)
+    first = bounce_surfaces(gbuffer, triangles, bvh, 3, 1)
     for threads in (2, None):
-        again = bounced(gbuffer, triangles, bvh, 3, threads)
+        again = bounce_surfaces(gbuffer, triangles, bvh, 3, threads)
         assert all(a.tobytes() == b.tobytes() for a, b in zip(first[:5], again[:5]))
-    assert (bounced(gbuffer, triangles, bvh, 4).face != first.face).mean() > 0.1
+    assert (bounce_surfaces(gbuffer, triangles, bvh, 4).face != first.face).mean() > 0.1
 
 
 def test_directions_are_as_dense_as_their_cosine_is_large():
@@ -99,7 +99,7 @@ def test_directions_are_as_dense_as_their_cosine_is_large():
     camera = at.Camera((0, 0.5, 0.01), (0, 0, 0), vfov=40, width=64, height=64)
     gbuffer = Renderer(scene).see(triangles, camera)
     assert (gbuffer.face >= 0).all() and (gbuffer.face < 2).all()
-    out = bounced(gbuffer, triangles, BUILDERS["bsah"].build(triangles.vertices))
+    out = bounce_surfaces(gbuffer, triangles, BUILDERS["bsah"].build(triangles.vertices))
     cosine = 1 / out.depth[out.face >= 2]
     assert len(cosine) > 4000
     shares = np.histogram(cosine**2, 8, (0, 1))[0] / len(cosine)  # the squares of a cosine distribution are uniform

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ...files import atomic_output, make_folder, read_own
+from ...files import atomic_output, make_folder, read_trusted
 from ...kernels.toolchain.kernel_cache import user_cache
 from ...scene.lights import AMBIENT, DIRECTIONAL, LIST
 from .query_features import QueryFeatures
@@ -86,7 +86,7 @@ def machine_rates_file() -> Path:
 def machine_rates() -> MachineRates:
     """The rates measured on this machine, or `SHIPPED`."""
     try:
-        return MachineRates(**json.loads(read_own(machine_rates_file())))
+        return MachineRates(**json.loads(read_trusted(machine_rates_file())))
     except (OSError, ValueError, TypeError):  # not measured yet, or written by another version
         return SHIPPED
 

@@ -25,7 +25,7 @@ from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_incoherent
 from ...trace.rays import single_rays as single
-from ...trace.tree_list import whole
+from ...trace.tree_list import single_tree
 from .cost_model import GOOD, form_seconds, lost_in_quick, lost_share, predicted_rate, upgrade_seconds
 from .query_features import (
     QueryFeatures,
@@ -62,7 +62,7 @@ class Strategy(NamedTuple):
 def _trace_shafts(
     tree: BlockTree, query: ShadowQuery, bits: Bits, threads: int, counters: Counters | None, progress: Progress | None
 ) -> None:
-    trace_tree_list(whole(tree), query, bits, threads, counters, progress)
+    trace_tree_list(single_tree(tree), query, bits, threads, counters, progress)
 
 
 def _shafts_suit(query: ShadowQuery, box: Box) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...scene.materials import Look, look_of, mean_colours
+from ...scene.materials import MeshAppearance, look_of, mean_colours
 from ...scene.mesh import Mesh, check_finite, n_faces, used_faces
 from ..json_fields import Fields
 from .accessors import Accessors, decompress
@@ -123,7 +123,7 @@ def _appearance(
     faces: np.ndarray | None,
     materials: Materials,
     vertices: np.ndarray,
-) -> tuple[NDArray[np.float32], Look | None]:
+) -> tuple[NDArray[np.float32], MeshAppearance | None]:
     """(mean base colour, (3,) or (f, 3) float32; Look, or None if the mean colour suffices)."""
 
     def of(name: str, *kinds: str) -> np.ndarray | None:
@@ -262,7 +262,7 @@ def _run_faces(mesh: Mesh) -> np.ndarray:
     return np.arange(len(mesh.positions), dtype=np.int32).reshape(-1, 3) if mesh.faces is None else mesh.faces
 
 
-def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look | None:
+def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> MeshAppearance | None:
     """The look of merged meshes, with neutral values for attributes that some of them lack."""
     looks = [m.look for m in meshes]
     if all(look is None for look in looks):
@@ -272,7 +272,7 @@ def _look(meshes: list[Mesh], counts: list[int], positions: np.ndarray) -> Look 
     of_mesh = np.array([-1 if look is None else number[look.materials[0]] for look in looks], np.int32)
     textured = np.array([look is not None and look.uv is not None for look in looks])
     normals = _rows(meshes, "normals", 3, 0.0)
-    return Look(
+    return MeshAppearance(
         tuple(materials),
         _rows(meshes, "uv", 2, 0.0),
         _rows(meshes, "colours", 4, 1.0),

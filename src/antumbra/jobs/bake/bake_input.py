@@ -57,7 +57,7 @@ class BakeOptions(NamedTuple):
     keep_hidden: bool
 
 
-def own_lights(scene: Scene, what: str, time: float) -> list[Light]:
+def default_bake_lights(scene: Scene, what: str, time: float) -> list[Light]:
     """The default lights of a scene; for the quantity "sun", its first sun, or that of default pictures."""
     lights = [without_interleave(light) for light in scene.default_lights(time)]
     if what != "sun":

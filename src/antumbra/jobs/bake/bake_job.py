@@ -36,9 +36,9 @@ from .bake_input import (
     bake_source,
     check_options,
     check_output,
+    default_bake_lights,
     exposure_of,
     open_source,
-    own_lights,
 )
 from .baked_values import Solids, Texels, image_of, replace_hidden, sample_bilinear, seam_differences, vertex_receivers
 from .gltf_asset import Asset, Json
@@ -466,7 +466,7 @@ def bake(
     clock = PhaseClock()
     source = open_source(scene if isinstance(scene, BakeSource) else bake_source(scene, up), time)
     if not options.settings.lights:
-        default_lights = own_lights(source.scene, what, time)
+        default_lights = default_bake_lights(source.scene, what, time)
         options = options._replace(settings=options.settings._replace(lights=default_lights))
     clock.lap("read")
     job = bake_textures if options.texture else bake_vertices

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ...engine.plan import Plan
 from ...engine.scene import AnyScene
-from ...picture.irradiance import facing_of
-from ...picture.light_visibility import irradiance_shares, open_directions
+from ...picture.irradiance import pixel_normals
+from ...picture.light_visibility import irradiance_shares, unoccluded_directions
 from ...picture.shading import arriving_irradiance
 from ...query.gbuffer import GBuffer
 from ...query.light_samples import light_samples
@@ -128,7 +128,7 @@ class Meter:
             return np.asarray(self._shares(shadows).mean(-1, keepdims=True, dtype=np.float32))
         if what == "bent-normal":
             ((query, bits),) = shadows
-            return _directions(open_directions(query, bits, threads), query.normals)
+            return _directions(unoccluded_directions(query, bits, threads), query.normals)
         total = np.zeros((*shadows[0][0].sides.shape, self.settings.channels), np.float32)
         for light, (query, bits) in zip(self.settings.lights, shadows):
             tint = 1.0 if what == "sun" else np.float32(light.intensity) * np.asarray(light.colour, np.float32)
@@ -142,7 +142,7 @@ class Meter:
         threads, surfaces = self.settings.threads, _surfaces(query, self.scene.origin)
         if light.domain == "list":  # the list has its own intensities and colours
             return arriving_irradiance(surfaces, light, query, bits, threads=threads)
-        share = irradiance_shares(facing_of(surfaces, None), query, bits, threads)
+        share = irradiance_shares(pixel_normals(surfaces, None), query, bits, threads)
         if light.domain != "hemisphere":
             share = share * arriving_irradiance(surfaces, light, query, bits, threads=threads)
         return np.asarray(share[..., None] * tint)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files import atomic_output
-from ...picture.heat_maps import ColourBar, Panel, sheet
+from ...picture.heat_maps import ColourBar, Panel, panel_sheet
 from ...picture.image_files import automatic_exposure, save_exr, save_png, to_srgb8
 from ..scene_records import Record
 from .dataset_layers import VIEW, light_layer
@@ -162,7 +162,7 @@ def contact_sheet(folder: Path, frame: int = 0) -> NDArray[np.uint8]:
         if f"{light}.Blocker.X" in layers:
             pictures[f"{light}.Blocker"] = _coloured(layers[f"{light}.Blocker.X"])
     bar = ColourBar(_grey(np.linspace(0.0, 1.0, 256)), [(0.0, "0"), (0.5, "0.5"), (1.0, "1")], "visibility; nearness")
-    return sheet([Panel(picture, [name]) for name, picture in pictures.items()], bar)
+    return panel_sheet([Panel(picture, [name]) for name, picture in pictures.items()], bar)
 
 
 def read_layers(path: Path) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...engine.scene import AnyScene
 from ...picture.frame import Frame
-from ...picture.image_files import stored
+from ...picture.image_files import exr_values
 from ...query.gbuffer import GBuffer
 from ...query.receivers import point_receivers
 from ...scene.lights import DirectionalLight, DiskLight, Light, PointLight, QuadLight, SphereLight
@@ -101,7 +101,7 @@ def channels(frame: Frame, objects: Objects, blocked: list[np.ndarray | None]) -
         passes[f"{light_layer(k)}.Visibility.X"] = visibility
         if blocker is not None:
             passes[f"{light_layer(k)}.Blocker.X"] = blocker
-    return {name: stored(values) for name, values in passes.items()}
+    return {name: exr_values(values) for name, values in passes.items()}
 
 
 def light_blockers(

@@ -14,7 +14,7 @@ from ...errors import InputError
 from ...kernels.parallel import thread_count
 from ...progress import Progress, with_progress
 from ...query.receivers import Receivers
-from ...trace.alpha_test import all_stops
+from ...trace.alpha_test import all_cutout_hits
 from ...trace.rays.ray_hits import intersections
 from ..executors import LocalExecutor
 from ..false_colours import LINES, ColouredMesh, coloured_glb
@@ -199,7 +199,7 @@ def _first_hits(pairs: _Pairs, ready: Accelerated, threads: int | None) -> tuple
     ray, prim = np.repeat(np.arange(len(pairs.begin)), np.diff(hits.first)), hits.prims
     if ready.cutouts is None:
         return ray, prim
-    cutout_hits = all_stops(ready.cutouts, *segments)
+    cutout_hits = all_cutout_hits(ready.cutouts, *segments)
     return np.concatenate([ray, cutout_hits[0]]), np.concatenate([prim, cutout_hits[1]])
 
 

@@ -114,7 +114,7 @@ def place_of(
         If only one of latitude and longitude is given, a number is out of range, the time zone is unknown, or
         `place_of_crs` refuses the CRS.
     """
-    position = given_position(
+    position = position_fields(
         latitude=latitude, longitude=longitude, north=north, elevation=elevation, timezone=timezone
     )
     if crs is not None:
@@ -126,7 +126,7 @@ def place_of(
     return None if crs is None else checked_place(place_of_crs(crs, scene.bounds, scene.up)._replace(**position))
 
 
-def given_position(**fields: Any) -> dict[str, Any]:
+def position_fields(**fields: Any) -> dict[str, Any]:
     """The fields of a `Place` that are not None, checked. It needs no scene, so mistakes surface before one is read.
 
     Raises

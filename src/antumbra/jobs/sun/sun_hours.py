@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import choice, flag, instance, items, whole_number
+from ...checks import checked_instance, choice, flag, items, whole_number
 from ...engine.plan import DEFAULT_PLAN, Plan, parse_plan
 from ...engine.scene import AnyScene
 from ...engine.scene_loading import SceneLike, scene_of
@@ -271,7 +271,7 @@ def checked_study(options: StudyOptions) -> Study:
     if step is None:
         step = 60.0 if daylight_rule is None else daylight_rule.step
     step = checked_step(step)
-    place = place_of(scene) if place is None else checked_place(instance(place, Place, "place"))
+    place = place_of(scene) if place is None else checked_place(checked_instance(place, Place, "place"))
     weather = None
     if epw is not None:
         weather, place = read_epw(epw, place)

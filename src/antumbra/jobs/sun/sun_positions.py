@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...checks import as_array, choice, instance, number, parts_of, quoted
+from ...checks import as_array, checked_instance, choice, number, parts_of, quoted
 from ...errors import InputError
 from ...extras import import_extra
 from .location import Place, checked_place, parse_zone
@@ -213,8 +213,8 @@ def suns_of(place: Place, times: Times, up: str, dni: ArrayLike | None = None, *
     InputError
         If pvlib is missing, or `dni` does not fit `times`.
     """
-    place, up = checked_place(instance(place, Place, "place")), choice(up, "up", ("y", "z"))
-    instance(times, Times, "times", "times_of makes them")
+    place, up = checked_place(checked_instance(place, Place, "place")), choice(up, "up", ("y", "z"))
+    checked_instance(times, Times, "times", "times_of makes them")
     lowest = number(lowest, "lowest (degrees)", -90.0, 90.0, "[]")
     if dni is not None:
         dni = as_array(dni, "dni")

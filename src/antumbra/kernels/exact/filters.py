@@ -117,7 +117,7 @@ def _smaller(a, b):
 
 
 @inlined
-def widest(v):
+def max_magnitude(v):
     """Largest magnitude of a vector's three components."""
     return _larger(_larger(abs(v[0]), abs(v[1])), abs(v[2]))
 
@@ -140,7 +140,7 @@ def _volumes(d, a, p, q, limits):
     e2, e1 = dot(p, r), -dot(q, r)
     det, volume = dot(d, n), dot(a, n)
     d1 = abs(d[0]) + abs(d[1]) + abs(d[2])
-    m, s = widest(a), _larger(widest(p), widest(q))
+    m, s = max_magnitude(a), _larger(max_magnitude(p), max_magnitude(q))
     wide, uss = _larger(m, s), limits.u * s * s
     floor = limits.tiny * (d1 + wide) + limits.tiny
     three = limits.three
@@ -221,7 +221,7 @@ def verdict(w, tmin, tmax):
 
 
 @inlined
-def single_end(t):
+def float32_end(t):
     """tmin or tmax in float32 for `verdict`; NaN where float32 has no such number."""
     rounded = np.float32(t)
     return rounded if rounded < np.inf or t == np.inf else np.float32(np.nan)
@@ -257,7 +257,7 @@ def plane(corners, i, x, y, z):
     For any vector a from v0 to a point, the error of a . n is at most e |a|_inf.
     """
     a, p, q = edges64(corners, i, x, y, z)
-    s = _larger(widest(p), widest(q))
+    s = _larger(max_magnitude(p), max_magnitude(q))
     return a, cross(p, q), _LIMITS64.three * _LIMITS64.u * s * s + _LIMITS64.tiny
 
 
@@ -266,7 +266,7 @@ def has_area(corners, i):
     """Whether triangle i has an area. The answer is exact."""
     zero = np.float64(0.0)
     _, n, error = plane(corners, i, zero, zero, zero)
-    return widest(n) > error or exact_has_area(corners, i)
+    return max_magnitude(n) > error or exact_has_area(corners, i)
 
 
 @inlined
@@ -275,7 +275,7 @@ def side_of(v0, n, error, x, y, z, corners, i):
     f = np.float64
     a = (v0[0] - f(x), v0[1] - f(y), v0[2] - f(z))
     volume = -dot(a, n)
-    if abs(volume) > error * widest(a):
+    if abs(volume) > error * max_magnitude(a):
         return 1 if volume > 0.0 else -1
     return exact_plane_side(f(x), f(y), f(z), corners, i)
 
@@ -298,7 +298,7 @@ _TINY = np.float32(1e-37)  # larger than any error from underflow, for each unit
 
 
 class FilterRays(NamedTuple):
-    """Rays for `meet`, one per lane. All fields are float32 vectors."""
+    """Rays for `filter_hits`, one per lane. All fields are float32 vectors."""
 
     ox: F32Lanes
     oy: F32Lanes
@@ -344,7 +344,7 @@ def _sum3(ax, bx, ay, by, az, bz):
 
 
 @inlined
-def meet(r, t):
+def filter_hits(r, t):
     """(hits, positive, unsure) of each lane's ray and triangle, as bit masks: bit k is lane k.
 
     hits : the ray certainly meets the triangle inside (tmin, tmax)
@@ -457,8 +457,8 @@ def quick_t(d, a, p, q):
     t, inverse = volume / det, 1.0 / det
     product, product_low = _product(t, det)
     correction = (((volume - product) - product_low) + (volume_low - t * det_low)) * inverse
-    s = _larger_magnitude(widest(p), widest(q))
-    error = _ROOM * ((widest(a) + abs(t) * widest(d)) * (s * s) * abs(inverse) + abs(t))
+    s = _larger_magnitude(max_magnitude(p), max_magnitude(q))
+    error = _ROOM * ((max_magnitude(a) + abs(t) * max_magnitude(d)) * (s * s) * abs(inverse) + abs(t))
     low, high = t + (correction - error), t + (correction + error)
     return low if low == high else UNKNOWN
 
@@ -525,7 +525,7 @@ def hit_t(ray, corners, i):
 
 
 @inlined
-def share(weight):
+def clamp_weight(weight):
     """A weight in float32, clamped to [0, 1], where the real weight lies."""
     return np.float32(min(max(weight, np.float64(0.0)), np.float64(1.0)))
 
@@ -537,7 +537,7 @@ def single_weights(ray, corners, i):
     b, c = quick_weights((ray.dx, ray.dy, ray.dz), a, p, q)
     if b == UNKNOWN:
         b, c = exact_weights(ray, corners, i)
-    return share(b), share(c)
+    return clamp_weight(b), clamp_weight(c)
 
 
 @kernel

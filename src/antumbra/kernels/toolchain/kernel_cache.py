@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 
 from ... import files as locks
-from ...files import Untrusted, checked_own, make_folder, private_folder, read_own
+from ...files import Untrusted, check_trusted, make_folder, private_folder, read_trusted
 from ...progress import LOG
 from ..jit import kernel
 from ..machine_code import KernelCode, from_record, level, symbol_of
@@ -72,7 +72,7 @@ def _check(root: Path) -> None:
     ours = root / "kernels" / toolchain()
     for folder in (root, ours.parent, ours, *ours.glob("*")):
         with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
-            checked_own(folder)
+            check_trusted(folder)
 
 
 @cache
@@ -96,7 +96,7 @@ class KernelFolder:
         """The code stored under a digest; None if there is none, or if the file is damaged."""
         file = self._file(digest)
         try:
-            data = read_own(file)
+            data = read_trusted(file)
             if time.time() - file.stat().st_mtime > _DAY:
                 os.utime(file)  # marks it as used for pruning
         except OSError:
@@ -107,7 +107,7 @@ class KernelFolder:
         try:
             file = self._file(digest)
             status = file.lstat()
-            checked_own(file, status)
+            check_trusted(file, status)
         except OSError:
             return False
         return stat.S_ISREG(status.st_mode)

@@ -31,7 +31,7 @@ from ...files import atomic_output
 from ...picture.frame import Frame
 from ...picture.image_files import automatic_exposure, to_srgb8
 from ...picture.renderer import Renderer
-from ...query.gbuffer import GBuffer, seen_by
+from ...query.gbuffer import GBuffer, picture_surfaces
 from ...query.light_samples import light_samples
 from ...query.pixel_refinement import edges
 from ...query.ray_list import cull_value
@@ -251,7 +251,7 @@ def measure_quality(case: Case, say: Callable[[str], None]) -> SoftShadowQuality
         )
     visible, reference = case.gbuffer.face >= 0, frames["256 samples"]
     colours = case.view.scene.colours
-    edge = edges(seen_by(case.gbuffer, case.rays), colours) & visible
+    edge = edges(picture_surfaces(case.gbuffer, case.rays), colours) & visible
     rows = {name: _row(frame, reference, visible) for name, frame in frames.items()}
     return SoftShadowQuality(rows, float(edge.sum() / max(visible.sum(), 1)), _pictures(frames, edge, visible))
 

@@ -55,21 +55,21 @@ from ...trace.descent import (
     WAITING_INTS,
     Bound,
     Mixed,
-    Near,
+    NearestStack,
+    NearestTraversal,
     Uniform,
-    Waiting,
+    after_leaf,
+    after_visit,
     endless_slabs_of,
-    left,
+    load_saved,
     next_block,
-    popped,
+    pop_node,
     rays_as_shafts,
     root,
     save,
-    saved,
     slabs_of,
     span_mixed,
     span_uniform,
-    visited,
 )
 from ...trace.packets.ray_tile import (
     SCRATCH_FLOATS,
@@ -84,7 +84,7 @@ from ...trace.packets.ray_tile import (
     start_tile,
     trace_tiles,
 )
-from ...trace.triangle_tests import DEFERRED, length1, seen_from, triangle_in
+from ...trace.triangle_tests import DEFERRED, lanes_from, length1, triangle_in
 from .published_frusta import FRUSTA_FLOATS, WORK, entered_nearer, make_frusta, open_frusta, prefers_right, trace_block
 
 # --- `packet256`: 16 packets of 16 shadow rays (Sec. 5.2) -------------------------------------------------------------
@@ -183,7 +183,7 @@ def _packets_in(tree, at, rays, packets, planes, counters):
 def _walk(tree, rays, frusta, packets, planes, facing, work, scratch, counters):
     """Continue the traversal. Return whether it must resume after the deferred tests are resolved."""
     alive = open_frusta(rays)
-    at = popped(tree.links, saved(scratch.at, alive), scratch.stack, alive)
+    at = pop_node(tree.links, load_saved(scratch.at, alive), scratch.stack, alive)
     while at.mask != 0:
         if at.link >= 0:
             in_left, in_right, turn = _packets_in(tree, at, rays, packets, planes, counters)
@@ -194,8 +194,8 @@ def _walk(tree, rays, frusta, packets, planes, facing, work, scratch, counters):
                 return True
             leaf = trace_block(tree, at.link, at.mask, rays, frusta, facing, work, scratch.deferred, counters)
             alive &= ~leaf.done
-            at = left(at)
-        at = popped(tree.links, at, scratch.stack, alive)
+            at = after_leaf(at)
+        at = pop_node(tree.links, at, scratch.stack, alive)
     return False
 
 
@@ -330,7 +330,7 @@ def _trace_leaf(tree, link, mask, rays, packet, counters):
         count(counters, TRIANGLES, 1)
         count(counters, CANDIDATES, 1)
         count(counters, TRIANGLE_TESTS, 1)
-        lanes = seen_from(o, span, triangle_in(tree.corners, slot))
+        lanes = lanes_from(o, span, triangle_in(tree.corners, slot))
         sure, maybe = _signs(d, lanes, load16(packet.rows, _FAR))
         if maybe & mask != 0:
             _keep_hits(tree, slot, rays, packet, sure, maybe & mask)
@@ -340,11 +340,11 @@ def _trace_leaf(tree, link, mask, rays, packet, counters):
 def _trace_packet(tree, alive, rays, packet, waiting, counters):
     """Trace the rays in `alive` through the tree."""
     slabs = endless_slabs_of(rays_as_shafts(_origins(rays), rows(packet.rows, 0, 16)), alive)
-    at = Near(np.int64(0), alive, np.int64(0))
+    at = NearestTraversal(np.int64(0), alive, np.int64(0))
     at = next_block(tree, slabs, at, waiting, load16(packet.rows, _FAR), counters)
     while at.mask != 0:
         _trace_leaf(tree, at.link, at.mask, rays, packet, counters)
-        at = next_block(tree, slabs, visited(at), waiting, load16(packet.rows, _FAR), counters)
+        at = next_block(tree, slabs, after_visit(at), waiting, load16(packet.rows, _FAR), counters)
 
 
 @kernel
@@ -352,7 +352,7 @@ def _trace_primary_packets(ticket, arrays, rays, face, t, counters):
     """Worker: trace packets."""
     tree, totals, across = block_pointers(arrays), cleared(stack_i64(N_COUNTERS)), (rays.width + 3) // 4
     memory, ts, faces = stack_f32(_FLOATS), stack_f64(16), stack_i32(16)
-    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    waiting = NearestStack(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     for n in items(ticket):
         packet = PrimaryPacket(memory, ts, faces, n % across * 4, n // across * 4)
         alive = _load(rays, packet)

@@ -37,7 +37,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec3 import Vec3, dot, keep, largest, magnitudes, minus, rows, scalars
+from ...kernels.vec3 import Vec3, dot, get3, largest, magnitudes, rows, store3, subtract3
 from ...query.shadow_query import ShadowQuery, patch_of
 from ...scene.lights import AMBIENT, LIST
 from ...trace.counters import (
@@ -54,17 +54,17 @@ from ...trace.counters import (
 )
 from ...trace.descent import (
     Shafts,
-    entered_first,
+    after_leaf,
+    enter_first,
     entry,
     least_direction,
-    left,
+    load_saved,
     meets_mixed,
     mixed_axis,
-    popped,
+    pop_node,
     rays_as_shafts,
     root,
     save,
-    saved,
     slabs_of,
 )
 from ...trace.packets.ray_tile import (
@@ -86,10 +86,10 @@ from ...trace.triangle_tests import (
     LANES,
     decide,
     defer,
-    keep_lanes,
-    kept_lane,
+    lanes_from,
     length1,
-    seen_from,
+    store_lanes,
+    stored_lane,
     triangle_along,
 )
 
@@ -109,8 +109,8 @@ def prefers_right(near_left, near_right, both):
 def entered_nearer(links, at, in_left, in_right, turn, stack):
     """Go to the left child, or the right one if `turn`, and push the other; `in_...`: bits of the lanes that hit it."""
     if turn:
-        return entered_first(links, at, link_at(at.link, 1), in_right, in_left, stack)
-    return entered_first(links, at, link_at(at.link, 0), in_left, in_right, stack)
+        return enter_first(links, at, link_at(at.link, 1), in_right, in_left, stack)
+    return enter_first(links, at, link_at(at.link, 0), in_left, in_right, stack)
 
 
 # --- Frusta from 16 receivers to all of their samples (Sec. 4) --------------------------------------------------------
@@ -159,7 +159,7 @@ def _corner(memory, a, b, origins):
     """Directions from the receivers to the points (a, b) of the patches."""
     base, u, v = rows(memory, _BASE, 16), rows(memory, _U, 16), rows(memory, _V, 16)
     point = Vec3(fma(b, v.x, fma(a, u.x, base.x)), fma(b, v.y, fma(a, u.y, base.y)), fma(b, v.z, fma(a, u.z, base.z)))
-    return minus(point, origins)
+    return subtract3(point, origins)
 
 
 @inlined
@@ -182,7 +182,7 @@ def _aim(memory, tile):
         a = load16(memory, _A_LOW if corner & 1 == 0 else _A_HIGH)
         b = load16(memory, _B_LOW if corner & 2 == 0 else _B_HIGH)
         d = _corner(memory, a, b, origins)
-        keep(memory, CORNERS + 48 * corner, 16, d)
+        store3(memory, CORNERS + 48 * corner, 16, d)
         span = maximum(span, length1(d))
     off = load16(memory, OFF)
     store(memory, SPAN, select(off < _F(np.inf), fma(off, splat16(_F(3.0)), span), _box_span(memory)))
@@ -278,7 +278,7 @@ class LeafOutcome(NamedTuple):
 @inlined
 def _triangle(block, i):
     """Triangle i of a block, as a `raytest.Triangle`."""
-    return triangle_along(scalars(block, i, 16), scalars(block, 48 + i, 16), scalars(block, 96 + i, 16))
+    return triangle_along(get3(block, i, 16), get3(block, 48 + i, 16), get3(block, 96 + i, 16))
 
 
 @inlined
@@ -312,7 +312,7 @@ def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
     """Bits of the frusta in `mask` that may hit triangle i of a block; writes data for their ray tests to `work`."""
     on_triangle = bits(load16(rays.tile.faces, 0) == get(tree.prim_ids, slot))
     origins, triangle = rows(rays.tile.origins, 0, 16), _triangle(block, i)
-    lanes = seen_from(origins, load16(frusta.memory, SPAN), triangle)
+    lanes = lanes_from(origins, load16(frusta.memory, SPAN), triangle)
     active = mask & ~on_triangle & ~_turned_away(lanes, facing)
     if active == 0:
         return active
@@ -321,7 +321,7 @@ def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
     wide = maximum(largest(a), splat16(triangle.size))
     active &= ~bits(_missed(frusta, lanes, triangle, wide))
     if active != 0:
-        keep_lanes(work, lanes)
+        store_lanes(work, lanes)
     return active
 
 
@@ -329,7 +329,7 @@ def _cull(tree, slot, block, i, mask, rays, frusta, facing, work):
 def _test_frustum(slot, rays, r, facing, work, deferred, counters):
     """Test the rays of frustum r against a triangle; return the bits of the blocked rays."""
     count(counters, TRIANGLE_TESTS, 1)
-    hit, unsure = decide(directions_of(rays, r), kept_lane(work, r), facing)
+    hit, unsure = decide(directions_of(rays, r), stored_lane(work, r), facing)
     unblocked = open_rays(rays, r)
     if unsure & unblocked != 0:
         defer(deferred, slot, r * rays.row_place, rays.lane_place, unsure & unblocked)
@@ -426,7 +426,7 @@ def _reach_box(tree, place, mask, rays, counters):
 def _next_leaf(tree, slabs, at, stack, alive, counters):
     """Descend from `at` to the next leaf that a frustum in `alive` hits, nearer child first."""
     end = splat16(np.float32(1.0))
-    at = popped(tree.links, at, stack, alive)
+    at = pop_node(tree.links, at, stack, alive)
     while at.mask != 0 and at.link >= 0:
         count(counters, NODES, 1)
         count(counters, BOX_TESTS, 2)
@@ -434,7 +434,7 @@ def _next_leaf(tree, slabs, at, stack, alive, counters):
         in_right, near_right = entry(tree.nodes, box_at(at.link, 1), slabs, end)
         in_left, in_right = in_left & at.mask, in_right & at.mask
         turn = prefers_right(near_left, near_right, in_left & in_right) > 0
-        at = popped(tree.links, entered_nearer(tree.links, at, in_left, in_right, turn, stack), stack, alive)
+        at = pop_node(tree.links, entered_nearer(tree.links, at, in_left, in_right, turn, stack), stack, alive)
     return at
 
 
@@ -443,7 +443,7 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
     """Continue the traversal. Return whether it must resume, with new bounds or after deferred tests are resolved."""
     alive = open_frusta(rays)
     slabs = slabs_of(frusta_as_shafts(rays, frusta), alive)
-    at = _next_leaf(tree, slabs, saved(scratch.at, alive), scratch.stack, alive, counters)
+    at = _next_leaf(tree, slabs, load_saved(scratch.at, alive), scratch.stack, alive, counters)
     while at.mask != 0:
         if np.int64(get(scratch.deferred, 0)) > DEFERRED:
             save(scratch.at, at)
@@ -457,9 +457,9 @@ def _walk(tree, rays, frusta, shrinking, facing, work, scratch, counters):
             if shrinking.corners and leaf.struck != 0:
                 shrink(rays, frusta, leaf.struck, shrinking.directions, counters)
                 if shrinking.directions:
-                    save(scratch.at, left(at))
+                    save(scratch.at, after_leaf(at))
                     return True
-        at = _next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+        at = _next_leaf(tree, slabs, after_leaf(at), scratch.stack, alive, counters)
     return False
 
 

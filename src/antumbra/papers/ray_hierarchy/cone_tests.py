@@ -19,11 +19,11 @@ from ...techniques.rayhierarchy.shadow_planes import (
     COVERS,
     INNER,
     OUTER,
+    integer,
     number16,
+    put_integer,
     put_number,
-    put_whole,
     sphere_of,
-    whole,
 )
 
 SPHERE, DIRECTIONS, EXACT = 32, 37, 46
@@ -73,8 +73,8 @@ def write_cone_row(view, shape, row):
         put_number(row, SPHERE + k, towards[k])
     put_number(row, SPHERE + 3, (radius + view.radius) / max(far, TINY))
     put_number(row, SPHERE + 4, far - (radius + view.radius) - _E * far)
-    put_whole(row, EXACT, 1 if view.radius == 0.0 else 0)
-    put_whole(row, COVERS, 1 if shape.covers else 0)
+    put_integer(row, EXACT, 1 if view.radius == 0.0 else 0)
+    put_integer(row, COVERS, 1 if shape.covers else 0)
     return True
 
 
@@ -160,7 +160,7 @@ def possible_cones(group, row, ways, alive, spheres):
     possible = _may_reach(group, ways, row, OUTER) & _may_reach(group, ways, row, OUTER + 4)
     possible = bits(possible & _may_reach(group, ways, row, OUTER + 8) & _may_reach(group, ways, row, OUTER + 12))
     possible &= alive
-    if possible != 0 and whole(row, EXACT) != 0:
+    if possible != 0 and integer(row, EXACT) != 0:
         possible &= ~bits(_in_shadow(group, ways, row))
     return possible
 
@@ -178,7 +178,7 @@ def _all_beyond(group, ways, row, at):
 @inlined
 def covered_cones(group, row, ways):
     """Bits of the cones whose rays are all blocked by the triangle (early accept, Sec. 3.3)."""
-    if whole(row, COVERS) == 0:
+    if integer(row, COVERS) == 0:
         return np.int64(0)
     covered = _all_beyond(group, ways, row, INNER) & _all_beyond(group, ways, row, INNER + 4)
     return bits(covered & _all_beyond(group, ways, row, INNER + 8) & _all_beyond(group, ways, row, INNER + 12))

@@ -24,9 +24,9 @@ from ...generate.shapes import (
     frame_ring,
     loft,
     merge,
-    moved,
+    move_parts,
     place_copies,
-    raised,
+    raise_mesh,
     revolve,
     shell,
     steps,
@@ -157,7 +157,7 @@ def venetian(tilts: np.ndarray, d: float, rng: np.random.Generator) -> list[Scen
     x = (np.arange(PANELS) - (PANELS - 1) / 2) * each
     parts = []
     for at, tilt in zip(x, tilts):
-        parts += moved(panel(each - 0.014, LINTEL - SILL - 0.045, tilt, d, rng), (at, LINTEL - 0.006, -HANG))
+        parts += move_parts(panel(each - 0.014, LINTEL - SILL - 0.045, tilt, d, rng), (at, LINTEL - 0.006, -HANG))
     return parts
 
 
@@ -237,7 +237,7 @@ def _window(d: float, rng: np.random.Generator) -> list[ScenePart]:
     wall = pierced((-HALF_Z - 0.17, -0.19), (HALF_Z + 0.17, HEIGHT + 0.09), WALL)
     tilts = np.radians(TILTS) + rng.normal(0.0, 0.01, len(TILTS))
     parts = [place_copies(wall), *frame(d), *venetian(tilts, d, rng), *curtains(LINTEL + 0.08, p.TEAL, d, rng)]
-    return moved(parts, (-HALF_X, 0.0, 0.0), np.pi / 2)
+    return move_parts(parts, (-HALF_X, 0.0, 0.0), np.pi / 2)
 
 
 def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
@@ -257,8 +257,8 @@ def _furniture(d: float, rng: np.random.Generator) -> list[ScenePart]:
         place_copies(wide, (-0.35, 1.78, back + 0.06)),
         place_copies(small, [(0.92, 1.5, back + 0.06), (-1.62, 1.5, back + 0.06)]),
         place_copies(tall, [(right - 0.06, 1.55, -0.1), (right - 0.06, 1.55, 1.2)], -np.pi / 2),
-        *moved(bookcase(1.24, 2.0, 0.3, 6, d, rng), (1.96, 0, back + 0.17)),
-        *moved(chandelier(0.62, d), (0.15, HEIGHT, 0.0)),
+        *move_parts(bookcase(1.24, 2.0, 0.3, 6, d, rng), (1.96, 0, back + 0.17)),
+        *move_parts(chandelier(0.62, d), (0.15, HEIGHT, 0.0)),
     ]
 
 
@@ -268,9 +268,9 @@ def _clutter(d: float, rng: np.random.Generator) -> list[ScenePart]:
     ficus = shrub(rng, steps(420, d * d, 14), 0.3, 0.8, 0.13 / max(1.0, d**0.5))
     aloe = agave(rng, steps(18, d**0.5, 5), 0.2, steps(5, d, 2))
     parts = [
-        place_copies(merge(raised(leaves, 0.3), pot(0.36, 0.2, d)), (-2.22, 0, -2.4)),
-        place_copies(merge(raised(ficus, 0.3), pot(0.36, 0.2, d, p.BLUE)), (-2.25, 0, 2.2)),
-        place_copies(merge(raised(aloe, 0.11), pot(0.12, 0.07, d, p.CLAY)), (2.42, 0.835, -0.15)),
+        place_copies(merge(raise_mesh(leaves, 0.3), pot(0.36, 0.2, d)), (-2.22, 0, -2.4)),
+        place_copies(merge(raise_mesh(ficus, 0.3), pot(0.36, 0.2, d, p.BLUE)), (-2.25, 0, 2.2)),
+        place_copies(merge(raise_mesh(aloe, 0.11), pot(0.12, 0.07, d, p.CLAY)), (2.42, 0.835, -0.15)),
     ]
     if d > SKETCH:
         toys = [

@@ -17,9 +17,9 @@ from ...generate.shapes import (
     frame_ring,
     loft,
     merge,
-    moved,
+    move_parts,
     place_copies,
-    raised,
+    raise_mesh,
     revolve,
     shell,
     steps,
@@ -171,7 +171,7 @@ def chandelier(drop: float, d: float) -> list[ScenePart]:
         ),
         *([place_copies(_beads(ends, turn, d))] if d > SKETCH else []),
     ]
-    return [*moved(parts, low), place_copies(revolve(rose, steps(20, d, 6), p.PLASTER))]
+    return [*move_parts(parts, low), place_copies(revolve(rose, steps(20, d, 6), p.PLASTER))]
 
 
 def _beads(ends: np.ndarray, turn: np.ndarray, d: float) -> PaletteMesh:
@@ -413,7 +413,7 @@ def beach_ball(radius: float, d: float) -> PaletteMesh:
     ball = _ball((radius,) * 3, k, 0)
     middle = ball.vertices[ball.faces].mean(axis=1)
     wedge = np.floor((np.arctan2(middle[:, 2], middle[:, 0]) + np.pi) / (2.0 * np.pi) * 6.0).astype(int) % 6
-    return raised(ball._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
+    return raise_mesh(ball._replace(colour=np.array(COLOURS, np.uint8)[wedge]), radius - SINK / 4)
 
 
 def blocks(d: float) -> PaletteMesh:
@@ -440,7 +440,7 @@ def rings(d: float) -> PaletteMesh:
     for i in range(5):
         thick, reach = 0.022, 0.065 - 0.009 * i
         profile = [(0.0, 0.0), *arc((reach, thick), thick, -85, 85, m), (0.0, 2 * thick)]
-        meshes.append(raised(revolve(profile, k, COLOURS[i]), 0.042 * i))
+        meshes.append(raise_mesh(revolve(profile, k, COLOURS[i]), 0.042 * i))
     return merge(*meshes)
 
 

@@ -24,7 +24,7 @@ from ...generate.shapes import (
     loft,
     merge,
     place_copies,
-    raised,
+    raise_mesh,
     revolve,
     rotation_x,
     rotation_y,
@@ -288,7 +288,7 @@ def _case(treasure: PaletteMesh) -> PaletteMesh:
     rails = [(s * w / 2 * (axis == 0), h + 0.72, s * w / 2 * (axis == 1)) for axis in (0, 1) for s in (-1, 1)]
     sizes = [(0.035, 0.78, 0.035)] * 4 + [(0.03, 0.03, w)] * 2 + [(w, 0.03, 0.03)] * 2
     frame = boxes(sizes, posts + rails, p.BRONZE)
-    inside = raised(treasure, h)
+    inside = raise_mesh(treasure, h)
     return merge(_plinth(w + 0.1, h, p.DARK_WOOD), frame, inside)
 
 
@@ -297,11 +297,11 @@ def _exhibits(at: np.ndarray, budget: float, rng: np.random.Generator) -> list[S
     each = budget / len(at)
     shares = np.array([0.2, 0.26, 0.16, 0.12, 0.1, 0.07, 0.05, 0.04]) * each
     works = [
-        (merge(_plinth(1.1, 0.5), raised(knot(shares[1], size=0.62), 0.46)), (-4.0, -3.4)),
-        (merge(_plinth(0.8, 0.95), raised(blob(shares[2], rng, 0.5), 0.94)), (3.9, 2.4)),
-        (merge(_plinth(0.9, 0.35, p.SLATE), raised(twist(shares[3]), 0.33)), (4.3, -3.6)),
-        (merge(_plinth(0.9, 0.8), raised(ammonite(shares[4], 0.62), 0.79)), (-3.9, 2.0)),
-        (merge(_plinth(1.0, 0.6, p.SLATE), raised(ribbon(shares[5], 0.62), 0.58)), (-1.9, -7.0 + 0.4)),
+        (merge(_plinth(1.1, 0.5), raise_mesh(knot(shares[1], size=0.62), 0.46)), (-4.0, -3.4)),
+        (merge(_plinth(0.8, 0.95), raise_mesh(blob(shares[2], rng, 0.5), 0.94)), (3.9, 2.4)),
+        (merge(_plinth(0.9, 0.35, p.SLATE), raise_mesh(twist(shares[3]), 0.33)), (4.3, -3.6)),
+        (merge(_plinth(0.9, 0.8), raise_mesh(ammonite(shares[4], 0.62), 0.79)), (-3.9, 2.0)),
+        (merge(_plinth(1.0, 0.6, p.SLATE), raise_mesh(ribbon(shares[5], 0.62), 0.58)), (-1.9, -7.0 + 0.4)),
         (_case(blob(0.5 * shares[6], rng, 0.2, p.TEAL)), (-5.2, 5.4)),
         (_case(vase(0.55, float(np.sqrt(shares[7] / 900.0)), p.BLUE)), (5.5, -0.6)),
     ]

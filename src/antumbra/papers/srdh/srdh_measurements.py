@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...bvh import binned_sah
-from ...bvh.child_order import sooner_first
+from ...bvh.child_order import order_children
 from ...bvh.nodes import LEFT_FIRST, Bvh, aligned_empty
 from ...errors import InputError
 from ...kernels.parallel import thread_count
@@ -39,7 +39,7 @@ from ...techniques.srdh.representative_rays import (
     SrdhRays,
     sparse_gbuffer,
 )
-from ...trace.rays.ray_hits import bounced
+from ...trace.rays.ray_hits import bounce_surfaces
 from ...trace.rays.ray_traversal import BUILT, RANDOM, SRDH, Ordered
 from ...trace.rays.single_rays import UNOCCLUDED, count_steps
 from .. import benchmark_views as views
@@ -143,7 +143,7 @@ class Workload:
 
     def _bounce(self, pixels: int | None, samples: Sequence[np.ndarray], bvh: Bvh) -> list[ShadowQuery]:
         sparse = sparse_gbuffer(self._gbuffer, SrdhRays(size=pixels))
-        return self._queries(bounced(sparse, self.triangles, bvh, threads=self.threads), samples)
+        return self._queries(bounce_surfaces(sparse, self.triangles, bvh, threads=self.threads), samples)
 
 
 def count_view(
@@ -259,7 +259,7 @@ def opposite(bvh: Bvh) -> Bvh:
 def check_rtsah(work: Workload) -> RtsahCheck:
     """Count the box tests of lines and of shadow rays in a SAH tree with one triangle per leaf."""
     bvh = binned_sah.build(work.triangles.vertices, work.threads, 1)
-    ordered = sooner_first(bvh)
+    ordered = order_children(bvh)
     orders = Ordered(bvh, RANDOM), Ordered(ordered, LEFT_FIRST), Ordered(opposite(ordered), LEFT_FIRST)
     n, shares = len(work.triangles.vertices), list[float]()
     for queries in [even_lines(work.triangles)], work.queries():

@@ -14,7 +14,7 @@ from ...query.ray_passes import RayPass
 from ...query.shadow_query import ShadowQuery, Surfaces, surfaces_of
 from ...scene.camera import CameraRays
 from ...scene.triangles import Triangles
-from ...trace.rays.ray_hits import Show, surfaces_met
+from ...trace.rays.ray_hits import Show, hit_surfaces
 from ...trace.tree_list import Hits, no_hits
 from ..tracer_options import ChcRtOptions
 from .picture_ray_sets import CameraRaySet, CombinedRaySets, PassRaySet, RaySets, SegmentRaySets, segments_of
@@ -230,5 +230,5 @@ def nearest_scheduled(
         face_t = hits.face.reshape(-1), hits.t.reshape(-1)
         if show is not None:
             show(rays, *face_t)
-        met = surfaces_met(rays, *face_t, shape, triangles, threads)
+        met = hit_surfaces(rays, *face_t, shape, triangles, threads)
         yield surfaces_of(met, triangles)

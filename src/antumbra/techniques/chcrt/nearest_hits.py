@@ -19,9 +19,18 @@ from ...kernels.jit import F32Ptr, F64Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import items, new_ticket, run
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, ptr_at, put, reduce_max, stack_f32, stack_f64, stack_i32
 from ...kernels.vec3 import broadcasts
-from ...trace.descent import WAITING_FLOATS, WAITING_INTS, Near, Waiting, entry, next_block, slabs_of, visited
+from ...trace.descent import (
+    WAITING_FLOATS,
+    WAITING_INTS,
+    NearestStack,
+    NearestTraversal,
+    after_visit,
+    entry,
+    next_block,
+    slabs_of,
+)
 from ...trace.frusta.bundle import shafts_of
-from ...trace.tree_list import Hits, TreeList, item, list_of, root_in, tree_in, tree_list_pointers
+from ...trace.tree_list import Hits, TreeList, list_of, root_in, tree_in, tree_list_pointers, tree_number
 from ...trace.triangle_tests import ray_meets
 from .occlusion_queries import (
     BUNDLE_FLOATS,
@@ -197,10 +206,12 @@ def _trace_block(tree, k, link, mask, cell):
 def _walk(tree, k, link, mask, slabs, cell, waiting):
     """Trace the rays in `mask` through the subtree at a link."""
     # In: tree, k, link, mask, slabs. Out: cell. Scratch: waiting.
-    at = next_block(tree, slabs, Near(link, mask, np.int64(0)), waiting, load16(cell.bundle.limits, 0), None)
+    at = next_block(
+        tree, slabs, NearestTraversal(link, mask, np.int64(0)), waiting, load16(cell.bundle.limits, 0), None
+    )
     while at.mask != 0:
         _trace_block(tree, k, at.link, at.mask, cell)
-        at = next_block(tree, slabs, visited(at), waiting, load16(cell.bundle.limits, 0), None)
+        at = next_block(tree, slabs, after_visit(at), waiting, load16(cell.bundle.limits, 0), None)
 
 
 @inlined
@@ -209,7 +220,7 @@ def _trace_cell(forest, begin, end, live, cell, waiting):
     # In: forest, begin, end, live. Out: cell. Scratch: waiting.
     slabs = slabs_in(cell.bundle, live)
     for i in range(begin, end):
-        k = item(forest, i)
+        k = tree_number(forest, i)
         mask = entry(forest.heads, box_at(k, 0), slabs, load16(cell.bundle.limits, 0))[0] & live
         if mask != 0:
             _walk(tree_in(forest, k), k, root_in(forest, k), mask, slabs, cell, waiting)
@@ -222,7 +233,7 @@ def _cells_entering(forest, begin, end, cells):
     live = bits(far >= _F(0.0))
     slabs = slabs_of(shafts_of(cells), live)
     for i in range(begin, end):
-        met |= entry(forest.heads, box_at(item(forest, i), 0), slabs, far)[0] & live
+        met |= entry(forest.heads, box_at(tree_number(forest, i), 0), slabs, far)[0] & live
         if met == live:
             break
     return met
@@ -255,7 +266,7 @@ def _trace(ticket, arrays, picture, rays, cells):
     )  # fmt: skip
     for lane in range(16):
         _put_span(cell, lane, (rays.spans[0, 0], rays.spans[0, 1]))
-    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    waiting = NearestStack(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     forest = tree_list_pointers(arrays)
     for region in items(ticket):
         _trace_region(forest, picture, rays, region, ptr_at(ptr(cells), region * WORDS), cell, waiting)

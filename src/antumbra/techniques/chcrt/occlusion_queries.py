@@ -113,12 +113,12 @@ class PictureCells(NamedTuple):
     spread: bool  # a cell has every fourth receiver along both axes, instead of adjacent ones
 
 
-def picture_of(shape: TileShape, h: int, w: int) -> PictureCells:
+def cells_of_query(shape: TileShape, h: int, w: int) -> PictureCells:
     """The `PictureCells` of (h, w) receivers whose cells are the tiles of a query."""
     return PictureCells(shape, layout_of(shape), h, w, False)
 
 
-def pixels_of(h: int, w: int, spread: bool = False) -> PictureCells:
+def cells_of_pixels(h: int, w: int, spread: bool = False) -> PictureCells:
     """The `PictureCells` of (h, w) pixels; a single row also has cells of 4 x 4 pixels."""
     shape = TileShape(CELL, CELL, -(-w // CELL), -(-h // CELL))
     return PictureCells(shape, layout_of(shape), h, w, spread)
@@ -391,7 +391,7 @@ def _ask(
                 break
 
 
-def ask(
+def answer_queries(
     rays: ScreenRays, lines: NDArray[np.float32], pairs: Pairs, threshold: int, with_blocked: bool, threads: int
 ) -> Answers:
     """Answer the queries of n pairs of a tile and a row of `lines`.

@@ -19,12 +19,22 @@ from ...trace.frusta.multi_frusta import trace_tree_list
 from ...trace.light_table import STRATA
 from ...trace.packets.packet16 import over_pixels, over_samples
 from ...trace.packets.ray_tile import is_far, is_huge, is_incoherent
-from ...trace.primary.primary_rays import picture_seen, trace_hits
+from ...trace.primary.primary_rays import primary_picture, trace_hits
 from ...trace.tile import TileShape, tile_shape
 from ...trace.tree_list import Hits, TreeList, no_hits
 from ..tracer_options import ChcRtOptions
 from .nearest_hits import mark_hits, trace_nearest
-from .occlusion_queries import NONE, Answers, Pairs, ScreenRays, Tiles, ask, picture_of, pixels_of, tiles_of
+from .occlusion_queries import (
+    NONE,
+    Answers,
+    Pairs,
+    ScreenRays,
+    Tiles,
+    answer_queries,
+    cells_of_pixels,
+    cells_of_query,
+    tiles_of,
+)
 from .ray_bundles import (
     CameraBundles,
     PassRays,
@@ -64,7 +74,7 @@ class RaySets:
         return self.rays.tiles
 
     def answer(self, pairs: Pairs, threshold: int, again: bool) -> Answers:
-        return ask(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
+        return answer_queries(self.rays, self.parts.lines, pairs, threshold, again, self.threads)
 
     def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         raise NotImplementedError
@@ -108,7 +118,7 @@ class SegmentRaySets(RaySets):
         first = chunks.start * STRATA
         count = min(len(chunks) * STRATA, query.samples.shape[1] - first)
         shape, sets = tile_shape(query), count if several else 1
-        picture = picture_of(shape, *query.sides.shape)
+        picture = cells_of_query(shape, *query.sides.shape)
         self.segments = SegmentBundles(query, bits, first, count, sets)
         cells = bound_cells(query, picture, first, count, sets, threads)
         super().__init__(parts, ScreenRays(self.segments, picture, tiles_of(shape, options.tile), cells), threads)
@@ -166,9 +176,9 @@ class PassRaySet(HitRays):
     def __init__(self, parts: TreeParts, options: ChcRtOptions, rays: PassRays, threads: int):
         h, w = rays.skip.shape
         if h == 1:
-            picture = picture_of(TileShape(16, 1, -(-w // 16), 1), 1, w)
+            picture = cells_of_query(TileShape(16, 1, -(-w // 16), 1), 1, w)
         else:
-            picture = pixels_of(h, w, is_spread(rays))
+            picture = cells_of_pixels(h, w, is_spread(rays))
         cells, tiles = bound_rays(picture, rays, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, ScreenRays(rays, picture, tiles, cells), threads)
         self.pass_, self.hits = rays, rays.hits
@@ -194,10 +204,10 @@ class CameraRaySet(HitRays):
     ):
         self.length, self.hits = length_of(reach), no_hits((camera.height, camera.width))
         self.hits.t[: rows.start], self.hits.t[rows.stop :] = NONE, NONE
-        picture, source = pixels_of(*self.hits.t.shape), CameraBundles(camera, self.hits.t, self.length)
+        picture, source = cells_of_pixels(*self.hits.t.shape), CameraBundles(camera, self.hits.t, self.length)
         cells, tiles = bound_camera(picture, camera, rows, self.length, threads), tiles_of(picture.shape, options.tile)
         super().__init__(parts, ScreenRays(source, picture, tiles, cells), threads)
-        self.picture = picture_seen(camera, parts.boxes[0], self.hits)
+        self.picture = primary_picture(camera, parts.boxes[0], self.hits)
 
     def trace(self, pairs: Pairs, keys: NDArray[np.float32]) -> None:
         lists, rays = self.lists(pairs, keys), self.rays

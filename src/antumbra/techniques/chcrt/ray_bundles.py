@@ -36,7 +36,7 @@ from ...kernels.simd import (
     stack_f32,
     store,
 )
-from ...kernels.vec3 import Vec3, keep, largest, rows
+from ...kernels.vec3 import Vec3, largest, rows, store3
 from ...query.gbuffer import pixel_direction
 from ...query.raster_setup import direction_error
 from ...query.ray_passes import RayPass
@@ -366,7 +366,7 @@ def load_rays(rays, picture, y0, x0, bundle):
     store(bundle.lengths, 0, maximum(ratio, splat16(_SMALLEST)))
     store(as_i32(bundle.lengths), 0, load16(as_i32(bundle.lengths), 0) & splat16(np.int32(_EXPONENT)))
     lengths = load16(bundle.lengths, 0)
-    keep(bundle.rays, 48, 16, Vec3(d.x * lengths, d.y * lengths, d.z * lengths))
+    store3(bundle.rays, 48, 16, Vec3(d.x * lengths, d.y * lengths, d.z * lengths))
     limits = minimum(load16(bundle.limits, 0) / lengths * _F(BEYOND), splat16(_F(1.0)))
     store(bundle.limits, 0, select(lanes, limits, splat16(_F(-1.0))))
     return live

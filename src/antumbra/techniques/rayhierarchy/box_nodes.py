@@ -38,7 +38,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec3 import Vec3, cross, dot, largest, minus, times
+from ...kernels.vec3 import Vec3, cross, dot, largest, scale3, subtract3
 from . import ray_tree
 from .light_beams import AROUND, PERSPECTIVE, projected16, relative16, turned
 from .ray_leaves import block_of, origins_in
@@ -48,13 +48,13 @@ from .shadow_planes import (
     LANES,
     OUTER,
     TRIANGLE,
+    integer,
     number,
     number16,
+    put_integer,
     put_number,
-    put_whole,
     sphere_of,
     unknown_plane,
-    whole,
 )
 
 # --- Triangle rows in float64 for all kinds of beams, one triangle at a time ------------------------------------------
@@ -113,9 +113,9 @@ def _put_plane(row, at, plane, view, face, scale, sign):
 @inlined
 def _corner(row, at, plane, ways):
     """Write which numbers of a node are the box corner farthest along a plane's normal."""
-    put_whole(row, at, (1 if number(row, plane) > 0 else 0) * ways)
-    put_whole(row, at + 1, (3 if number(row, plane + 1) > 0 else 2) * ways)
-    put_whole(row, at + 2, (5 if number(row, plane + 3) > 0 else 4) * ways)
+    put_integer(row, at, (1 if number(row, plane) > 0 else 0) * ways)
+    put_integer(row, at + 1, (3 if number(row, plane + 1) > 0 else 2) * ways)
+    put_integer(row, at + 2, (5 if number(row, plane + 3) > 0 else 4) * ways)
 
 
 @inlined
@@ -199,7 +199,7 @@ def write_box_row(view, face, ways, shape, spheres, row):
         _put_plane(row, INNER + 4 * k, shape.inner[k], view, face, scale, np.float64(-1.0))
         _corner(row, CORNERS + 3 * k, OUTER + 4 * k, ways)
     _put_bounds(row, low, high, scale)
-    put_whole(row, COVERS, 1 if shape.covers else 0)
+    put_integer(row, COVERS, 1 if shape.covers else 0)
     return True
 
 
@@ -308,7 +308,7 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
     (v0, a), (v1, b) = _point_corner(corners, at * 9, 0, view), _point_corner(corners, at * 9, 1, view)
     v2, c = _point_corner(corners, at * 9, 2, view)
     unit = _F(view.unit)
-    e, f, g = times(minus(v1, v0), unit), times(minus(v2, v1), unit), times(minus(v0, v2), unit)
+    e, f, g = scale3(subtract3(v1, v0), unit), scale3(subtract3(v2, v1), unit), scale3(subtract3(v0, v2), unit)
     n, le, lf, lg = cross(e, f), largest(e), largest(f), largest(g)
     size, reach = maximum(maximum(le, lf), lg), maximum(maximum(largest(a), largest(b)), largest(c))
     volume, square = dot(n, a), size * size
@@ -321,7 +321,7 @@ def write_point_rows(view, faces, parts, ways, slots, corners, lanes, how, rows,
         covers = known & (facing == _F(-how.facing))
         if how.backface:
             lanes &= ~bits(known & (facing == _F(how.facing)))
-    n, ab, bc, ca = times(n, sign), times(cross(a, e), sign), times(cross(b, f), sign), times(cross(c, g), sign)
+    n, ab, bc, ca = scale3(n, sign), scale3(cross(a, e), sign), scale3(cross(b, f), sign), scale3(cross(c, g), sign)
     outer_offset = (absolute(volume) * (one - _POINT_ERROR) - slack) * -absolute(sign)
     inner_offset = (absolute(volume) * _POINT_ERROR + slack) * _F(-2.0)
     none, wide = splat16(_F(0.0)), reach * _MARGIN
@@ -459,8 +459,8 @@ def _height(row, at, u, v, q):
 @inlined
 def _not_outside(group, row, at, corner):
     """mask16 of the nodes whose farthest corner is not on the negative side of an outer plane."""
-    u, v = load16(group, whole(row, corner)), load16(group, whole(row, corner + 1))
-    q = load16(group, whole(row, corner + 2))
+    u, v = load16(group, integer(row, corner)), load16(group, integer(row, corner + 1))
+    q = load16(group, integer(row, corner + 2))
     return ~(_height(row, at, u, v, q) < _F(0.0))
 
 
@@ -496,7 +496,7 @@ def _inside(group, row, at, ways):
 def _covered_boxes(group, row, ways, among):
     u = (load16(group, 0) >= number16(row, BOX)) & (load16(group, ways) <= number16(row, BOX + 1))
     v = (load16(group, 2 * ways) >= number16(row, BOX + 2)) & (load16(group, 3 * ways) <= number16(row, BOX + 3))
-    if bits(u & v) & among == 0 or whole(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
+    if bits(u & v) & among == 0 or integer(row, COVERS) == 0:  # early exit: few nodes lie in a triangle's box
         return np.int64(0)
     inside = _inside(group, row, INNER, ways) & _inside(group, row, INNER + 4, ways)
     return bits(inside & _inside(group, row, INNER + 8, ways) & _inside(group, row, INNER + 12, ways)) & among

@@ -151,7 +151,7 @@ _INF = np.float32(np.inf)
 _HALF = np.float32(0.5)
 
 
-class FoundBlocks(NamedTuple):
+class BlockGroups(NamedTuple):
     """Groups of lanes in blocks. The groups of part i start at i _ROOM."""
 
     cells: np.ndarray  # (parts _ROOM,) int32: the cell of each group
@@ -237,13 +237,13 @@ def _keep(query_bits, blocks, block, ids, o, active):
 
 @kernel
 def _write_groups(ticket, query, beam, scale, bits, arrays, block_groups, counts, tally):
-    """Worker: write each block's receivers and its groups (`FoundBlocks`)."""
+    """Worker: write each block's receivers and its groups (`BlockGroups`)."""
     query_bits, view = query_bits_of(query, bits), view_of(beam)
     samples = ConeSamples(beam.first, beam.n_samples, beam.set)
     h, w = query.sides.shape
     ids, face, groups, places, centres = stack_i32(16), stack_i32(16), stack_i32(32), stack_f32(32), stack_f32(32)
     last, blocks = stack_i64(2), block_pointers(arrays)
-    out = FoundBlocks(ptr(block_groups.cells), ptr(block_groups.lanes), ptr(block_groups.blocks))
+    out = BlockGroups(ptr(block_groups.cells), ptr(block_groups.lanes), ptr(block_groups.blocks))
     thread_counters = cleared(stack_i64(N_COUNTERS))
     for k in range(0, 32, 16):  # unused lanes are computed too; denormal numbers in them would be slow
         store(centres, k, splat16(_HALF))
@@ -283,7 +283,7 @@ def rays_by_blocks(
     n = -(-h // 4) * -(-w // 4)
     blocks = new_blocks(n, 16, empty)
     parts, ticket = -(-n // _PART), new_ticket(n, _PART)
-    block_groups, counts = FoundBlocks(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
+    block_groups, counts = BlockGroups(*(empty(parts * _ROOM, np.int32) for _ in range(3))), np.zeros(parts, np.int64)
     run(_write_groups, threads, ticket, query, beam, scale_of(beam), bits, blocks, block_groups, counts, tally)
     gaps = np.arange(parts) * _ROOM - (np.cumsum(counts) - counts)
     at = np.arange(counts.sum()) + np.repeat(gaps, counts)

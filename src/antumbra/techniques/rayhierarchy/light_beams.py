@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...kernels.exact.filters import dot, plane, widest
+from ...kernels.exact.filters import dot, max_magnitude, plane
 from ...kernels.jit import U64Ptr, inlined, kernel
 from ...kernels.simd import (
     bits,
@@ -29,7 +29,7 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec3 import Vec3, times
+from ...kernels.vec3 import Vec3, scale3
 from ...query.query_bounds import bounds
 from ...query.receivers import NOTHING
 from ...query.shadow_query import (
@@ -245,8 +245,8 @@ def relative16(view, o):
     """16 points in the beam's frame, a `Vec` of f32x16. Apexes are float32, so differences are rounded only once."""
     s = np.float32(view.unit)
     if view.kind == PERSPECTIVE:
-        return times(Vec3(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
-    o = times(o, s)
+        return scale3(Vec3(o.x - np.float32(view.x), o.y - np.float32(view.y), o.z - np.float32(view.z)), s)
+    o = scale3(o, s)
     return Vec3(_component(o, view.u), _component(o, view.v), _component(o, view.w))
 
 
@@ -309,7 +309,7 @@ def _light_side(query_bits, view, face):
     length = np.sqrt(dot(n, n)) * _MORE
     if view.kind == PERSPECTIVE:
         to = at[0] - p[0], at[1] - p[1], at[2] - p[2]
-        h, slack = dot(n, to), view.radius / view.unit * length + error * widest(to)
+        h, slack = dot(n, to), view.radius / view.unit * length + error * max_magnitude(to)
     elif view.scale > 64.0 * view.unit * _distance(query_bits):  # rounding of ends is significant
         return np.int64(0)
     else:
@@ -344,7 +344,7 @@ def _is_near(query_bits, view, i):
     p, n, error = plane(query_bits.query.corners, np.int64(get(query_bits.query.faces, i)), z, z, z)
     o = three_at(query_bits.query.origins, i)
     to = o[0] - p[0], o[1] - p[1], o[2] - p[2]
-    return abs(dot(n, to)) + error * widest(to) < _SHALLOW * _distance(query_bits) * np.sqrt(dot(n, n))
+    return abs(dot(n, to)) + error * max_magnitude(to) < _SHALLOW * _distance(query_bits) * np.sqrt(dot(n, n))
 
 
 @kernel

@@ -18,7 +18,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bvh.lbvh import by_codes
+from ...bvh.lbvh import sort_by_codes
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...query.shadow_query import ShadowQuery, with_receivers
 from ...scene.lights import FIXED, LIST
@@ -143,7 +143,7 @@ def trace_wide(
 
 def _in_morton_order(traced: TraversalInputs, picks: NDArray[np.int32]) -> NDArray[np.int32]:
     """The picked triangles in Morton order."""
-    order: NDArray[np.int32] = by_codes(traced.soup.corners, 10, traced.threads)[1]
+    order: NDArray[np.int32] = sort_by_codes(traced.soup.corners, 10, traced.threads)[1]
     if len(picks) == len(order):
         return order
     picked = np.zeros(len(order), bool)
@@ -236,5 +236,5 @@ def _trace_beam(traced: TraversalInputs, bits: NDArray[np.uint64], options: RayH
 def _picks(soup: Soup, threads: int, options: RayHierarchyOptions) -> NDArray[np.int32]:
     """All triangles, in traversal order."""
     if options.clustered and len(soup.corners):
-        return by_codes(soup.corners, 10, threads)[1]
+        return sort_by_codes(soup.corners, 10, threads)[1]
     return np.arange(len(soup.corners), dtype=np.int32)

@@ -37,11 +37,11 @@ from ...kernels.simd import (
     put,
 )
 from ...kernels.simd import bits as bits_of
-from ...kernels.vec3 import minus, rows
+from ...kernels.vec3 import rows, subtract3
 from ...query.shadow_query import ShadowQuery, patch_of, sample_of
 from ...trace.counters import TRIANGLE_TESTS, count
 from ...trace.rays.ray_traversal import settle
-from ...trace.triangle_tests import decide, length1, seen_from
+from ...trace.triangle_tests import decide, lanes_from, length1
 from .light_beams import Beam, query_bits_of
 
 # --- Scratch memory ---------------------------------------------------------------------------------------------------
@@ -337,9 +337,9 @@ def _exactly_blocked(leaves, block, ends, corners, slot, facing, unsure, counter
 @inlined
 def _span(leaves, ends, origins):
     """Upper bound of the 1-norm of each lane's segments."""
-    span = length1(minus(rows(ends, 0, leaves.ways), origins))
+    span = length1(subtract3(rows(ends, 0, leaves.ways), origins))
     for s in range(1, leaves.n_samples):
-        span = maximum(span, length1(minus(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
+        span = maximum(span, length1(subtract3(rows(ends, 3 * s * leaves.ways, leaves.ways), origins)))
     return span
 
 
@@ -357,14 +357,14 @@ def block_rays(leaves, leaf, corners, slot, triangle, prim, facing, counters):
     if first == leaves.n_samples:
         return True
     origins, ends = origins_in(leaves, block), ends_in(leaves, leaf, block)
-    lanes, finished = seen_from(origins, _span(leaves, ends, origins), triangle), True
+    lanes, finished = lanes_from(origins, _span(leaves, ends, origins), triangle), True
     for s in range(first, leaves.n_samples):
         live = all_lanes & ~np.int64(get(marks, s))
         if live == 0:
             continue
         count(counters, TRIANGLE_TESTS, 1)
         points = ptr_at(ends, 3 * s * ways)
-        hit, unsure = decide(minus(rows(points, 0, ways), origins), lanes, facing)
+        hit, unsure = decide(subtract3(rows(points, 0, ways), origins), lanes, facing)
         if (hit | unsure) & live != 0:
             others = ~bits(load16(leaves.own, block * ways) == np.int32(prim))
             hit, unsure = hit & live & others, unsure & live & others

@@ -61,13 +61,13 @@ def put_number(row, k, x):
 
 
 @inlined
-def whole(row, k):
+def integer(row, k):
     """Number k of a triangle, read as an int32."""
     return np.int64(get(as_i32(row), LANES * k))
 
 
 @inlined
-def put_whole(row, k, x):
+def put_integer(row, k, x):
     """Write number k of a triangle as an int32."""
     put(as_i32(row), LANES * k, x)
 

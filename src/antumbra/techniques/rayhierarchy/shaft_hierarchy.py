@@ -46,7 +46,7 @@ from ...kernels.simd import (
     stack_i64,
     store,
 )
-from ...kernels.vec3 import broadcasts, minus, rows
+from ...kernels.vec3 import broadcasts, rows, subtract3
 from ...trace.counters import BOX_TESTS, N_COUNTERS, NODES, TRIANGLE_TESTS, add_counters, cleared, count
 from ...trace.rays.ray_traversal import settle
 from ...trace.triangle_tests import ray_meets
@@ -245,7 +245,7 @@ def _exactly_blocked(o, ends, ways, lane, soup, clusters, first, facing, unsure,
 def _is_blocked(origins, ends, ways, own_prim, lane, soup, clusters, facing, unit, counters):
     """Whether a triangle of the clusters blocks the segment of a lane. own_prim: the receiver's own triangle."""
     o, boxes = broadcasts(origins, lane, ways), clusters.boxes
-    d = minus(broadcasts(ends, lane, ways), o)
+    d = subtract3(broadcasts(ends, lane, ways), o)
     low, high = rows(boxes, 0, 2 * LANES), rows(boxes, LANES, 2 * LANES)
     count(counters, BOX_TESTS, 1)
     hit_clusters = _hit_boxes(o, d, low, high, unit)
@@ -275,7 +275,7 @@ def _block_rays(leaves, leaf, soup, clusters, facing, unit, counters):
         return True
     block, blocked, box = block_of(leaves, leaf), np.int64(0), clusters.box
     o, points = origins_in(leaves, block), ends_in(leaves, leaf, block)
-    d = minus(rows(points, 0, ways), o)
+    d = subtract3(rows(points, 0, ways), o)
     count(counters, BOX_TESTS, 1)
     candidates = _hit_boxes(o, d, broadcasts(box, 0, 2), broadcasts(box, 1, 2), unit) & live
     origins = ptr_at(leaves.origins, 3 * block * ways)

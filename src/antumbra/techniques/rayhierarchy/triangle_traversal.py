@@ -52,7 +52,7 @@ from .ray_tree import (
     write_row,
     writes_sixteen,
 )
-from .shadow_planes import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, put_whole, shape_of, whole
+from .shadow_planes import BLOCK, COVERS, LANES, NUMBERS, TRIANGLE, integer, put_integer, shape_of
 
 # --- Good occluders, the first triangles of a two-pass traversal [Olsson and Assarsson 2011, Sec. 3.4] ----------------
 
@@ -250,7 +250,7 @@ def _test_rays(tree, part, leaves, soup, rows, queues, how, counters):
     for i in range(np.int64(get(queues.counts, 0)) - 1, -1, -1):
         fetch_leaf(leaves, first + np.int64(get(queues.groups, max(i - _AHEAD, 0))))
         node, last = np.int64(get(queues.groups, i)), slot
-        slot = whole(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
+        slot = integer(row_at(rows, np.int64(get(queues.rows, i))), TRIANGLE)
         if slot != last:
             triangle = triangle_in(soup.corners, slot)
         prim = np.int64(get(soup.ids, slot))
@@ -288,9 +288,9 @@ def _write_row(tree, parts, view, soup, slot, how, row, lane, face_lanes):
     for part in range(parts):
         numbers = ptr_at(row, part * BATCH * NUMBERS)
         if write_row(tree.nodes, view, get(tree.faces, part), tree.ways, shape, how.spheres, numbers):
-            put_whole(numbers, TRIANGLE, slot)
+            put_integer(numbers, TRIANGLE, slot)
             if how.facing != 0 and shape.facing != -how.facing:
-                put_whole(numbers, COVERS, 0)
+                put_integer(numbers, COVERS, 0)
             put(face_lanes, part, np.int64(get(face_lanes, part)) | np.int64(1) << lane)
 
 

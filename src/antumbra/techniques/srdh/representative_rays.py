@@ -22,7 +22,7 @@ from ...query.gbuffer import GBuffer
 from ...query.shadow_query import ShadowQuery, segments, shadow_queries
 from ...scene.lights import Light
 from ...scene.triangles import Triangles
-from ...trace.rays.ray_hits import Intersections, bounced, intersections
+from ...trace.rays.ray_hits import Intersections, bounce_surfaces, intersections
 from ..culling.pre_bvh_culling import solid_tree
 
 
@@ -295,7 +295,7 @@ def bounced_queries(
     settings, threads = selector.asked, selector.threads
 
     def bounce(bvh: Bvh) -> list[ShadowQuery]:
-        surfaces = bounced(sparse_gbuffer(gbuffer, settings), triangles, bvh, threads=threads)
+        surfaces = bounce_surfaces(sparse_gbuffer(gbuffer, settings), triangles, bvh, threads=threads)
         fewer = [fewer_samples(sets, settings.spp) for sets in samples]
         return shadow_queries(triangles, surfaces, lights, fewer, facing, threads)
 

@@ -73,8 +73,8 @@ from ...bvh.top_down import (
     Settings,
     build_below,
     build_range,
+    build_subtree,
     copy_corners,
-    grow,
     largest_subtree,
     push_range,
     write_leaf,
@@ -90,7 +90,7 @@ from ...bvh.top_levels import (
     set_split,
     split_blocks,
 )
-from ...bvh.triangle_bounds import PAIR, checked, make_records, power_of_two_for, range_bounds, write_boxes
+from ...bvh.triangle_bounds import PAIR, area_scale_for, checked_vertices, make_records, range_bounds, write_boxes
 from ...errors import InputError
 from ...kernels.jit import inlined, kernel, overload
 from ...kernels.parallel import items, new_ticket, run, thread_count
@@ -472,7 +472,7 @@ def _leaf_is_cheaper(n, depth, n_rays, cost, settings):
 
 @kernel
 def _choose(source, first, last, depth, box, mapping, rays, n_rays, settings):
-    """The `RaySplit` of a range; axis -1: `grow` builds the range."""
+    """The `RaySplit` of a range; axis -1: `build_subtree` builds the range."""
     if n_rays == 0 or must_halve(last - first, depth):
         return no_ray_split()
     clear_bins(source.bins, mapping.n_bins)
@@ -509,7 +509,7 @@ def _grow_with_rays(source, first, last, depth, box, centroids, settings, s, out
         mapping = make_mapping(centroids, e - b)
         choice = _choose(source, b, e, d, range_box, mapping, _from(waiting, start), n.rays, settings)
         if choice.split.axis < 0 or start.rays + 3 * n.rays > settings.rooms[s]:
-            next_node = grow(source, b, e, d, range_box, centroids, plain, out, next_node, word)
+            next_node = build_subtree(source, b, e, d, range_box, centroids, plain, out, next_node, word)
             continue
         if _leaf_is_cheaper(e - b, d, n.rays, choice.cost, settings):
             write_leaf(records, b, e, out, word)
@@ -616,7 +616,7 @@ def build(
         raise InputError(f"kernels is {kernels!r}; choose one of {', '.join(KERNELS)}")
     if not 0.0 <= prior < np.inf:
         raise InputError(f"prior is {prior!r}; it must be a number of rays, 0 or more")
-    flat, threads = checked(vertices, max_leaf), thread_count(threads)
+    flat, threads = checked_vertices(vertices, max_leaf), thread_count(threads)
     n = len(flat)
     if n < 2 or rays is None or len(rays.origins) == 0:
         return binned_sah.build(vertices, threads, max_leaf)
@@ -624,7 +624,7 @@ def build(
     _compile_top()
     method = binned(n)
     box, centroids = make_records(flat, method.records, threads)
-    heuristic = HeuristicSettings(power_of_two_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
+    heuristic = HeuristicSettings(area_scale_for(box), np.int64(KERNELS[kernels]), np.float64(prior), bool(linear))
     levels = RayLevels(method, ray_hit_set(rays, flat), heuristic, largest_subtree(n), threads)
     top = levels.arranged(build_top(n, box, centroids, largest_subtree(n), levels.split))
     sets = levels.sets()

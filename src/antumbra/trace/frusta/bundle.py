@@ -12,7 +12,7 @@ import numpy as np
 from ...bvh.nodes import MAX_DEPTH, block_leaf, bounds_at, is_leaf
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel, overload
 from ...kernels.simd import bits, get, load16, lowest_bit, prefetch, ptr_at, put
-from ..descent import Shafts, left, next_leaf, not_started, save, slabs_of
+from ..descent import Shafts, after_leaf, next_leaf, not_started, save, slabs_of
 from ..light_table import ALL_GROUPS, STRATA
 from ..shafts import ensure_shafts
 from ..tile import TILE_FLOATS, QueryChunk, finished_strata, tile_at
@@ -275,7 +275,7 @@ def _walk_tree(tree, slabs, at, alive, job, scratch, counters):
             known += 1
         else:
             link, mask = at.link, at.mask if block_leaf(at.link).count != 0 else np.int64(0)
-            at = left(at)
+            at = after_leaf(at)
 
 
 @kernel

@@ -32,7 +32,7 @@ from ..tile import (
     tile_shape,
     write_bits,
 )
-from ..tree_list import TreeList, is_idle, tree_list_pointers, whole
+from ..tree_list import TreeList, is_idle, single_tree, tree_list_pointers
 from .bundle import (
     AT,
     DEFERRED_INTS,
@@ -214,7 +214,7 @@ def trace_shadow(
         by_packets = over_samples if is_list(query.light) else over_pixels
         by_packets(tree, query, bits, threads, counters, progress)
         return
-    trace_tree_list(whole(tree), query, bits, threads, counters, progress)
+    trace_tree_list(single_tree(tree), query, bits, threads, counters, progress)
 
 
 def trace_tree_list(

@@ -32,12 +32,12 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec3 import Vec3, broadcasts, cross, dot, keep, largest, middles_and_halves, minus, rows
+from ...kernels.vec3 import Vec3, broadcasts, cross, dot, largest, middles_and_halves, rows, store3, subtract3
 from ..counters import CANDIDATES, COVERED, FAN_STRATA, TRIANGLE_TESTS, count
 from ..light_table import POINTS, STRATA
 from ..shafts import HALF, SPAN, D, N, segments_in_box, shafts_in_box, store_inverses, widened
 from ..tile import with_blocked
-from ..triangle_tests import Lanes, decide, defer, error_bounds, keep_lanes, kept_lane, numbers_of, slot_of
+from ..triangle_tests import Lanes, decide, defer, error_bounds, numbers_of, slot_of, store_lanes, stored_lane
 from .shaft_culling import CULL_WORK, block_lanes, cull_beams, cull_block, triangle_size
 
 _F = np.float32
@@ -87,15 +87,15 @@ def add_to_reverse_frusta(fans, lane, tile):
 def close_reverse_frusta(fans, low, high):
     """Finish the fans of the added tiles; low, high: corners of the boxes of receivers, lanes are fans."""
     middle, half = middles_and_halves(low, high)
-    keep(fans.boxes, 0, 16, middle)
-    keep(fans.boxes, 48, 16, half)
+    store3(fans.boxes, 0, 16, middle)
+    store3(fans.boxes, 48, 16, half)
     store(fans.ready, 0, splat16(np.int32(0)))
 
 
 @inlined
 def _axes(fans, p):
     """(directions from points p to the centres of the receivers' boxes, half extents of the boxes); lanes are fans."""
-    d, half = minus(rows(fans.boxes, 0, 16), p), rows(fans.boxes, 48, 16)
+    d, half = subtract3(rows(fans.boxes, 0, 16), p), rows(fans.boxes, 48, 16)
     return d, widened(d, half)
 
 
@@ -156,9 +156,9 @@ def _rays_in_box(fans, points, s, r, box):
 @inlined
 def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
     """Test the rays of fan r against the triangle in lane k of the stored `Lanes`."""
-    d = minus(rows(fans.receivers, 48 * r, 16), broadcasts(points, r, 16))
+    d = subtract3(rows(fans.receivers, 48 * r, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
-    hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
+    hit, unsure = decide(d, stored_lane(ptr_at(b.work, CULL_WORK), k), -b.facing)
     others = _others(fans, b, slot, r)
     if unsure != 0:
         defer(b.deferred, slot, s << 4 | r, 256, unsure & others & unblocked_rays(dead, r))
@@ -168,7 +168,7 @@ def _test_triangle(fans, b, points, s, r, dead, k, slot, counters):
 @inlined
 def _test_ray(fans, b, points, s, r, g, lanes, counters):
     """True if a triangle of a block surely blocks the ray of fan r to tile g; lanes: triangles from the fan's point."""
-    d = minus(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
+    d = subtract3(broadcasts(fans.receivers, 48 * r + g, 16), broadcasts(points, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
     hit, unsure = decide(d, lanes, -b.facing)
     hit, unsure, face = hit & b.present, unsure & b.present, get(fans.faces, 16 * r + g)
@@ -192,7 +192,7 @@ def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
         return
     point = broadcasts(points, r, 16)
     lanes = block_lanes(point, numbers_of(b), broadcast16(union.shafts, SPAN + 1))
-    d = minus(broadcasts(fans.boxes, r, 16), point)
+    d = subtract3(broadcasts(fans.boxes, r, 16), point)
     v = cull_beams(d, widened(d, broadcasts(fans.boxes, 48 + r, 16)), lanes, -b.facing)
     triangles = b.present & ~v.miss
     count(counters, CANDIDATES, popcount(triangles))
@@ -204,7 +204,7 @@ def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
         _block(dead, r, _others(fans, b, slot, r))
         rays &= unblocked_rays(dead, r)
     if popcount(triangles) <= popcount(rays):
-        keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+        store_lanes(ptr_at(b.work, CULL_WORK), lanes)
         while triangles != 0:
             i = lowest_bit(triangles)
             triangles &= triangles - 1
@@ -223,7 +223,11 @@ def _trace_fan(fans, union, b, points, s, r, dead, box, counters):
 def _by_fans(fans, union, b, points, s, live, dead, i, counters):
     """Test triangle i, which `cull_block` has not culled, against the fans in `live` (bits)."""
     point, numbers, slot = rows(points, 0, 16), numbers_of(b), slot_of(b, i)
-    a, p, q = minus(broadcasts(numbers, i, 16), point), broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
+    a, p, q = (
+        subtract3(broadcasts(numbers, i, 16), point),
+        broadcasts(numbers, 48 + i, 16),
+        broadcasts(numbers, 96 + i, 16),
+    )
     e, te = error_bounds(largest(a), triangle_size(b.work, i), broadcast16(union.shafts, SPAN + 1))
     n = cross(p, q)
     lanes = Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
@@ -236,7 +240,7 @@ def _by_fans(fans, union, b, points, s, live, dead, i, counters):
         covered &= covered - 1
         _block(dead, r, _others(fans, b, slot, r))
     if tests != 0:
-        keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+        store_lanes(ptr_at(b.work, CULL_WORK), lanes)
         while tests != 0:
             r = lowest_bit(tests)
             tests &= tests - 1

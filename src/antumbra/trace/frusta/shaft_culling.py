@@ -63,7 +63,7 @@ from ...kernels.simd import (
     splat16,
     store,
 )
-from ...kernels.vec3 import Vec3, abs_dot, broadcasts, cross, dot, keep, largest, minus, plus, rows
+from ...kernels.vec3 import Vec3, abs_dot, add3, broadcasts, cross, dot, largest, rows, store3, subtract3
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, TRIANGLES, count
 from ..light_table import group_of
 from ..shafts import (
@@ -91,11 +91,11 @@ from ..triangle_tests import (
     decide,
     defer,
     error_bounds,
-    keep_lanes,
-    kept_lane,
     numbers_of,
     slot_of,
     splats,
+    store_lanes,
+    stored_lane,
 )
 
 # --- Culling and covering ---------------------------------------------------------------------------------------------
@@ -133,7 +133,7 @@ def _outside(shafts, group, a, p, q, wide):
 def _slack(n, g_cross_d, receivers, lights, twist, e):
     """Slack of one edge function: (without the contribution of the lights, with it)."""
     # Eq. (6) of docs/design/multifrusta.md
-    common = fma(abs_dot(plus(n, g_cross_d), receivers), splat16(_MORE), twist + e)
+    common = fma(abs_dot(add3(n, g_cross_d), receivers), splat16(_MORE), twist + e)
     return common, fma(abs_dot(n, lights), splat16(_MORE), common)
 
 
@@ -145,7 +145,7 @@ def _edges(cp, cq, n, p, q, dn, d, half, receivers, twist, e):
     p_d, q_d = cross(p, d), cross(q, d)
     k2, g2 = _slack(cp, p_d, receivers, half, twist, e)
     k1, g1 = _slack(cq, q_d, receivers, half, twist, e)
-    k0, g0 = _slack(plus(n, minus(cq, cp)), minus(q_d, p_d), receivers, half, twist + twist, e)
+    k0, g0 = _slack(add3(n, subtract3(cq, cp)), subtract3(q_d, p_d), receivers, half, twist + twist, e)
     return Vec3(dn - e1 - e2, e1, e2), Vec3(k0, k1, k2), Vec3(g0, g1, g2)
 
 
@@ -154,7 +154,7 @@ def cull_block(tile, numbers, group, facing, work):
     """Bits of a block's triangles that segments of the shaft to a group may meet. Write their numbers to `work`."""
     info, shafts = tile.info, tile.shafts
     c = broadcasts(info, 0, 1)
-    a, p, q = minus(rows(numbers, 0, 16), c), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    a, p, q = subtract3(rows(numbers, 0, 16), c), rows(numbers, 48, 16), rows(numbers, 96, 16)
     reach, size = largest(a), maximum(largest(p), largest(q))
     receivers = broadcasts(info, 3, 1)
     wide = maximum(reach, size) + (receivers.x + receivers.y + receivers.z)
@@ -180,11 +180,11 @@ def cull_block(tile, numbers, group, facing, work):
     some_down = minimum(minimum(on.x + g.x, on.y + g.y), on.z + g.z) < _ZERO
     remaining &= bits(some_up & some_down) ^ 0xFFFF
     if remaining != 0:
-        keep(work, _CP, 16, cp)
-        keep(work, _CQ, 16, cq)
-        keep(work, _N, 16, n)
+        store3(work, _CP, 16, cp)
+        store3(work, _CQ, 16, cq)
+        store3(work, _N, 16, n)
         store(work, _T, t)
-        keep(work, _K, 16, k)
+        store3(work, _K, 16, k)
         store(work, _KT, kt)
         store(work, _KF, te)
         store(work, _E, e)
@@ -206,7 +206,7 @@ def _strata_beyond(shafts, at, a, p, q, wide):
 def _strata_outside(tile, numbers, work, i):
     """mask16 of the strata whose shaft has triangle i entirely beyond one of its four planes."""
     shafts, wide = tile.shafts, broadcast16(work, _WIDE + i)
-    a = minus(broadcasts(numbers, i, 16), broadcasts(tile.info, 0, 1))
+    a = subtract3(broadcasts(numbers, i, 16), broadcasts(tile.info, 0, 1))
     p, q = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16)
     return (
         _strata_beyond(shafts, PLANES, a, p, q, wide)
@@ -250,7 +250,7 @@ def cull_strata(tile, numbers, work, i, facing):
     shafts = tile.shafts
     d, half = rows(shafts, D + 16, N), rows(shafts, 3 * N + 16, N)
     cp, cq, n = broadcasts(work, _CP + i, 16), broadcasts(work, _CQ + i, 16), broadcasts(work, _N + i, 16)
-    c0 = plus(n, minus(cq, cp))
+    c0 = add3(n, subtract3(cq, cp))
     # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), -dot(d, cq)
     e0 = dn - e1 - e2
@@ -270,7 +270,7 @@ def cull_beams(d, half, lanes, facing):
     cp, qc, n, more = lanes.cp, lanes.qc, lanes.n, splat16(_MORE)
     # Eq. (5) of docs/design/multifrusta.md
     dn, e2, e1 = dot(d, n), dot(d, cp), dot(d, qc)
-    k0 = fma(abs_dot(minus(n, plus(qc, cp)), half), more, lanes.e)
+    k0 = fma(abs_dot(subtract3(n, add3(qc, cp)), half), more, lanes.e)
     k1, k2 = fma(abs_dot(qc, half), more, lanes.e), fma(abs_dot(cp, half), more, lanes.e)
     kf = fma(abs_dot(n, half), more, lanes.te)
     return _verdict(dn - e1 - e2, e1, e2, k0, k1, k2, lanes.t, lanes.te, lanes.t - dn, kf, facing)
@@ -283,7 +283,7 @@ def cull_tiles(boxes, targets, numbers, work, i, facing):
     boxes, targets : rows of centres (3) and half extents (3): boxes of receivers, and boxes of samples
     """
     o, receivers, half = rows(boxes, 0, 16), rows(boxes, 48, 16), rows(targets, 48, 16)
-    d, a = minus(rows(targets, 0, 16), o), minus(broadcasts(numbers, i, 16), o)
+    d, a = subtract3(rows(targets, 0, 16), o), subtract3(broadcasts(numbers, i, 16), o)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
     e, te = broadcast16(work, _E + i), broadcast16(work, _TE + i)
     twist = half.x * (receivers.y + receivers.z) + half.y * (receivers.x + receivers.z)
@@ -309,7 +309,7 @@ def triangle_size(work, i):
 @inlined
 def triangle_lanes(origins, numbers, work, i):
     """`Lanes` of triangle i of a block, which `cull_block` has not culled, for rays from 16 origins."""
-    a = minus(broadcasts(numbers, i, 16), origins)
+    a = subtract3(broadcasts(numbers, i, 16), origins)
     p, q, n = broadcasts(numbers, 48 + i, 16), broadcasts(numbers, 96 + i, 16), broadcasts(work, _N + i, 16)
     return Lanes(cross(a, p), cross(q, a), n, dot(a, n), broadcast16(work, _E + i), broadcast16(work, _TE + i))
 
@@ -326,7 +326,7 @@ def block_lanes(origin, numbers, span):
 
     span : f32x16, at least the sum of the magnitudes of a direction's components
     """
-    a, p, q = minus(rows(numbers, 0, 16), origin), rows(numbers, 48, 16), rows(numbers, 96, 16)
+    a, p, q = subtract3(rows(numbers, 0, 16), origin), rows(numbers, 48, 16), rows(numbers, 96, 16)
     n = cross(p, q)
     e, te = error_bounds(largest(a), maximum(largest(p), largest(q)), span)
     return Lanes(cross(a, p), cross(q, a), n, dot(a, n), e, te)
@@ -377,9 +377,9 @@ def on_light_side(tile, tree, slot, above, below, lanes):
 @inlined
 def _test_samples(tile, b, slot, r, k, strata, counters):
     """Test the rays of receiver r against the triangle in lane k of the stored `Lanes`."""
-    d = minus(rows(tile.by_lane, r * 48, 16), broadcasts(tile.origins, r, 16))
+    d = subtract3(rows(tile.by_lane, r * 48, 16), broadcasts(tile.origins, r, 16))
     count(counters, TRIANGLE_TESTS, 1)
-    hit, unsure = decide(d, kept_lane(ptr_at(b.work, CULL_WORK), k), b.facing)
+    hit, unsure = decide(d, stored_lane(ptr_at(b.work, CULL_WORK), k), b.facing)
     dead, one = load16(tile.dead, 0), splat16(np.int32(1 << r))
     unsure &= strata
     if unsure != 0:
@@ -394,7 +394,7 @@ def _test_strata(tile, b, slot, i, receivers, strata, counters):
     while strata != 0:
         s = lowest_bit(strata)
         strata &= strata - 1
-        d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
+        d = subtract3(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
         count(counters, TRIANGLE_TESTS, 1)
         hit, unsure = decide(d, lanes, b.facing)
         unsure &= receivers & ~np.int64(get(tile.dead, s))
@@ -425,7 +425,7 @@ def _by_beams(tile, b, i, live, strata, counters):
     _block_receivers(tile, covered)
     receivers &= ~covered
     if receivers != 0:
-        keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+        store_lanes(ptr_at(b.work, CULL_WORK), lanes)
         while receivers != 0:
             r = lowest_bit(receivers)
             receivers &= receivers - 1
@@ -469,7 +469,7 @@ def _trace_receiver(tile, b, r, strata, counters):
             _block_receivers(tile, one)
             return
         cover &= cover - 1
-    keep_lanes(ptr_at(b.work, CULL_WORK), lanes)
+    store_lanes(ptr_at(b.work, CULL_WORK), lanes)
     while triangles != 0:
         i = lowest_bit(triangles)
         slot = slot_of(b, i)
@@ -488,7 +488,7 @@ def _trace_rays(tile, b, s, rays, counters):
         r = lowest_bit(rays)
         rays &= rays - 1
         o, place = broadcasts(tile.origins, r, 16), tile.number << 8 | s << 4 | r
-        d = minus(broadcasts(tile.points, s * 48 + r, 16), o)
+        d = subtract3(broadcasts(tile.points, s * 48 + r, 16), o)
         if blocks_ray(b, o, d, get(tile.faces, r), place, counters):
             blocked |= np.int64(1) << r
     return blocked
@@ -497,7 +497,7 @@ def _trace_rays(tile, b, s, rays, counters):
 @inlined
 def _trace_row(tile, b, s, rays, triangles, counters):
     """Test rays of stratum s (bits) against triangles (bits), not culled by `cull_block`. Return the blocked rays."""
-    d = minus(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
+    d = subtract3(rows(tile.points, s * 48, 16), rows(tile.origins, 0, 16))
     open_rays = rays
     while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)

@@ -38,7 +38,7 @@ from ...kernels.simd import (
     stack_i32,
     store,
 )
-from ...kernels.vec3 import keep, rows
+from ...kernels.vec3 import rows, store3
 from ..counters import COVERED, GROUP_STRATA, NODES, TILE_GROUP_TILES, TRIANGLE_TESTS, TRIANGLES
 from ..light_table import ALL_GROUPS
 from ..tile import Tile, TileShape, coherent_part, fetch_receivers, load_receivers, tile_at
@@ -271,7 +271,7 @@ def load_cluster(chunk, layout, y, x, first, n, scratch):
         k = np.int64(get(parts.order, first + g))
         number, tile = np.int64(get(parts.tiles, k)), tile_at(scratch.tiles, g, chunk)
         memory, (y0, x0) = ptr_at(parts.receivers, 64 * number), _place_in(chunk, layout, y, x, number)
-        keep(tile.origins, 0, 16, rows(memory, 0, 16))
+        store3(tile.origins, 0, 16, rows(memory, 0, 16))
         store(tile.faces, 0, load16(as_i32(memory), 48))
         put(scratch.valid, g, get(parts.lanes, k))
         put(scratch.places, 2 * g, y0)

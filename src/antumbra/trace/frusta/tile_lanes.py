@@ -28,7 +28,7 @@ from ...kernels.simd import (
     store,
     store_compressed,
 )
-from ...kernels.vec3 import Vec3, broadcasts, minus, rows
+from ...kernels.vec3 import Vec3, broadcasts, rows, subtract3
 from ..counters import CANDIDATES, COVERED, TRIANGLE_TESTS, count
 from ..shafts import HALF, D, N, rays_in_box, shafts_in_box
 from ..tile import tile_at, with_blocked
@@ -77,7 +77,7 @@ def test_one_by_one(rays, n, b, counters):
     blocked = np.int64(0)
     for r in range(n):
         o, place = broadcasts(rays.origins, r, _ROW), np.int64(get(rays.places, r))
-        d = minus(broadcasts(rays.points, r, _ROW), o)
+        d = subtract3(broadcasts(rays.points, r, _ROW), o)
         if blocks_ray(b, o, d, get(rays.faces, r), place, counters):
             blocked |= np.int64(1) << r
     return blocked
@@ -91,7 +91,7 @@ def test_together(rays, first, n, b, triangles, counters):
     """
     open_rays = (np.int64(1) << n) - 1
     o, everyone = rows(rays.origins, first, _ROW), open_rays
-    d, faces = minus(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
+    d, faces = subtract3(rows(rays.points, first, _ROW), o), load16(rays.faces, first)
     while triangles != 0 and open_rays != 0:
         i = lowest_bit(triangles)
         triangles &= triangles - 1
@@ -120,7 +120,7 @@ _MANY_RAYS = 48  # from this many rays on, triangles are first tested for coveri
 def tiles_in_box(tile_group, s, c, e):
     """Bits of the tiles whose shafts to stratum s may meet a box."""
     o, t = rows(tile_group.boxes, 0, 16), ptr_at(tile_group.targets, s * BOXES)
-    return shafts_in_box(o, minus(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
+    return shafts_in_box(o, subtract3(rows(t, 0, 16), o), rows(tile_group.boxes, 48, 16), rows(t, 48, 16), c, e)
 
 
 @inlined

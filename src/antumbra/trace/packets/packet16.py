@@ -21,9 +21,19 @@ from ...kernels.parallel import items
 from ...kernels.simd import bits, get, load16, lowest_bit, ptr, put, stack_f32, stack_i32, stack_i64
 from ...query.shadow_query import ShadowQuery
 from ..counters import CANDIDATES, N_COUNTERS, TRIANGLE_TESTS, TRIANGLES, Progress, add_counters, cleared, count
-from ..descent import NOT_STARTED, left, next_leaf, not_started, rays_as_shafts, root, save, saved, slabs_of
-from ..tree_list import TREE, TreeList, is_idle, list_of, tree_in, tree_list_pointers, walk_tree, walk_tree_list, whole
-from ..triangle_tests import DEFERRED, decide, defer, length1, seen_from, triangle_in
+from ..descent import NOT_STARTED, after_leaf, load_saved, next_leaf, not_started, rays_as_shafts, root, save, slabs_of
+from ..tree_list import (
+    TREE,
+    TreeList,
+    is_idle,
+    list_of,
+    single_tree,
+    tree_in,
+    tree_list_pointers,
+    walk_tree,
+    walk_tree_list,
+)
+from ..triangle_tests import DEFERRED, decide, defer, lanes_from, length1, triangle_in
 from .ray_tile import (
     SCRATCH_FLOATS,
     SCRATCH_INTS,
@@ -153,7 +163,7 @@ def _trace_triangles(tree, rays, r, link, mask, facing, deferred, counters):
         tested = mask & ~hits & ~_on_triangle(tree, rays, r, slot)
         if tested == 0:
             continue
-        lanes = seen_from(o, span, triangle_in(tree.corners, slot))
+        lanes = lanes_from(o, span, triangle_in(tree.corners, slot))
         if facing != 0:
             tested &= ~bits(lanes.t * np.float32(facing) > lanes.te)
             if tested == 0:
@@ -176,14 +186,14 @@ def _walk_tree(tree, slabs, at, alive, row, scratch, counters):
     at = next_leaf(tree, slabs, at, scratch.stack, alive, counters)
     while at.mask != 0 and np.int64(get(scratch.deferred, 0)) <= DEFERRED:
         alive &= ~trace_leaf(tree, row.rays, row.number, at.link, at.mask, row.facing, scratch.deferred, counters)
-        at = next_leaf(tree, slabs, left(at), scratch.stack, alive, counters)
+        at = next_leaf(tree, slabs, after_leaf(at), scratch.stack, alive, counters)
     return at if at.mask != 0 else not_started(), alive
 
 
 @inlined
 def _walk_one(tree, slabs, alive, row, scratch, counters):
     """`walk_trees` for a single tree."""
-    at = saved(scratch.at, alive)
+    at = load_saved(scratch.at, alive)
     at, alive = _walk_tree(tree, slabs, at if at.place != NOT_STARTED else root(alive), alive, row, scratch, counters)
     save(scratch.at, at)
     return np.int64(0) if at.place != NOT_STARTED else np.int64(1), alive
@@ -244,7 +254,7 @@ def trace_shadow(
     counters : from `new_counters`, or None
     chunks : range of the chunks of 16 samples to trace; None: all
     """
-    trees = whole(prepared) if isinstance(prepared, BlockTree) else prepared
+    trees = single_tree(prepared) if isinstance(prepared, BlockTree) else prepared
     fresh = trees.fresh if isinstance(trees, TreeList) else True
     arguments = _trace_packets, trees, query, by_sample, bits, threads, counters, progress
     trace_tiles(*arguments, fresh=fresh, chunks=chunks)

@@ -23,7 +23,7 @@ from ...bvh.nodes import MAX_DEPTH, block_leaf, boxes_of
 from ...kernels.jit import F32Ptr, I32Ptr, inlined, kernel
 from ...kernels.parallel import new_ticket, run, thread_count
 from ...kernels.simd import broadcast16, get, lowest_bit, ptr_at, put, store
-from ...kernels.vec3 import broadcasts, minus, rows
+from ...kernels.vec3 import broadcasts, rows, subtract3
 from ...query.shadow_query import ShadowQuery
 from ...scene.lights import AMBIENT, FIXED, is_list
 from ..counters import TRIANGLES, Progress, count, new_counters
@@ -172,7 +172,7 @@ def origins_of(rays, r):
 @inlined
 def directions_of(rays, r):
     """Directions of the rays of row r: from the origins to the samples, rounded once."""
-    return minus(rows(rays.points, r * 48, 16), origins_of(rays, r))
+    return subtract3(rows(rays.points, r * 48, 16), origins_of(rays, r))
 
 
 @inlined
@@ -315,7 +315,7 @@ def trace_block(tree, rays, r, link, mask, facing, deferred, counters):
         mask &= mask - 1
         count(counters, TRIANGLES, triangles)
         o, place = broadcasts(rays.origins, r * rays.stride + lane, 16), r * rays.row_place + lane * rays.lane_place
-        d = minus(broadcasts(rays.points, r * 48 + lane, 16), o)
+        d = subtract3(broadcasts(rays.points, r * 48 + lane, 16), o)
         if blocks_ray(b, o, d, get(rays.tile.faces, r if rows_are_receivers(rays) else lane), place, counters):
             hits |= np.int64(1) << lane
     return hits

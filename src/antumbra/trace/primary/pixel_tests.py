@@ -59,7 +59,7 @@ from ...kernels.simd import (
     to_f32,
     to_i32,
 )
-from ...kernels.vec3 import Vec3, broadcasts, cross, dot, dots, keep, largest, minus, rows, times
+from ...kernels.vec3 import Vec3, broadcasts, cross, dot, dots, largest, rows, scale3, store3, subtract3
 from ..counters import CANDIDATES, TRIANGLE_TESTS, TRIANGLES, count
 
 # --- Setup of a block for a tile --------------------------------------------------------------------------------------
@@ -201,8 +201,8 @@ def _top(c, right, down):
 @inlined
 def _keep_edge(frame, k, c, sign, error, work):
     """Write an edge function divided by its error bound. Return bits of the triangles that miss the whole tile."""
-    scaled = times(c, sign / ((error + _moved(frame, c) + frame.floor) * _MORE))
-    keep(work, EDGES + 48 * k, 16, scaled)
+    scaled = scale3(c, sign / ((error + _moved(frame, c) + frame.floor) * _MORE))
+    store3(work, EDGES + 48 * k, 16, scaled)
     store(work, TOPS + 16 * k, _top(scaled, 3, 3))
     return bits(_top(scaled, WIDTH - 1, HEIGHT - 1) < _F(-2.0))
 
@@ -217,9 +217,9 @@ def _keep_key(frame, c, error, volume, volume_error, work):
     # Roundings in float32, and 2**-28 since `hit_t` itself is within 2**-30 of the truth
     relative = fma(volume_error, absolute(inverse), splat16(_F(8 * _U + 2.0**-28)))
     bound = (error + _moved(frame, c) + total * relative + frame.floor) * absolute(inverse) * _MORE
-    scaled = times(c, select(good, inverse, splat16(_ZERO)))
+    scaled = scale3(c, select(good, inverse, splat16(_ZERO)))
     bound = select(good, bound, splat16(_INFINITE))
-    keep(work, KEY, 16, scaled)
+    store3(work, KEY, 16, scaled)
     store(work, KEY_ERROR, bound)
     store(work, TOPS + 48, _top(scaled, 3, 3) + bound * _F(2.0))
 
@@ -263,7 +263,7 @@ def set_up_block(frame, tree, block, triangles, work):
     if remaining == 0:
         return remaining
     d, e1, e2 = cross(p, q), cross(q, a), cross(a, p)
-    e0 = minus(d, Vec3(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
+    e0 = subtract3(d, Vec3(e1.x + e2.x, e1.y + e2.y, e1.z + e2.z))
     volume, volume_error = dot(a, d), _volume_error(frame, d, a_size, p_size)
     store(work, SIGN, select(volume > _ZERO, splat16(_F(1.0)), splat16(_F(-1.0))))
     flat = bits(absolute(volume) <= volume_error) & remaining

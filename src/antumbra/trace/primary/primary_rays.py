@@ -31,16 +31,16 @@ from ..counters import N_COUNTERS, add_counters, cleared, new_counters
 from ..descent import (
     WAITING_FLOATS,
     WAITING_INTS,
-    Near,
+    NearestStack,
+    NearestTraversal,
     Shafts,
     Slabs,
-    Waiting,
+    after_visit,
     endless_slabs_of,
     entry,
     next_block,
-    visited,
 )
-from ..tree_list import Hits, TreeList, item, list_of, root_in, tree_in, tree_list_pointers, whole
+from ..tree_list import Hits, TreeList, list_of, root_in, single_tree, tree_in, tree_list_pointers, tree_number
 from .pixel_hits import (
     KNOWN_FLOATS,
     KNOWN_PLANES,
@@ -121,14 +121,17 @@ class _PrimaryScratch(NamedTuple):
     resolution: ResolveScratch
     directions: F32Ptr  # float32, FLOATS: see `bound_directions`
     work: F32Ptr  # float32, WORK: for a block
-    waiting: Waiting
+    waiting: NearestStack
 
 
 @kernel
 def _walk(tree_list, k, alive, picture, tile, scratch, counters):
     """Trace the frusta in `alive` (bits) through tree k. Blocks are prefetched, and tested once the next is reached."""
     tree, hits, pixels, scale = tree_in(tree_list, k), picture.hits, scratch.pixels, picture.scale
-    at, last = Near(root_in(tree_list, k), alive, np.int64(0)), Near(np.int64(0), np.int64(0), np.int64(0))
+    at, last = (
+        NearestTraversal(root_in(tree_list, k), alive, np.int64(0)),
+        NearestTraversal(np.int64(0), np.int64(0), np.int64(0)),
+    )
     while True:
         at = next_block(tree, tile.slabs, at, scratch.waiting, load16(pixels.far, 0), counters)
         if last.mask != 0:
@@ -140,7 +143,7 @@ def _walk(tree_list, k, alive, picture, tile, scratch, counters):
                 shorten(pixels, _F(scale))
         if at.mask == 0:
             return
-        last, at = at, visited(at)
+        last, at = at, after_visit(at)
 
 
 @inlined
@@ -169,7 +172,7 @@ def _trace_tile(tree_list, begin, end, picture, tile, scratch, counters):
     """Trace the frusta of a tile through the trees begin .. end of the lists."""
     pixels, new = scratch.pixels, tree_list.fresh
     for i in range(begin, end):
-        k = item(tree_list, i)
+        k = tree_number(tree_list, i)
         met = entry(tree_list.heads, box_at(k, 0), tile.slabs, load16(pixels.far, 0))[0] & tile.alive
         if met != 0:
             _walk(tree_list, k, met, picture, tile, scratch, counters)
@@ -198,7 +201,7 @@ def _trace_tiles(ticket, arrays, picture, across, counters):
         stack_i32(KNOWN_PLANES),
         stack_i32(MARK_WORDS),
     )
-    waiting = Waiting(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
+    waiting = NearestStack(stack_i32(WAITING_INTS), stack_f32(WAITING_FLOATS))
     scratch = _PrimaryScratch(pixels, resolution, stack_f32(FLOATS), stack_f32(WORK), waiting)
     tree_list, mine = tree_list_pointers(arrays), cleared(stack_i64(N_COUNTERS))
     for k in items(ticket):
@@ -251,11 +254,13 @@ def trace_primary(
         tree = block_tree(tree, threads)
     shape, empty = (rays.height, rays.width), np.empty((0, 0), np.int32)
     hits = Hits(np.empty(shape, np.int32), np.empty(shape), empty, empty)
-    trace_hits(whole(tree), picture_seen(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters)
+    trace_hits(
+        single_tree(tree), primary_picture(rays, boxes_of(tree.nodes[:1])[0], hits), thread_count(threads), counters
+    )
     return hits.face, hits.t
 
 
-def picture_seen(rays: CameraRays, box: NDArray[np.float32], hits: Hits) -> PrimaryPicture:
+def primary_picture(rays: CameraRays, box: NDArray[np.float32], hits: Hits) -> PrimaryPicture:
     """A camera's picture, prepared for tracing.
 
     Parameters

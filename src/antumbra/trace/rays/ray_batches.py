@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...bvh.nodes import WideBvh, wide_tree_of
-from ...kernels.exact.filters import UNKNOWN, are_differences, quick_t, quick_weights, rounded_t, share, single_weights
+from ...kernels.exact.filters import (
+    UNKNOWN,
+    are_differences,
+    clamp_weight,
+    quick_t,
+    quick_weights,
+    rounded_t,
+    single_weights,
+)
 from ...kernels.exact.predicate import two_diff
 from ...kernels.jit import F32Ptr, F64Ptr, inlined, kernel
 from ...kernels.marshalling import packed
@@ -121,7 +129,7 @@ def _write(tree, rays, hits, i, report, out, at):
     if slot < 0:
         out.face[at], out.t[at], out.u[at], out.v[at] = -1, np.inf, 0.0, 0.0
         return
-    t, u, v = get(numbers, _T + i), share(get(numbers, _U + i)), share(get(numbers, _V + i))
+    t, u, v = get(numbers, _T + i), clamp_weight(get(numbers, _U + i)), clamp_weight(get(numbers, _V + i))
     if t == UNKNOWN:
         t = rounded_t(ray_of(rays, i), tree.corners, slot)
     if get(numbers, _U + i) == UNKNOWN:

@@ -149,7 +149,7 @@ def _surfaces(ticket, rays, ts, out, corners):
             fill_point(start, along, face_normal(triangles, face), ts[i], surface, i)
 
 
-def surfaces_met(
+def hit_surfaces(
     rays: RayPass,
     face: NDArray[np.int32],
     t: NDArray[np.float64],
@@ -187,10 +187,12 @@ def nearest_surfaces(
         hits = nearest_hits(bvh, *rays, threads)
         if show is not None:
             show(rays, *hits)
-        yield surfaces_of(surfaces_met(rays, *hits, shape, triangles, threads), triangles)
+        yield surfaces_of(hit_surfaces(rays, *hits, shape, triangles, threads), triangles)
 
 
-def bounced(gbuffer: GBuffer, triangles: Triangles, bvh: Bvh, seed: int = 0, threads: int | None = None) -> GBuffer:
+def bounce_surfaces(
+    gbuffer: GBuffer, triangles: Triangles, bvh: Bvh, seed: int = 0, threads: int | None = None
+) -> GBuffer:
     """The G-buffer of one random diffuse ray from each pixel's surface [Feltman et al. 2012, Sec. 4].
 
     It has the shape of `gbuffer`, and its depth is the length of the ray.
@@ -206,4 +208,4 @@ def bounced(gbuffer: GBuffer, triangles: Triangles, bvh: Bvh, seed: int = 0, thr
     r, angle = np.sqrt(u), 2.0 * np.pi * v
     samples = np.stack([r * np.cos(angle), r * np.sin(angle), np.sqrt(1.0 - u)], 1).reshape(*shape, 3)
     rays = diffuse_rays(gbuffer, origins, samples, threads)
-    return surfaces_met(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads)
+    return hit_surfaces(rays, *nearest_hits(bvh, *rays, threads), shape, triangles, threads)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, LINKS, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import FilterTriangles, meet
+from ...kernels.exact.filters import FilterTriangles, filter_hits
 from ...kernels.jit import I32Ptr, I64Ptr, inlined
 from ...kernels.simd import (
     absolute,
@@ -353,7 +353,7 @@ def _leaf_by_triangle(tree, rays, active, link, query, hits, counters):
         todo = active & ~done
         count(counters, TRIANGLE_TESTS, popcount(todo))
         at = group * WIDTH + k
-        lanes, positive, unsure = meet(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
+        lanes, positive, unsure = filter_hits(filter_rays16(rays.rows), _triangle(tree.groups, group * GROUP_WORDS + k))
         lanes = facing(lanes, positive, query.cull_faces) & todo
         unsure &= todo
         if query.any_hit and lanes:

@@ -31,13 +31,13 @@ from ...kernels.exact.filters import (
     BEYOND,
     UNSURE,
     comes_first,
+    float32_end,
     hit_t,
+    max_magnitude,
     rounded_t,
-    single_end,
     verdict,
     volumes32,
     volumes64,
-    widest,
 )
 from ...kernels.exact.predicate import exact_meets
 from ...kernels.jit import F32x4, I32Ptr, inlined, kernel, overload
@@ -186,11 +186,11 @@ def box_ray(nodes, ray):
     f = np.float32
     ox, oy, oz = f(ray.ox), f(ray.oy), f(ray.oz)
     dx, dy, dz = f(ray.dx), f(ray.dy), f(ray.dz)
-    largest = widest((dx, dy, dz))
+    largest = max_magnitude((dx, dy, dz))
     limit = _TINY * largest
     pad = f(0.0)
     if abs(dx) <= limit or abs(dy) <= limit or abs(dz) <= limit:
-        pad = _PAD * _reach(nodes, widest((ox, oy, oz)))
+        pad = _PAD * _reach(nodes, max_magnitude((ox, oy, oz)))
     lx, ux, ix = _slab(ox, dx, limit, pad)
     ly, uy, iy = _slab(oy, dy, limit, pad)
     lz, uz, iz = _slab(oz, dz, limit, pad)
@@ -224,7 +224,7 @@ def settle(ray, corners, slot, counters):
 def triangle_hit(corners, slot, ray, o, d, cull_faces, counters):
     """True if the ray meets the triangle in `slot`; o, d: its origin and direction in float32."""
     count(counters, TRIANGLE_TESTS, 1)
-    side = verdict(volumes32(o, d, corners, slot), single_end(ray.tmin), single_end(ray.tmax))
+    side = verdict(volumes32(o, d, corners, slot), float32_end(ray.tmin), float32_end(ray.tmax))
     if side == UNSURE:
         side = settle(ray, corners, slot, counters)
     return side != 0 and side != cull_faces

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...bvh.nodes import GROUP_WORDS, MAX_DEPTH, NODE_WORDS, WIDTH, wide_leaf
-from ...kernels.exact.filters import BEYOND, FilterRays, FilterTriangles, comes_first, error_unit, hit_t, meet
+from ...kernels.exact.filters import BEYOND, FilterRays, FilterTriangles, comes_first, error_unit, filter_hits, hit_t
 from ...kernels.exact.predicate import Ray, ray_along
 from ...kernels.jit import F32Ptr, F32x8, F64Ptr, I32Ptr, I64Ptr, inlined, kernel
 from ...kernels.simd import (
@@ -286,7 +286,7 @@ def visit_leaf(tree, rays, i, link, query, hits, counters):
     """Test ray i against the triangles of a leaf. Return whether this ends the ray's any-hit query."""
     group, n = wide_leaf(link)
     count(counters, TRIANGLE_TESTS, n)
-    lanes, positive, unsure = meet(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
+    lanes, positive, unsure = filter_hits(filter_ray8(rays.rows, i), group_of(tree.groups, group * GROUP_WORDS))
     there = (1 << n) - 1
     lanes = facing(lanes, positive, query.cull_faces) & there
     if query.any_hit and lanes and get(rays.skip, i) < 0:
