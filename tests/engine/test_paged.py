@@ -326,14 +326,14 @@ def test_what_cannot_be_asked_of_a_store(city):
 _RENDER = """
 import json, sys
 import antumbra as at
-from antumbra.store.system_resources import peak_resident
+from antumbra.store.system_resources import peak_resident_memory
 from antumbra.picture.renderer import Renderer
 path, memory = sys.argv[1], int(sys.argv[2])
 scene = at.load(path)
 renderer = Renderer(scene, None, 2, max_memory=memory)
 camera = scene.cameras[0].resized(256, 256)
 frames = [renderer.render(camera, scene.lights, spp=4) for _ in range(2)]
-print(json.dumps({"peak": peak_resident(), "loaded": [f.paging["loaded"] for f in frames]}))
+print(json.dumps({"peak": peak_resident_memory(), "loaded": [f.paging["loaded"] for f in frames]}))
 """
 
 

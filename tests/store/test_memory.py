@@ -9,16 +9,16 @@ pytest.importorskip("resource", reason="this system does not say how much memory
 
 SCRIPT = """
 import sys
-from antumbra.store.system_resources import peak_resident
+from antumbra.store.system_resources import peak_resident_memory
 from antumbra.generate.generated_scene import StreamedCity
 from antumbra.engine.store_building import build_store
 from antumbra.store.store_build import MIN_MEMORY
 
 triangles, path = int(sys.argv[1]), sys.argv[2]
 build_store([StreamedCity(20_000)], path, chunk=1024)  # all is imported and compiled
-before = peak_resident()
+before = peak_resident_memory()
 made = build_store([StreamedCity(triangles)], path, max_memory=MIN_MEMORY)
-print(made.triangles, made.bytes, peak_resident() - before, peak_resident(), MIN_MEMORY)
+print(made.triangles, made.bytes, peak_resident_memory() - before, peak_resident_memory(), MIN_MEMORY)
 """
 
 
